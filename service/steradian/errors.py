@@ -1,0 +1,83 @@
+"""What can go wrong, as a tree.
+
+SteradianError
+├── InvalidInput      a value is outside its allowed range (also a ``ValueError``)
+├── NotFound          no such mask, plan, scan or reconstruction (also a ``LookupError``)
+├── Conflict          the request does not fit the present state
+├── DamagedFile       a file is truncated, foreign or of a newer schema
+├── ScanFailed        the scanner or its link gave up; what was acknowledged is kept
+└── Cancelled         somebody asked for the operation to stop
+
+Every class has a stable ``code`` which the command line, the HTTP problems and the job log share.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+
+class SteradianError(Exception):
+    """Root of all errors raised on purpose."""
+
+    code: ClassVar[str] = "error"
+
+
+class InvalidInput(SteradianError, ValueError):
+    """A value is outside its allowed range.
+
+    Parameters
+    ----------
+    field
+        Name of the parameter, as the caller wrote it.
+    value
+        What was given (shortened for the message).
+    allowed
+        The allowed range in words, with units.
+    """
+
+    code = "invalid-input"
+
+    def __init__(self, field: str, value: object, allowed: str) -> None:
+        self.field, self.value, self.allowed = field, value, allowed
+        shown = str(value)
+        super().__init__(f"{field} is {shown if len(shown) <= 80 else shown[:77] + '...'}; allowed: {allowed}")
+
+    def __reduce__(self) -> tuple[type[InvalidInput], tuple[str, object, str]]:
+        return type(self), (self.field, self.value, self.allowed)
+
+
+class NotFound(SteradianError, LookupError):
+    """Nothing of that kind has that identifier."""
+
+    code = "not-found"
+
+    def __init__(self, kind: str, identifier: str) -> None:
+        self.kind, self.identifier = kind, identifier
+        super().__init__(f"there is no {kind} {identifier!r}")
+
+    def __reduce__(self) -> tuple[type[NotFound], tuple[str, str]]:
+        return type(self), (self.kind, self.identifier)
+
+
+class Conflict(SteradianError):
+    """The request is well formed but does not fit the present state."""
+
+    code = "conflict"
+
+
+class DamagedFile(SteradianError):
+    """A file is truncated, not of the expected kind, or of a newer schema."""
+
+    code = "damaged-file"
+
+
+class ScanFailed(SteradianError):
+    """The scanner or its link gave up; every acknowledged A-line is in the file."""
+
+    code = "scan-failed"
+
+
+class Cancelled(SteradianError):
+    """The operation was asked to stop and did so."""
+
+    code = "cancelled"
