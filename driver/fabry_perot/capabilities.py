@@ -1,0 +1,147 @@
+"""What a scanner can do, as it says itself, and the check of a plan against it.
+
+The device sends one CBOR map. Ranges are ``[lowest, highest]``:
+
+- ``model``, ``serial``: text; ``simulated``: bool
+- ``x_nm``, ``y_nm``, ``samples``, ``interval_ps``, ``pulse_rate_mhz``, ``averages``, ``wavelength_pm``: ranges
+- ``adc_bits``, ``beams``: integers; ``encodings``: list of integers
+- ``clock_rate``: device seconds per host second, 1 on hardware
+- ``line_rate``: bytes per second the line carries, 0 when nothing paces it
+- ``lease_cap_us``: longest lease granted, in µs
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabry_perot.errors import FrameError, PlanInvalid
+from fabry_perot.framing import encoded_size
+
+Range = tuple[float, float]
+_ALINE_OVERHEAD = 56
+
+
+@dataclass(frozen=True, slots=True)
+class Capabilities:
+    """Limits and identity of a scanner.
+
+    Parameters
+    ----------
+    model, serial
+        Identity.
+    simulated
+        Whether the hardware is simulated.
+    x, y
+        Range of positions on the film, in m.
+    samples
+        Range of samples per A-line.
+    sampling_interval
+        Range, in s.
+    pulse_rate
+        Range, in Hz.
+    averages
+        Range of shots per point.
+    wavelength
+        Range of the interrogation wavelength, in m.
+    adc_bits
+        Resolution of the digitiser.
+    clock_rate
+        Device seconds per host second: 1 on hardware.
+    line_rate
+        Bytes per second the line carries; 0 when nothing paces it.
+    lease_cap
+        Longest laser lease the device grants, in s of device time.
+    """
+
+    model: str
+    serial: str
+    simulated: bool
+    x: Range
+    y: Range
+    samples: tuple[int, int]
+    sampling_interval: Range
+    pulse_rate: Range
+    averages: tuple[int, int]
+    wavelength: Range
+    adc_bits: int
+    clock_rate: float
+    line_rate: int
+    lease_cap: float
+
+    @classmethod
+    def from_map(cls, data: Mapping[str, Any]) -> Capabilities:
+        """Return the capabilities in a device's CBOR map; a map that lacks one raises FrameError."""
+
+        def span(name: str, unit: float) -> Range:
+            low, high = data[name]
+            return float(low) * unit, float(high) * unit
+
+        try:
+            return cls(
+                model=str(data["model"]),
+                serial=str(data["serial"]),
+                simulated=bool(data["simulated"]),
+                x=span("x_nm", 1e-9),
+                y=span("y_nm", 1e-9),
+                samples=(int(data["samples"][0]), int(data["samples"][1])),
+                sampling_interval=span("interval_ps", 1e-12),
+                pulse_rate=span("pulse_rate_mhz", 1e-3),
+                averages=(int(data["averages"][0]), int(data["averages"][1])),
+                wavelength=span("wavelength_pm", 1e-12),
+                adc_bits=int(data["adc_bits"]),
+                clock_rate=float(data["clock_rate"]),
+                line_rate=int(data["line_rate"]),
+                lease_cap=float(data["lease_cap_us"]) * 1e-6,
+            )
+        except (KeyError, TypeError, ValueError, IndexError) as error:
+            raise FrameError(f"capabilities lack or garble {error}") from error
+
+    def alines_per_second(self, samples: int) -> float:
+        """Return how many A-lines of ``samples`` the line carries per second at 90 % load; ``inf`` when unpaced."""
+        if not self.line_rate:
+            return float("inf")
+        return 0.9 * self.line_rate / encoded_size(_ALINE_OVERHEAD + 2 * samples)
+
+    def check(
+        self,
+        points: NDArray[np.float64],
+        *,
+        samples: int,
+        sampling_interval: float,
+        pulse_rate: float,
+        averages: int,
+    ) -> None:
+        """Raise :class:`PlanInvalid` when the scanner cannot do this.
+
+        Parameters
+        ----------
+        points
+            (M, 2) positions on the film, in m.
+        samples, sampling_interval, pulse_rate, averages
+            As in :meth:`fabry_perot.Scanner.upload`.
+        """
+        if points.ndim != 2 or points.shape[1] != 2 or len(points) == 0:
+            raise PlanInvalid("points", f"shape {points.shape}", "(M, 2), M ≥ 1, in m")
+        if not np.all(np.isfinite(points)):
+            raise PlanInvalid("points", "not finite", "finite positions in m")
+        _inside("samples", samples, self.samples, "")
+        _inside("sampling_interval", sampling_interval, self.sampling_interval, " s")
+        _inside("pulse_rate", pulse_rate, self.pulse_rate, " Hz")
+        _inside("averages", averages, self.averages, "")
+        for axis, (name, (low, high)) in enumerate((("x", self.x), ("y", self.y))):
+            values = points[:, axis]
+            if values.min() < low - 1e-9 or values.max() > high + 1e-9:
+                worst = values[np.argmax(np.abs(values - (low + high) / 2))]
+                raise PlanInvalid(f"points.{name}", f"{worst:g} m", f"{low:g} … {high:g} m")
+
+
+def _inside(name: str, value: float, allowed: Range, unit: str) -> None:
+    low, high = allowed
+    slack = 1e-9 * abs(high)
+    if not low - slack <= value <= high + slack:
+        raise PlanInvalid(name, f"{value}{unit}", f"{low:g} … {high:g}{unit}")

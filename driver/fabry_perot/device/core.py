@@ -1,0 +1,280 @@
+"""The device: sans-I/O, every input is bytes and a time, every output is bytes."""
+
+from __future__ import annotations
+
+import random
+from typing import Any
+
+from fabry_perot.codes import INTERLOCK_CLOSED, KEY_ON, LASER_ARMED, LASER_EMITTING, SHUTTER_OPEN, Type
+from fabry_perot.device.acquisition import Scan
+from fabry_perot.device.handlers import HANDLERS
+from fabry_perot.device.lease import LaserLease
+from fabry_perot.device.outbox import Outbox
+from fabry_perot.device.planbuffer import PlanBuffer
+from fabry_perot.device.replies import ReplyCache
+from fabry_perot.device.ring import ALineRing
+from fabry_perot.device.timing import DeviceTiming
+from fabry_perot.errors import FrameError
+from fabry_perot.framing import MAX_PAYLOAD, OVERHEAD, Deframer, crc32c
+from fabry_perot.instrument import Acquisition, Instrument, InstrumentError
+from fabry_perot.messages import Fault, PlanStatus, Status, pack, pack_body
+from fabry_perot.states import LATCHED, RUNNING, TRANSITIONS, DeviceState, Event, HoldCause
+
+_CAUSES = {
+    Event.LEASE_LAPSED: HoldCause.LEASE,
+    Event.NEW_SESSION: HoldCause.SESSION,
+    Event.LASER_OFF: HoldCause.REQUEST,
+    Event.CLEAR_FAULT: HoldCause.CLEARED,
+}
+_SESSIONLESS = frozenset({Type.HELLO, Type.ABORT})
+
+
+class Device:
+    """A Fabry–Pérot scanner's firmware.
+
+    Call :meth:`receive` with bytes as they come, :meth:`poll` when :meth:`next_due` says so, and :meth:`pull` to get
+    the bytes to send. Nothing here waits, reads a clock or touches hardware other than the injected instrument.
+
+    Parameters
+    ----------
+    instrument
+        Galvo, laser and digitiser.
+    boot
+        Boot id (u32, not 0), new at every start.
+    now
+        Device time at start, in µs.
+    timing
+        Time limits.
+    ring, plan_points
+        A-lines and points held.
+    max_payload
+        Largest payload this line carries, in bytes.
+    reset_cause
+        As reported in HELLO_ACK: 1 power-on, 2 watchdog, 3 brown-out.
+    """
+
+    def __init__(
+        self,
+        instrument: Instrument,
+        *,
+        boot: int,
+        now: int = 0,
+        timing: DeviceTiming | None = None,
+        ring: int = 512,
+        plan_points: int = 8192,
+        max_payload: int = MAX_PAYLOAD,
+        reset_cause: int = 1,
+    ) -> None:
+        self.instrument, self.boot, self.now = instrument, boot, now
+        self.timing = timing or DeviceTiming()
+        self.reset_cause = reset_cause
+        self.state, self.cause, self.fault = DeviceState.BOOT, HoldCause.NONE, 0
+        self.plan, self.ring = PlanBuffer(plan_points), ALineRing(ring)
+        self.lease = LaserLease(self.timing.lease_cap)
+        self.scan = Scan(instrument, self.plan, self.ring, self.lease, lambda: self.state, self._must)
+        self.outbox, self.replies = Outbox(boot & 0xFF), ReplyCache()
+        self.deframer = Deframer()
+        self.line_payload = self.max_payload = max_payload
+        self.nonce: int | None = None
+        self.token: int | None = None
+        self.limits: dict[str, Any] = instrument.capabilities()
+        self.caps = pack_body({**self.limits, "lease_cap_us": self.timing.lease_cap})
+        self.caps_crc = crc32c(self.caps)
+        self.plan_status_due = self.plan_refused = False
+        # Tokens and sessions must differ between boots, they guard against stale bytes, not against an attacker.
+        self._random = random.Random(boot)  # noqa: S311
+        self._session = self._random.randrange(1, 0x10000)
+        self._armed_at = self._status_at = self._fault_at = now
+        self._status_due = False
+        self._fault_number = 0
+        self._must(Event.SELF_TEST_PASSED)
+
+    def receive(self, data: bytes, now: int) -> None:
+        """Take bytes from the line at device time ``now``."""
+        self.now = max(self.now, now)
+        for frame in self.deframer.feed(data):
+            mine = frame.session == self.outbox.session != 0 and frame.boot == self.boot & 0xFF
+            handler = HANDLERS.get(frame.type)
+            if handler is None or not (mine or frame.type in _SESSIONLESS):
+                continue
+            try:
+                handler(self, frame)
+            except FrameError:
+                self.deframer.counters.bad_length += 1
+        self.poll(now)
+
+    def poll(self, now: int) -> None:
+        """Do what is due at device time ``now``."""
+        self.now = max(self.now, now)
+        if self.state in RUNNING and not self.lease.permits(self.now):
+            self.step(Event.LEASE_LAPSED)
+        if self.state is DeviceState.ARMED and self.now - self._armed_at >= self.timing.arm_timeout:
+            self.step(Event.ARM_EXPIRED)
+        try:
+            self.scan.advance(self.now)
+        except InstrumentError as error:
+            self.raise_fault(error.fault)
+        if self.state is DeviceState.DRAINING and not self.ring.fill:
+            self.step(Event.RING_EMPTY)
+        if self.now >= self._status_at:
+            self._status_due, self._status_at = True, self.now + self.timing.status_period
+            self.plan_status_due |= self.plan.expected < self.plan.length
+        if self.fault and self._fault_number and self.now >= self._fault_at:
+            self._fault_at = self.now + self.timing.fault_period
+            self.outbox.put(Type.FAULT, pack(Fault(self.fault, self._fault_number)), urgent=True)
+
+    def next_due(self) -> int:
+        """Return the device time at which :meth:`poll` has something to do next."""
+        due = [self._status_at]
+        if self.state in RUNNING:
+            due.append(self.lease.until)
+            if self.scan.due is not None:
+                due.append(self.scan.due)
+        if self.state is DeviceState.ARMED:
+            due.append(self._armed_at + self.timing.arm_timeout)
+        if self.fault:
+            due.append(self._fault_at)
+        return max(self.now, min(due))
+
+    def pull(self, budget: int) -> bytes:
+        """Return frames to send now, up to the one that reaches ``budget`` bytes; empty when there are none."""
+        parts: list[bytes] = []
+        size = 0
+        while size < budget:
+            part = self._next_frame()
+            if part is None:
+                break
+            parts.append(part)
+            size += len(part)
+        return b"".join(parts)
+
+    def _next_frame(self) -> bytes | None:
+        control = self.outbox.next_control()
+        if control is not None:
+            return control
+        if not self.outbox.session:
+            return None
+        if self._status_due:
+            self._status_due = False
+            self._status_at = self.now + self.timing.status_period
+            return self.outbox.frame(Type.STATUS, pack(self.status()))
+        if self.plan_status_due:
+            self.plan_status_due = False
+            return self.outbox.frame(Type.PLAN_STATUS, pack(self.plan_status()))
+        line = self.ring.next_payload(self.line_payload)
+        return None if line is None else self.outbox.aline(*line)
+
+    def step(self, event: Event) -> bool:
+        """Make the transition for ``event``; return whether the table allows it."""
+        after = TRANSITIONS.get((self.state, event))
+        if after is None:
+            return False
+        before, self.state = self.state, after
+        if after is before:
+            return True
+        self._status_due = True
+        if before in RUNNING and after not in RUNNING:
+            self.scan.reset()
+            if after is not DeviceState.DRAINING:
+                self.lease.revoke(self.now)
+        if after is DeviceState.SAFE_HOLD:
+            self.cause = _CAUSES[event]
+        elif after is not DeviceState.ARMED:
+            self.cause = HoldCause.NONE
+        if after is not DeviceState.ARMED:
+            self.token = None
+        if event is Event.CLEAR_FAULT:
+            self.fault = 0
+        if after in LATCHED or after is DeviceState.SAFE_HOLD:
+            self.instrument.park()
+        return True
+
+    def _must(self, event: Event) -> None:
+        if not self.step(event):
+            raise RuntimeError(f"no transition from {self.state.name} by {event.name}")
+
+    def new_session(self, nonce: int) -> None:
+        """Begin a session: laser off, old requests and permissions void, plan and ring kept."""
+        self.step(Event.NEW_SESSION)
+        self.nonce, self.token = nonce, None
+        self._session = self._session % 0xFFFF + 1
+        self.outbox.clear()
+        self.outbox.session = self._session
+        self.replies.clear()
+        self.lease.revoke(self.now)
+        self.ring.offer_again()
+        self._status_due = True
+        self.plan_status_due = self.plan.length > 0
+
+    def new_token(self) -> int:
+        """Return a fresh single-use arm token."""
+        self._armed_at = self.now
+        self.token = self._random.randrange(1, 1 << 32)
+        return self.token
+
+    def begin(self, acquisition: Acquisition) -> None:
+        """Take over the parameters of a new plan."""
+        self.scan.acquisition = acquisition
+        self.instrument.begin(acquisition)
+        self.plan_status_due, self.plan_refused = True, False
+
+    def raise_fault(self, code: int) -> None:
+        """Latch a hardware fault and repeat it until the host acknowledges."""
+        if self.step(Event.HARDWARE_FAULT):
+            self.fault, self._fault_at = code, self.now
+            self._fault_number += 1
+
+    def acknowledge_fault(self, number: int) -> None:
+        """Stop repeating fault ``number``."""
+        if number == self._fault_number:
+            self._fault_at = 1 << 62
+
+    def plan_status(self) -> PlanStatus:
+        """Return the present PLAN_STATUS."""
+        return PlanStatus(self.plan.plan, self.plan.expected, self.plan.limit, int(self.plan_refused) << 1)
+
+    def laser_bits(self) -> int:
+        """Return STATUS' laser bits."""
+        running = self.state in RUNNING
+        bits = INTERLOCK_CLOSED | KEY_ON
+        bits |= LASER_ARMED if running or self.state is DeviceState.ARMED else 0
+        bits |= SHUTTER_OPEN if running else 0
+        return bits | (LASER_EMITTING if self.state is DeviceState.SCANNING else 0)
+
+    def status(self) -> Status:
+        """Return the present STATUS."""
+        x, y = self.instrument.position()
+        return Status(
+            device_time=self.now,
+            boot=self.boot,
+            state=self.state,
+            laser=self.laser_bits(),
+            cause=self.cause,
+            fault=min(self.fault, 0xFF),
+            lease_left=min(self.lease.left(self.now) // 1000, 0xFFFF),
+            plan=self.plan.plan,
+            position=self.plan.position,
+            produced=self.ring.produced,
+            sent=self.ring.sent,
+            acknowledged=self.ring.acknowledged,
+            shots=self.scan.shots,
+            shots_wasted=self.scan.shots_wasted,
+            last_shot=self.scan.last_shot,
+            lease_until=self.lease.until,
+            x=x,
+            y=y,
+            bad_frames=self.deframer.counters.bad,
+        )
+
+    def statistics(self) -> dict[str, Any]:
+        """Return the device's counters, as GET reports them."""
+        counters = self.deframer.counters
+        return {
+            **self.status()._asdict(),
+            "good_frames": counters.good,
+            "bad_crc": counters.bad_crc,
+            "bad_length": counters.bad_length,
+            "bad_stuffing": counters.bad_stuffing,
+            "payload": self.line_payload,
+            "overhead": OVERHEAD,
+        }

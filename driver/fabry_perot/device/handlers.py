@@ -1,0 +1,167 @@
+"""What the device does with each message, one function each, in one table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fabry_perot.codes import PROTOCOL, AbortLevel, Result, Type
+from fabry_perot.device.operations import carry_out
+from fabry_perot.errors import FrameError
+from fabry_perot.framing import Frame
+from fabry_perot.messages import (
+    CAPS_HEAD,
+    CAPS_REQUEST,
+    MISSING,
+    PLAN_HEAD,
+    POINT,
+    REPLY_HEAD,
+    REQUEST_HEAD,
+    Abort,
+    AbortAck,
+    ALineAck,
+    Fault,
+    Hello,
+    HelloAck,
+    Lease,
+    fixed,
+    pack,
+    pack_body,
+    unpack,
+    unpack_body,
+)
+from fabry_perot.states import DeviceState, Event
+
+if TYPE_CHECKING:
+    from fabry_perot.device.core import Device
+
+
+def _hello(device: Device, frame: Frame) -> None:
+    hello = unpack(Hello, frame.payload)
+    if hello.nonce != device.nonce:
+        device.new_session(hello.nonce)
+        device.line_payload = max(64, min(device.max_payload, hello.max_payload))
+    version = PROTOCOL if hello.oldest <= PROTOCOL <= hello.newest else 0
+    ring, plan = device.ring, device.plan
+    answer = HelloAck(
+        nonce=hello.nonce,
+        boot=device.boot,
+        session=device.outbox.session,
+        version=version,
+        reset_cause=device.reset_cause,
+        state=device.state,
+        lanes=1,
+        max_payload=device.line_payload,
+        ring=ring.capacity,
+        caps_size=len(device.caps),
+        caps_crc=device.caps_crc,
+        plan=plan.plan,
+        length=plan.length,
+        position=plan.position,
+        produced=ring.produced,
+        acknowledged=ring.acknowledged,
+        device_time=device.now,
+    )
+    device.outbox.put(Type.HELLO_ACK, pack(answer))
+
+
+def _caps(device: Device, frame: Frame) -> None:
+    (offset,) = fixed(CAPS_REQUEST, frame.payload)
+    room = device.line_payload - CAPS_HEAD.size
+    piece = device.caps[offset : offset + room]
+    device.outbox.put(Type.CAPS_PIECE, CAPS_HEAD.pack(offset, len(device.caps)) + piece)
+
+
+def _request(device: Device, frame: Frame) -> None:
+    number, operation = fixed(REQUEST_HEAD, frame.payload, tail=True)
+    reply = device.replies.find(number)
+    if reply is None:
+        body: dict[str, Any] = {}
+        if device.replies.stale(number):
+            result = Result.STALE_REQUEST
+        else:
+            try:
+                result, body = carry_out(device, operation, unpack_body(frame.payload[REQUEST_HEAD.size :]))
+            except FrameError:
+                result = Result.MALFORMED
+        reply = REPLY_HEAD.pack(number, operation, result, device.state) + pack_body(body)
+        if result is not Result.STALE_REQUEST:
+            device.replies.store(number, reply)
+    device.outbox.put(Type.RSP, reply)
+
+
+def _plan_data(device: Device, frame: Frame) -> None:
+    plan, first, count = fixed(PLAN_HEAD, frame.payload, tail=True)
+    data = frame.payload[PLAN_HEAD.size :]
+    if len(data) != count * POINT.itemsize:
+        raise FrameError("PLAN_DATA's count and length differ")
+    device.plan_status_due = True
+    if plan != device.plan.plan or not device.plan.length:
+        return
+    points = np.frombuffer(data, POINT)
+    if not _allowed(device, points):
+        device.plan_refused = True
+        return
+    new = device.plan.accept(first, points)
+    if len(new):
+        device.instrument.load(device.plan.expected - len(new), new)
+    if device.plan.loaded and device.state is DeviceState.LINKED:
+        device.step(Event.PLAN_LOADED)
+
+
+def _allowed(device: Device, points: np.ndarray[tuple[int], np.dtype[np.void]]) -> bool:
+    for name in ("x", "y"):
+        low, high = device.limits[f"{name}_nm"]
+        if not np.all((points[name] >= low) & (points[name] <= high)):
+            return False
+    low, high = device.limits["averages"]
+    return bool(np.all((points["averages"] >= low) & (points["averages"] <= high)))
+
+
+def _aline_ack(device: Device, frame: Frame) -> None:
+    ack = unpack(ALineAck, frame.payload, tail=True)
+    tail = frame.payload[12:]
+    if len(tail) % MISSING.size:
+        raise FrameError("ALINE_ACK's missing list is cut short")
+    if ack.plan == device.ring.plan:
+        device.ring.acknowledge(ack.durable, ack.limit, list(MISSING.iter_unpack(tail)))
+
+
+def _lease(device: Device, frame: Frame) -> None:
+    lease = unpack(Lease, frame.payload)
+    if lease.boot == device.boot:
+        device.lease.renew(lease.echo, lease.ttl, device.now)
+
+
+def _abort(device: Device, frame: Frame) -> None:
+    abort = unpack(Abort, frame.payload)
+    try:
+        level = AbortLevel(abort.level)
+    except ValueError:
+        level = AbortLevel.LASER_OFF
+    events = {
+        AbortLevel.PAUSE: Event.PAUSE,
+        AbortLevel.LASER_OFF: Event.LASER_OFF,
+        AbortLevel.EMERGENCY_STOP: Event.EMERGENCY_STOP,
+    }
+    device.step(events[level])
+    ack = AbortAck(abort.level, abort.number, device.state)
+    device.outbox.put(Type.ABORT_ACK, pack(ack), urgent=True)
+
+
+def _fault_ack(device: Device, frame: Frame) -> None:
+    device.acknowledge_fault(unpack(Fault, frame.payload).number)
+
+
+HANDLERS: dict[int, Callable[[Device, Frame], None]] = {
+    Type.HELLO: _hello,
+    Type.CAPS: _caps,
+    Type.REQ: _request,
+    Type.PLAN_DATA: _plan_data,
+    Type.ALINE_ACK: _aline_ack,
+    Type.LEASE: _lease,
+    Type.ABORT: _abort,
+    Type.FAULT_ACK: _fault_ack,
+}

@@ -1,0 +1,53 @@
+"""What the device still has to say: control messages first, A-lines when there is room."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from fabry_perot.codes import Type
+from fabry_perot.framing import FLAG_RETRANSMISSION, FLAG_URGENT, Frame, encode_frame
+
+DEPTH = 64
+"""Control frames kept; more are dropped, since the host repeats what it got no answer to."""
+
+
+class Outbox:
+    """Control messages waiting for the line, and the frame sequence number.
+
+    Parameters
+    ----------
+    boot
+        Low byte of the boot id, part of every frame.
+    """
+
+    def __init__(self, boot: int) -> None:
+        self._boot = boot
+        self._sequence = 0
+        self._control: deque[tuple[Type, bytes, int]] = deque()
+        self.session = 0
+
+    def put(self, kind: Type, payload: bytes, *, urgent: bool = False) -> None:
+        """Queue a control message; an urgent one goes first."""
+        if urgent:
+            self._control.appendleft((kind, payload, FLAG_URGENT))
+        elif len(self._control) < DEPTH:
+            self._control.append((kind, payload, 0))
+
+    def clear(self) -> None:
+        """Drop what was meant for an earlier session."""
+        self._control.clear()
+
+    def next_control(self) -> bytes | None:
+        """Return the next control frame's bytes, or ``None``."""
+        if not self._control:
+            return None
+        return self.frame(*self._control.popleft())
+
+    def frame(self, kind: Type, payload: bytes, flags: int = 0) -> bytes:
+        """Return the bytes of one frame."""
+        self._sequence = (self._sequence + 1) & 0xFFFF
+        return encode_frame(Frame(kind, flags, self._boot, self.session, self._sequence, payload))
+
+    def aline(self, payload: bytes, again: bool) -> bytes:
+        """Return the bytes of one ALINE frame."""
+        return self.frame(Type.ALINE, payload, FLAG_RETRANSMISSION if again else 0)

@@ -1,0 +1,62 @@
+"""The device's memory of the plan: a window of points by absolute index."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabry_perot.messages import POINT
+
+
+class PlanBuffer:
+    """Points of the present plan; a plan longer than the memory is uploaded while scanning.
+
+    Parameters
+    ----------
+    capacity
+        Points it holds at a time.
+    """
+
+    def __init__(self, capacity: int) -> None:
+        self.capacity = capacity
+        self.begin(0, 0)
+
+    def begin(self, plan: int, length: int) -> None:
+        """Forget everything and expect ``length`` points of ``plan``."""
+        self.plan, self.length = plan, length
+        self.position = 0
+        self.expected = 0
+        self._points = np.zeros(min(self.capacity, max(length, 1)), POINT)
+
+    @property
+    def limit(self) -> int:
+        """Points from here on are not accepted yet."""
+        return min(self.length, self.position + self.capacity)
+
+    @property
+    def loaded(self) -> bool:
+        """Whether a scan can start: all points are here, or as many as fit."""
+        return self.length > 0 and self.expected >= self.limit
+
+    @property
+    def at_hand(self) -> bool:
+        """Whether the next point to scan is here."""
+        return self.position < self.expected
+
+    def accept(self, first: int, points: NDArray[np.void]) -> NDArray[np.void]:
+        """Store points from index ``first`` and return the newly stored part.
+
+        A gap stores nothing; what is already here, or beyond the limit, is left out.
+        """
+        start, stop = max(first, self.expected), min(first + len(points), self.limit)
+        if first > self.expected or stop <= start:
+            return points[:0]
+        new = points[start - first : stop - first]
+        self._points[np.arange(start, stop) % len(self._points)] = new
+        self.expected = stop
+        return new
+
+    def current(self) -> np.void:
+        """Return the point at the present position."""
+        point: np.void = self._points[self.position % len(self._points)]
+        return point

@@ -1,0 +1,101 @@
+"""The ring of A-lines that wait for durable acknowledgement."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from fabry_perot.codes import ALL_FRAGMENTS
+from fabry_perot.messages import ALineHead, pack
+
+
+class ALineRing:
+    """A-lines by number, freed only by acknowledgement and never overwritten.
+
+    Parameters
+    ----------
+    capacity
+        A-lines it holds.
+    """
+
+    def __init__(self, capacity: int) -> None:
+        self.capacity = capacity
+        self.clear(0)
+
+    def clear(self, plan: int) -> int:
+        """Start anew for ``plan`` at number 0; return how many unacknowledged A-lines that purged."""
+        purged = len(self._blobs) if hasattr(self, "_blobs") else 0
+        self.plan, self.acknowledged, self.produced, self.sent, self.limit = plan, 0, 0, 0, 0
+        self._fragment = 0
+        self._blobs: deque[tuple[int, bytes]] = deque()
+        self._again: deque[tuple[int, int]] = deque()
+        return purged
+
+    @property
+    def fill(self) -> int:
+        """A-lines held."""
+        return len(self._blobs)
+
+    @property
+    def full(self) -> bool:
+        """Whether nothing more fits."""
+        return len(self._blobs) >= self.capacity
+
+    def append(self, point: int, blob: bytes) -> None:
+        """Hold one more A-line; a full ring raises ``OverflowError`` because nothing may be overwritten."""
+        if self.full:
+            raise OverflowError("the A-line ring is full")
+        self._blobs.append((point, blob))
+        self.produced += 1
+
+    def acknowledge(self, durable: int, limit: int, missing: list[tuple[int, int]]) -> None:
+        """Free A-lines below ``durable`` and queue the missing ones again; impossible counts are ignored."""
+        if durable > self.produced:
+            return
+        while self.acknowledged < durable:
+            self._blobs.popleft()
+            self.acknowledged += 1
+        if self.sent < self.acknowledged:
+            self.sent, self._fragment = self.acknowledged, 0
+        self.limit = max(self.limit, limit)
+        for item in missing:
+            if self.acknowledged <= item[0] < self.sent and item not in self._again:
+                self._again.append(item)
+
+    def offer_again(self) -> None:
+        """Send everything unacknowledged once more, from the start, when the host grants credit anew."""
+        self.sent, self._fragment, self.limit = self.acknowledged, 0, 0
+        self._again.clear()
+
+    def next_payload(self, size: int) -> tuple[bytes, bool] | None:
+        """Return the next ALINE payload of at most ``size`` bytes and whether it is a retransmission.
+
+        Repairs go first; ``None`` when there is nothing to send or no credit.
+        """
+        room = size - 16
+        while self._again:
+            number, fragment = self._again[0]
+            if number < self.acknowledged:
+                self._again.popleft()
+            elif fragment == ALL_FRAGMENTS:
+                self._again.popleft()
+                count = self._count(number, room)
+                self._again.extendleft((number, index) for index in reversed(range(count)))
+            else:
+                self._again.popleft()
+                if fragment < self._count(number, room):
+                    return self._payload(number, fragment, room), True
+        if self.sent >= min(self.produced, self.limit):
+            return None
+        payload = self._payload(self.sent, self._fragment, room)
+        self._fragment += 1
+        if self._fragment >= self._count(self.sent, room):
+            self.sent, self._fragment = self.sent + 1, 0
+        return payload, False
+
+    def _count(self, number: int, room: int) -> int:
+        return -(-len(self._blobs[number - self.acknowledged][1]) // room)
+
+    def _payload(self, number: int, fragment: int, room: int) -> bytes:
+        point, blob = self._blobs[number - self.acknowledged]
+        head = ALineHead(self.plan, number, point, fragment, self._count(number, room), 0, 0)
+        return pack(head) + blob[fragment * room : (fragment + 1) * room]

@@ -1,0 +1,155 @@
+"""What can go wrong between a host and a scanner, as a tree.
+
+ScannerError
+├── PlanInvalid            a plan or parameter lies outside the device's limits (also a ``ValueError``)
+├── FrameError             bytes are not a valid frame or message (also a ``ValueError``)
+├── LinkError              the line between host and device (also a ``ConnectionError``)
+│   ├── PortUnavailable    no such port, or it cannot be opened
+│   ├── PortBusy           another process holds the port
+│   ├── NoAnswer           nothing answered in time
+│   ├── ProtocolMismatch   device and host share no protocol version
+│   └── LinkLost           an established link went silent or was unplugged
+└── DeviceError            the device answered, and the answer is no
+    ├── Refused            a request does not fit the device's state or limits
+    ├── LeaseLapsed        the laser lease ran out: laser off, data kept; ``resume()`` continues
+    ├── ScanAborted        somebody asked for laser off
+    ├── DeviceRestarted    the device booted anew; what it had not delivered is gone
+    ├── DeviceFault        a latched fault of the hardware
+    └── EmergencyStopped   the emergency stop is latched
+
+Every class has a stable ``code`` for logs and for layers above.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+
+class ScannerError(Exception):
+    """Root of all errors raised on purpose."""
+
+    code: ClassVar[str] = "scanner-error"
+
+
+class PlanInvalid(ScannerError, ValueError):
+    """A value lies outside what the device allows.
+
+    Parameters
+    ----------
+    field
+        Name of the parameter, as the caller wrote it.
+    value
+        What was given.
+    allowed
+        The allowed range in words, with units.
+    """
+
+    code = "plan-invalid"
+
+    def __init__(self, field: str, value: object, allowed: str) -> None:
+        self.field, self.value, self.allowed = field, value, allowed
+        super().__init__(f"{field} is {str(value)[:80]}; allowed: {allowed}")
+
+    def __reduce__(self) -> tuple[type[PlanInvalid], tuple[str, object, str]]:
+        return type(self), (self.field, self.value, self.allowed)
+
+
+class FrameError(ScannerError, ValueError):
+    """Bytes are not a valid frame or message."""
+
+    code = "bad-frame"
+
+
+class LinkError(ScannerError, ConnectionError):
+    """The line between host and device failed."""
+
+    code = "link-error"
+
+
+class PortUnavailable(LinkError):
+    """No such port, or it cannot be opened."""
+
+    code = "port-unavailable"
+
+
+class PortBusy(LinkError):
+    """Another process holds the port."""
+
+    code = "port-busy"
+
+
+class NoAnswer(LinkError):
+    """Nothing answered within the protocol's time limit."""
+
+    code = "no-answer"
+
+
+class ProtocolMismatch(LinkError):
+    """Device and host share no protocol version."""
+
+    code = "protocol-mismatch"
+
+
+class LinkLost(LinkError):
+    """An established link went silent or was unplugged."""
+
+    code = "link-lost"
+
+
+class DeviceError(ScannerError):
+    """The device answered, and the answer is no."""
+
+    code = "device-error"
+
+
+class Refused(DeviceError):
+    """A request does not fit the device's state or limits.
+
+    Parameters
+    ----------
+    operation
+        Name of the request.
+    reason
+        The device's reason as a word (see :class:`fabry_perot.codes.Result`).
+    state
+        Name of the state the device was in.
+    """
+
+    code = "refused"
+
+    def __init__(self, operation: str, reason: str, state: str) -> None:
+        self.operation, self.reason, self.state = operation, reason, state
+        super().__init__(f"the device refused {operation}: {reason} (state {state})")
+
+    def __reduce__(self) -> tuple[type[Refused], tuple[str, str, str]]:
+        return type(self), (self.operation, self.reason, self.state)
+
+
+class LeaseLapsed(DeviceError):
+    """The laser lease ran out: the laser is off, plan and data are kept; ``resume()`` continues."""
+
+    code = "lease-lapsed"
+
+
+class ScanAborted(DeviceError):
+    """The laser was switched off on request; plan and data are kept."""
+
+    code = "scan-aborted"
+
+
+class DeviceRestarted(DeviceError):
+    """The device booted anew; A-lines it had not delivered are gone."""
+
+    code = "device-restarted"
+
+
+class DeviceFault(DeviceError):
+    """The device reports a latched hardware fault."""
+
+    code = "device-fault"
+
+
+class EmergencyStopped(DeviceError):
+    """The emergency stop is latched."""
+
+    code = "emergency-stop"

@@ -1,0 +1,172 @@
+r"""Frames on the line: ``00 · COBS(header ‖ payload ‖ CRC-32C) · 00``.
+
+Consistent-overhead byte stuffing keeps zero out of a frame, so a receiver that lost its place finds it again at the
+next zero. The header repeats the payload's length because a corrupted stuffing byte can shorten a frame in ways a CRC
+alone was not made for. All integers are little endian.
+
+======  =====  =========================================================================
+offset  type   field
+======  =====  =========================================================================
+0       u8     version, 0xF1
+1       u8     message type; bit 7 set: from device to host
+2       u8     flags: bit 0 retransmission, bit 1 urgent; an unknown bit of 4–7 drops the frame
+3       u8     boot tag: low byte of the device's boot id (0 before a session)
+4       u16    session (0 before a session)
+6       u16    frame sequence number, for statistics only
+8       u16    payload length in bytes
+10      …      payload
+10 + n  u32    CRC-32C of header and payload
+======  =====  =========================================================================
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import google_crc32c
+from cobs import cobs
+
+from fabry_perot.errors import FrameError
+
+VERSION = 0xF1
+HEADER = struct.Struct("<BBBBHHH")
+CRC = struct.Struct("<I")
+OVERHEAD = HEADER.size + CRC.size
+MAX_PAYLOAD = 8192
+"""Largest payload on any line, in bytes."""
+UART_PAYLOAD = 641
+"""Largest payload on a UART: CRC-32C keeps a Hamming distance of 6 up to 655 bytes of header, payload and CRC."""
+
+FLAG_RETRANSMISSION = 0x01
+FLAG_URGENT = 0x02
+_CRITICAL_UNKNOWN = 0xF0
+
+
+class Frame(NamedTuple):
+    """One decoded frame."""
+
+    type: int
+    flags: int
+    boot: int
+    session: int
+    sequence: int
+    payload: bytes
+
+
+@dataclass(slots=True)
+class LinkCounters:
+    """What a deframer has seen; all counts of frames unless said otherwise."""
+
+    good: int = 0
+    bad_stuffing: int = 0
+    bad_crc: int = 0
+    bad_length: int = 0
+    bad_version: int = 0
+    unknown_critical: int = 0
+    oversize: int = 0
+    sequence_gaps: int = 0
+    bytes_in: int = 0
+
+    @property
+    def bad(self) -> int:
+        """Frames that were dropped."""
+        return (
+            self.bad_stuffing
+            + self.bad_crc
+            + self.bad_length
+            + self.bad_version
+            + self.unknown_critical
+            + self.oversize
+        )
+
+
+def crc32c(data: bytes) -> int:
+    """Return the CRC-32C (Castagnoli) of ``data``."""
+    return int(google_crc32c.value(data))
+
+
+def encode_frame(frame: Frame) -> bytes:
+    """Return the bytes of ``frame`` on the line, with both delimiters.
+
+    Raises
+    ------
+    FrameError
+        The payload is longer than :data:`MAX_PAYLOAD`.
+    """
+    if len(frame.payload) > MAX_PAYLOAD:
+        raise FrameError(f"payload of {len(frame.payload)} bytes; allowed: at most {MAX_PAYLOAD}")
+    head = HEADER.pack(VERSION, frame.type, frame.flags, frame.boot, frame.session, frame.sequence, len(frame.payload))
+    body = head + frame.payload
+    return b"\0" + bytes(cobs.encode(body + CRC.pack(crc32c(body)))) + b"\0"
+
+
+def encoded_size(payload: int) -> int:
+    """Return the largest number of bytes on the line for a payload of ``payload`` bytes."""
+    body = payload + OVERHEAD
+    return body + body // 254 + 3
+
+
+@dataclass(slots=True)
+class Deframer:
+    """Incremental decoder that resynchronises at every zero byte.
+
+    Parameters
+    ----------
+    max_payload
+        Longer frames are dropped and counted, so memory stays bounded on a line full of noise.
+    """
+
+    max_payload: int = MAX_PAYLOAD
+    counters: LinkCounters = field(default_factory=LinkCounters)
+    _pending: bytes = b""
+    _skipping: bool = False
+    _next_sequence: int = -1
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """Take bytes as they arrive and return the frames they complete, in order."""
+        self.counters.bytes_in += len(data)
+        chunks = (self._pending + data).split(b"\0")
+        self._pending = chunks.pop()
+        frames = []
+        for chunk in chunks:
+            if self._skipping:
+                self._skipping = False
+            elif chunk:
+                frame = self._decode(chunk)
+                if frame is not None:
+                    frames.append(frame)
+        if len(self._pending) > encoded_size(self.max_payload):
+            self.counters.oversize += not self._skipping
+            self._skipping, self._pending = True, b""
+        return frames
+
+    def _decode(self, chunk: bytes) -> Frame | None:
+        counters = self.counters
+        if len(chunk) > encoded_size(self.max_payload):
+            counters.oversize += 1
+            return None
+        try:
+            body = bytes(cobs.decode(chunk))
+        except cobs.DecodeError:
+            counters.bad_stuffing += 1
+            return None
+        if len(body) < OVERHEAD:
+            counters.bad_length += 1
+            return None
+        version, kind, flags, boot, session, sequence, length = HEADER.unpack_from(body)
+        if length != len(body) - OVERHEAD:
+            counters.bad_length += 1
+        elif CRC.unpack_from(body, len(body) - 4)[0] != crc32c(body[:-4]):
+            counters.bad_crc += 1
+        elif version != VERSION:
+            counters.bad_version += 1
+        elif flags & _CRITICAL_UNKNOWN:
+            counters.unknown_critical += 1
+        else:
+            counters.good += 1
+            counters.sequence_gaps += self._next_sequence not in (-1, sequence)
+            self._next_sequence = (sequence + 1) & 0xFFFF
+            return Frame(kind, flags, boot, session, sequence, body[HEADER.size : -4])
+        return None

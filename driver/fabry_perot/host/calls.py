@@ -1,0 +1,95 @@
+"""Requests on their way: repeated until answered, executed by the device at most once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from fabry_perot.codes import Operation, Result
+from fabry_perot.errors import NoAnswer, Refused, ScannerError
+from fabry_perot.host.timing import HostTiming
+from fabry_perot.messages import REQUEST_HEAD, pack_body
+from fabry_perot.states import DeviceState
+
+
+@dataclass(slots=True, eq=False)
+class Call:
+    """One request and, once there is one, its outcome."""
+
+    number: int
+    operation: Operation
+    payload: bytes
+    due: int
+    tries: int = 0
+    answer: dict[str, Any] = field(default_factory=dict)
+    error: ScannerError | None = None
+    done: bool = False
+
+    def result(self) -> dict[str, Any]:
+        """Return the answer's parameters; raises what the device or the link said instead."""
+        if self.error is not None:
+            raise self.error
+        return self.answer
+
+
+class Calls:
+    """All requests of one session.
+
+    Parameters
+    ----------
+    timing
+        Time limits.
+    """
+
+    def __init__(self, timing: HostTiming) -> None:
+        self._timing = timing
+        self._open: dict[int, Call] = {}
+        self._number = 0
+
+    def start(self, operation: Operation, body: dict[str, Any], now: int) -> Call:
+        """Register a request; :meth:`due` hands out its payload."""
+        self._number += 1
+        payload = REQUEST_HEAD.pack(self._number & 0xFFFF, operation) + (pack_body(body) if body else b"")
+        call = Call(self._number, operation, payload, now)
+        self._open[call.number] = call
+        return call
+
+    def due(self, now: int) -> list[tuple[bytes, bool]]:
+        """Return payloads to send now and whether each is a repetition; gives up on calls tried often enough."""
+        payloads = []
+        for call in list(self._open.values()):
+            if now < call.due:
+                continue
+            if call.tries >= self._timing.request_tries:
+                self._close(call, NoAnswer(f"no reply to {call.operation.name} after {call.tries} tries"))
+                continue
+            payloads.append((call.payload, call.tries > 0))
+            call.tries += 1
+            call.due = now + self._timing.request_period
+        return payloads
+
+    def answer(self, number: int, result: int, state: DeviceState, body: dict[str, Any]) -> Call | None:
+        """Close the call a reply belongs to and return it; ``None`` for a reply nobody waits for."""
+        call = self._open.get(number)
+        if call is None:
+            return None
+        call.answer = body
+        word = _word(result) + (f" ({body['field']})" if "field" in body else "")
+        self._close(call, None if result == Result.OK else Refused(call.operation.name, word, state.name))
+        return call
+
+    def fail(self, error: ScannerError) -> None:
+        """End all open calls with ``error``."""
+        for call in list(self._open.values()):
+            self._close(call, error)
+
+    def _close(self, call: Call, error: ScannerError | None) -> None:
+        call.error, call.done = error, True
+        del self._open[call.number]
+
+
+def _word(result: int) -> str:
+    try:
+        return Result(result).name.lower().replace("_", "-")
+    except ValueError:
+        return f"reason {result}"

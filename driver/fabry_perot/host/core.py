@@ -1,0 +1,272 @@
+"""The host: sans-I/O, every input is bytes and a time, every output is bytes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fabry_perot.aline import ALine
+from fabry_perot.capabilities import Capabilities
+from fabry_perot.codes import PROTOCOL, AbortLevel, Operation, Type
+from fabry_perot.errors import FrameError, NoAnswer, ScannerError
+from fabry_perot.framing import (
+    FLAG_RETRANSMISSION,
+    FLAG_URGENT,
+    MAX_PAYLOAD,
+    Deframer,
+    Frame,
+    encode_frame,
+)
+from fabry_perot.host.assembly import Assembly
+from fabry_perot.host.calls import Call, Calls
+from fabry_perot.host.handlers import HANDLERS
+from fabry_perot.host.plan import Plan
+from fabry_perot.host.timing import HostTiming
+from fabry_perot.host.uploader import Uploader
+from fabry_perot.messages import (
+    CAPS_REQUEST,
+    MISSING,
+    Abort,
+    ALineAck,
+    Hello,
+    HelloAck,
+    Lease,
+    PlanStatus,
+    Status,
+    pack,
+)
+from fabry_perot.states import RUNNING, DeviceState, HostState
+
+
+class Host:
+    """The host's end of the protocol.
+
+    Call :meth:`receive` with bytes as they come, :meth:`poll` every few ms, and send what :meth:`pull` returns. Only
+    whoever consumes the data may call :meth:`renew` and :meth:`acknowledge`: the laser's lease hangs on them.
+
+    Parameters
+    ----------
+    nonce
+        Any u32; a new one asks for a new session.
+    timing
+        Time limits.
+    max_payload
+        Largest payload this side takes, in bytes.
+    """
+
+    def __init__(self, nonce: int, timing: HostTiming | None = None, max_payload: int = MAX_PAYLOAD) -> None:
+        self.timing = timing or HostTiming()
+        self.nonce, self.max_payload = nonce, max_payload
+        self.deframer = Deframer()
+        self.calls = Calls(self.timing)
+        self.hello: HelloAck | None = None
+        self.status: Status | None = None
+        self.plan_status: PlanStatus | None = None
+        self.capabilities: Capabilities | None = None
+        self.device_state = DeviceState.BOOT
+        self.failure: ScannerError | None = None
+        self.assembly: Assembly | None = None
+        self.uploader: Uploader | None = None
+        self.caps_buffer = b""
+        self.gone = 0
+        self.foreign_frames = 0
+        self.clock_rate = 1.0
+        self.heard_at = 0
+        self.phase = HostState.CLOSED
+        self.ack_due = False
+        self._out: list[bytes] = []
+        self._sequence = 0
+        self._hello_due = self._caps_due = self._acked_at = self._leased_at = 0
+        self._hello_tries = 0
+        self._echo_sent = -1
+        self._abort: Abort | None = None
+        self._abort_due = 0
+
+    @property
+    def state(self) -> HostState:
+        """The host's state, with silence and gaps seen."""
+        if self.phase is HostState.STREAMING and self.assembly is not None:
+            if self.assembly.gaps:
+                return HostState.GAP_FILL
+            if self.device_state in (DeviceState.DRAINING, DeviceState.DONE):
+                return HostState.DRAINING
+        return self.phase
+
+    @property
+    def session(self) -> int:
+        """Number of the session, 0 before there is one."""
+        return self.hello.session if self.hello else 0
+
+    @property
+    def payload(self) -> int:
+        """Largest payload agreed for this line."""
+        return self.hello.max_payload if self.hello else 64
+
+    def silent_for(self, now: int) -> int:
+        """Return the µs since the device was last heard."""
+        return now - self.heard_at
+
+    def open(self, now: int) -> None:
+        """Start to ask for a session."""
+        self.phase, self._hello_due, self.heard_at = HostState.HELLO, now, now
+        self.poll(now)
+
+    def receive(self, data: bytes, now: int) -> None:
+        """Take bytes from the line at host time ``now``."""
+        for frame in self.deframer.feed(data):
+            if frame.type != Type.HELLO_ACK and not self._mine(frame):
+                self.foreign_frames += 1
+                continue
+            handler = HANDLERS.get(frame.type)
+            if handler is None:
+                continue
+            try:
+                handler(self, frame, now)
+            except (FrameError, ValueError):
+                self.deframer.counters.bad_length += 1
+        self.poll(now)
+
+    def _mine(self, frame: Frame) -> bool:
+        return self.hello is not None and (frame.session, frame.boot) == (self.session, self.hello.boot & 0xFF)
+
+    def poll(self, now: int) -> None:
+        """Send what is due at host time ``now``."""
+        if self.phase is HostState.CLOSED:
+            return
+        if self.phase is HostState.HELLO or self.silent_for(now) > self.timing.silence:
+            self._say_hello(now)
+        if self.phase is HostState.CONFIG and now >= self._caps_due:
+            self._caps_due = now + self.timing.hello_period
+            self.send(Type.CAPS, CAPS_REQUEST.pack(len(self.caps_buffer)))
+        if self._abort is not None and now >= self._abort_due:
+            self._abort_due = now + self.timing.abort_period
+            self.send(Type.ABORT, pack(self._abort), FLAG_URGENT)
+        if self.hello is None:
+            return
+        for payload, again in self.calls.due(now):
+            self.send(Type.REQ, payload, FLAG_RETRANSMISSION if again else 0)
+        if self.uploader is not None:
+            for payload in self.uploader.due(now):
+                self.send(Type.PLAN_DATA, payload)
+        self._acknowledge(now)
+
+    def _say_hello(self, now: int) -> None:
+        if now < self._hello_due:
+            return
+        self._hello_due = now + self.timing.hello_period
+        if self.phase is HostState.HELLO:
+            if self._hello_tries >= self.timing.hello_tries:
+                self.fail(NoAnswer(f"no scanner answered after {self._hello_tries} tries"))
+                return
+            self._hello_tries += 1
+        self.send(Type.HELLO, pack(Hello(PROTOCOL, PROTOCOL, self.max_payload, self.nonce)))
+
+    def _acknowledge(self, now: int) -> None:
+        assembly = self.assembly
+        if assembly is None:
+            return
+        missing = assembly.missing(now) if assembly.gaps else []
+        confirmed = self.status is not None and self.status.acknowledged >= assembly.durable
+        busy = self.device_state in RUNNING or self.device_state is DeviceState.DRAINING
+        again = now - self._acked_at >= self.timing.ack_period and (busy or not confirmed)
+        if self.ack_due or missing or again:
+            self.ack_due, self._acked_at = False, now
+            tail = b"".join(MISSING.pack(*item) for item in missing)
+            ack = ALineAck(assembly.plan, assembly.durable, assembly.limit)
+            self.send(Type.ALINE_ACK, pack(ack) + tail)
+
+    def caps_wanted(self, now: int) -> None:
+        """Ask for the next piece of the capabilities now."""
+        self._caps_due = now
+
+    def send(self, kind: Type, payload: bytes, flags: int = 0) -> None:
+        """Queue one frame."""
+        boot = self.hello.boot & 0xFF if self.hello else 0
+        self._sequence = (self._sequence + 1) & 0xFFFF
+        self._out.append(encode_frame(Frame(kind, flags, boot, self.session, self._sequence, payload)))
+
+    def pull(self) -> bytes:
+        """Return the bytes to send now."""
+        data = b"".join(self._out)
+        self._out.clear()
+        return data
+
+    def fail(self, error: ScannerError) -> None:
+        """End everything under way with ``error``."""
+        self.failure = self.failure or error
+        self.phase = HostState.CLOSED
+        self.calls.fail(error)
+
+    def call(self, operation: Operation, now: int, **body: Any) -> Call:
+        """Start a request and return its handle."""
+        call = self.calls.start(operation, body, now)
+        if self.failure is not None:
+            self.calls.fail(self.failure)
+        self.poll(now)
+        return call
+
+    def upload(self, plan: Plan, now: int) -> Call:
+        """Replace the device's plan by ``plan``; whatever it still held of another one is given up."""
+        self.uploader = Uploader(plan, self.payload, self.timing.upload_period)
+        self.assembly = None
+        self.phase = HostState.UPLOAD
+        return self.call(Operation.PLAN_NEW, now, **plan.request(purge=True))
+
+    def adopt(self, plan: Plan, now: int) -> bool:
+        """Continue with ``plan`` if it is the one the device holds, from its last acknowledged A-line."""
+        status = self.status
+        if status is None or status.plan != plan.uid or self.plan_status is None:
+            return False
+        self.uploader = Uploader(plan, self.payload, self.timing.upload_period)
+        self.uploader.receive(self.plan_status, now)
+        self.expect(plan.uid, status.acknowledged)
+        self.poll(now)
+        return True
+
+    def expect(self, plan: int, start: int) -> None:
+        """Take A-lines of ``plan`` from number ``start``, and grant the device credit."""
+        window = self.hello.ring if self.hello else 1
+        self.assembly = Assembly(plan, start, window, 2 * self.timing.ack_period)
+        self.phase = HostState.UPLOAD
+        self.ack_due = True
+
+    def lease_fields(self) -> dict[str, int]:
+        """Return echo and TTL (µs of device time) for a lease given now."""
+        echo = self.status.device_time if self.status else 0
+        return {"echo": echo, "ttl": min(round(self.timing.ttl * self.clock_rate), 0xFFFFFFFF)}
+
+    def renew(self, now: int) -> None:
+        """Renew the laser's lease: the consumer is alive. Repetitions without a fresh echo send nothing."""
+        if self.status is None or self.hello is None or self.device_state not in RUNNING:
+            return
+        if self.status.device_time <= self._echo_sent or now - self._leased_at < self.timing.lease_period // 4:
+            return
+        self._echo_sent, self._leased_at = self.status.device_time, now
+        self.send(Type.LEASE, pack(Lease(self.hello.boot, **self.lease_fields())))
+
+    def take(self) -> list[ALine]:
+        """Return the A-lines that are next in order."""
+        return self.assembly.take() if self.assembly else []
+
+    def acknowledge(self, number: int, now: int) -> None:
+        """Tell the device that A-line ``number`` and all before it are durably stored; renews the lease."""
+        if self.assembly is not None:
+            self.assembly.acknowledge(number + 1)
+            self.ack_due = True
+        self.renew(now)
+        self.poll(now)
+
+    def abort(self, level: AbortLevel, now: int) -> None:
+        """Send ABORT until it is acknowledged."""
+        self._abort = Abort(level, (self._abort.number + 1) if self._abort else 1)
+        self._abort_due = now
+        self.poll(now)
+
+    def abort_acknowledged(self, number: int) -> None:
+        """Stop repeating ABORT ``number``."""
+        if self._abort is not None and self._abort.number == number:
+            self._abort = None
+
+    @property
+    def aborting(self) -> bool:
+        """Whether an ABORT is not acknowledged yet."""
+        return self._abort is not None

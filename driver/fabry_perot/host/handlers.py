@@ -1,0 +1,125 @@
+"""What the host does with each message, one function each, in one table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from fabry_perot.capabilities import Capabilities
+from fabry_perot.codes import Operation, Type
+from fabry_perot.errors import DeviceRestarted, ProtocolMismatch
+from fabry_perot.framing import Frame, crc32c
+from fabry_perot.messages import (
+    CAPS_HEAD,
+    REPLY_HEAD,
+    AbortAck,
+    ALineGone,
+    Fault,
+    HelloAck,
+    PlanStatus,
+    Status,
+    fixed,
+    pack,
+    unpack,
+    unpack_body,
+)
+from fabry_perot.states import DeviceState, HostState
+
+if TYPE_CHECKING:
+    from fabry_perot.host.core import Host
+
+
+def _hello_ack(host: Host, frame: Frame, now: int) -> None:
+    ack = unpack(HelloAck, frame.payload)
+    if ack.nonce != host.nonce:
+        return
+    host.heard_at = now
+    if ack.version == 0:
+        host.fail(ProtocolMismatch("the scanner speaks no protocol version of this driver"))
+    elif host.hello is not None and ack.boot != host.hello.boot:
+        host.fail(DeviceRestarted("the scanner restarted; A-lines it had not delivered are gone"))
+    else:
+        host.hello = ack
+        host.device_state = DeviceState(ack.state)
+        if host.phase is HostState.HELLO:
+            host.phase = HostState.CONFIG
+
+
+def _caps_piece(host: Host, frame: Frame, now: int) -> None:
+    offset, size = fixed(CAPS_HEAD, frame.payload, tail=True)
+    if host.phase is not HostState.CONFIG or host.hello is None or offset != len(host.caps_buffer):
+        return
+    host.caps_buffer += frame.payload[CAPS_HEAD.size :]
+    host.caps_wanted(now)
+    if len(host.caps_buffer) >= size:
+        data, host.caps_buffer = host.caps_buffer, b""
+        if crc32c(data) == host.hello.caps_crc:
+            host.capabilities = Capabilities.from_map(unpack_body(data))
+            host.clock_rate = host.capabilities.clock_rate
+            host.phase = HostState.CONNECTED
+
+
+def _reply(host: Host, frame: Frame, now: int) -> None:
+    number, _operation, result, state = fixed(REPLY_HEAD, frame.payload, tail=True)
+    body = unpack_body(frame.payload[REPLY_HEAD.size :])
+    host.heard_at = now
+    call = host.calls.answer(number, result, DeviceState(state), body)
+    if call is None:
+        return
+    host.device_state = DeviceState(state)
+    if call.error is not None:
+        return
+    if call.operation is Operation.PLAN_NEW and host.uploader is not None:
+        host.expect(host.uploader.plan.uid, 0)
+    elif call.operation is Operation.ARM:
+        host.phase = HostState.ARMING
+    elif call.operation is Operation.START:
+        host.phase = HostState.STREAMING
+
+
+def _plan_status(host: Host, frame: Frame, now: int) -> None:
+    host.plan_status = unpack(PlanStatus, frame.payload)
+    if host.uploader is not None and host.assembly is not None:
+        host.uploader.receive(host.plan_status, now)
+
+
+def _aline(host: Host, frame: Frame, now: int) -> None:
+    if host.assembly is not None:
+        host.assembly.receive(frame.payload)
+
+
+def _aline_gone(host: Host, frame: Frame, now: int) -> None:
+    host.gone += unpack(ALineGone, frame.payload).lines
+
+
+def _status(host: Host, frame: Frame, now: int) -> None:
+    status = unpack(Status, frame.payload)
+    host.status, host.heard_at = status, now
+    host.device_state = DeviceState(status.state)
+    if host.assembly is not None and status.plan == host.assembly.plan:
+        host.assembly.sent(status.sent)
+
+
+def _abort_ack(host: Host, frame: Frame, now: int) -> None:
+    ack = unpack(AbortAck, frame.payload)
+    host.device_state = DeviceState(ack.state)
+    host.abort_acknowledged(ack.number)
+
+
+def _fault(host: Host, frame: Frame, now: int) -> None:
+    fault = unpack(Fault, frame.payload)
+    host.device_state = DeviceState.FAULT
+    host.send(Type.FAULT_ACK, pack(fault))
+
+
+HANDLERS: dict[int, Callable[[Host, Frame, int], None]] = {
+    Type.HELLO_ACK: _hello_ack,
+    Type.CAPS_PIECE: _caps_piece,
+    Type.RSP: _reply,
+    Type.PLAN_STATUS: _plan_status,
+    Type.ALINE: _aline,
+    Type.ALINE_GONE: _aline_gone,
+    Type.STATUS: _status,
+    Type.ABORT_ACK: _abort_ack,
+    Type.FAULT: _fault,
+}

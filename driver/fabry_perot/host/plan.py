@@ -1,0 +1,79 @@
+"""A scan as the device executes it: points and acquisition parameters in the protocol's units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabry_perot.framing import crc32c
+from fabry_perot.messages import PLAN_HEAD, POINT
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """Points and parameters of one scan.
+
+    Parameters
+    ----------
+    points
+        (M,) records of :data:`fabry_perot.messages.POINT`.
+    samples
+        Samples per A-line.
+    interval_ps
+        Sampling interval in ps.
+    pulse_rate_mhz
+        Pulse rate in mHz.
+    """
+
+    points: NDArray[np.void]
+    samples: int
+    interval_ps: int
+    pulse_rate_mhz: int
+
+    @classmethod
+    def from_metres(
+        cls,
+        points: NDArray[np.float64],
+        *,
+        samples: int,
+        sampling_interval: float,
+        pulse_rate: float,
+        averages: int = 1,
+        wavelength: float = 0.0,
+    ) -> Plan:
+        """Return the plan for (M, 2) positions in m; other parameters in SI units."""
+        records = np.zeros(len(points), POINT)
+        records["x"], records["y"] = np.rint(points.T * 1e9)
+        records["averages"] = averages
+        records["wavelength"] = round(wavelength * 1e12)
+        return cls(records, samples, round(sampling_interval * 1e12), round(pulse_rate * 1e3))
+
+    @property
+    def uid(self) -> int:
+        """Identity of the content (u32, never 0): equal plans have equal uids."""
+        head = f"{self.samples},{self.interval_ps},{self.pulse_rate_mhz};".encode()
+        return crc32c(head + self.points.tobytes()) or 1
+
+    @property
+    def length(self) -> int:
+        """Number of points."""
+        return len(self.points)
+
+    def request(self, *, purge: bool) -> dict[str, Any]:
+        """Return the body of PLAN_NEW; ``purge`` gives up A-lines still held from another plan."""
+        return {
+            "plan": self.uid,
+            "length": self.length,
+            "samples": self.samples,
+            "interval_ps": self.interval_ps,
+            "pulse_rate_mhz": self.pulse_rate_mhz,
+            "purge": purge,
+        }
+
+    def data(self, first: int, limit: int, payload: int) -> bytes:
+        """Return one PLAN_DATA payload of points from ``first``, below ``limit`` and within ``payload`` bytes."""
+        count = min(limit - first, (payload - PLAN_HEAD.size) // POINT.itemsize)
+        return PLAN_HEAD.pack(self.uid, first, count) + self.points[first : first + count].tobytes()

@@ -1,0 +1,62 @@
+"""Uploading a plan by absolute index, within the device's credit."""
+
+from __future__ import annotations
+
+from fabry_perot.host.plan import Plan
+from fabry_perot.messages import PlanStatus
+
+_AHEAD = 4
+"""PLAN_DATA frames on the way before the device confirmed any."""
+
+
+class Uploader:
+    """Sends the points of one plan, again from the confirmed index when nothing moves.
+
+    Parameters
+    ----------
+    plan
+        What to upload.
+    payload
+        Largest payload of the line, in bytes.
+    period
+        Without progress for so many µs the upload goes back to the confirmed index.
+    """
+
+    def __init__(self, plan: Plan, payload: int, period: int) -> None:
+        self.plan = plan
+        self.confirmed = 0
+        self.refused = False
+        self._payload, self._period = payload, period
+        self._next = self._limit = 0
+        self._moved = 0
+
+    @property
+    def done(self) -> bool:
+        """Whether the device holds or held every point."""
+        return self.confirmed >= self.plan.length
+
+    def receive(self, status: PlanStatus, now: int) -> None:
+        """Take the device's PLAN_STATUS."""
+        if status.plan != self.plan.uid:
+            return
+        self.refused |= bool(status.retransmit & 2)
+        self._limit = max(self._limit, min(status.limit, self.plan.length))
+        if status.expected > self.confirmed:
+            self.confirmed, self._moved = status.expected, now
+            self._next = max(self._next, self.confirmed)
+
+    def due(self, now: int) -> list[bytes]:
+        """Return PLAN_DATA payloads to send now."""
+        if self.done or self.refused:
+            return []
+        if self._next > self.confirmed and now - self._moved >= self._period:
+            self._next, self._moved = self.confirmed, now
+        payloads = []
+        per_frame = (self._payload - 10) // 16
+        while self._next < min(self._limit, self.confirmed + _AHEAD * per_frame):
+            if self._next == self.confirmed:
+                self._moved = now
+            payload = self.plan.data(self._next, self._limit, self._payload)
+            self._next += (len(payload) - 10) // 16
+            payloads.append(payload)
+        return payloads

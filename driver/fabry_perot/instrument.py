@@ -1,0 +1,117 @@
+"""What the device logic needs from the hardware under it: galvo, laser and digitiser behind one interface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class InstrumentError(Exception):
+    """The hardware reports a fault.
+
+    Parameters
+    ----------
+    fault
+        Fault code for STATUS and FAULT, not 0.
+    """
+
+    def __init__(self, fault: int, message: str) -> None:
+        self.fault = fault
+        super().__init__(message)
+
+
+@dataclass(frozen=True, slots=True)
+class Acquisition:
+    """Parameters common to all points of a plan.
+
+    Parameters
+    ----------
+    samples
+        Samples per A-line.
+    interval_ps
+        Sampling interval in ps.
+    pulse_rate_mhz
+        Pulse rate in mHz.
+    """
+
+    samples: int
+    interval_ps: int
+    pulse_rate_mhz: int
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """One interrogation as the digitiser gives it.
+
+    Parameters
+    ----------
+    samples
+        (N_t,) int16 counts, the mean over the averages.
+    scale
+        Pressure unit per count.
+    energy
+        Pulse energy relative to nominal, in 10⁻⁴.
+    wavelength
+        Interrogation wavelength in pm.
+    dc
+        DC level in mV.
+    quality
+        Bits of ``ALineMeta.quality``.
+    time_zero
+        Time of the first sample after the pulse, in 100 ps.
+    """
+
+    samples: NDArray[np.int16]
+    scale: float
+    energy: int = 10_000
+    wavelength: int = 0
+    dc: int = 0
+    quality: int = 0
+    time_zero: int = 0
+
+
+class Instrument(Protocol):
+    """Galvo, laser and digitiser. All times are device time in µs."""
+
+    def capabilities(self) -> dict[str, Any]:
+        """Return the limits, as documented in :mod:`fabry_perot.capabilities`."""
+        ...
+
+    def begin(self, acquisition: Acquisition) -> None:
+        """Set up for a plan; nothing moves."""
+        ...
+
+    def load(self, first: int, points: NDArray[np.void]) -> None:
+        """Learn the points from index ``first``, so work may be done ahead."""
+        ...
+
+    def move(self, index: int, now: int) -> int:
+        """Start to move to point ``index`` and return when it will have settled."""
+        ...
+
+    def next_pulse(self, after: int) -> int:
+        """Return the time of the laser's first pulse slot at or after ``after``."""
+        ...
+
+    def fire(self, index: int, shot: int, now: int) -> None:
+        """Fire one shot at point ``index`` and record it; ``shot`` counts all shots since boot."""
+        ...
+
+    def read(self, index: int) -> Recording:
+        """Return the mean of the shots fired at ``index`` since the last read, and forget them."""
+        ...
+
+    def drop(self) -> None:
+        """Forget the shots fired since the last read."""
+        ...
+
+    def park(self) -> None:
+        """Close the shutter and go to the rest position."""
+        ...
+
+    def position(self) -> tuple[int, int]:
+        """Return x, y in nm on the film."""
+        ...

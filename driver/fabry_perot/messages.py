@@ -1,0 +1,243 @@
+"""Messages: fixed little-endian structures for the hot ones, CBOR for capabilities and parameters.
+
+Every fixed message is a ``NamedTuple`` whose fields stand in the order of its structure in :data:`LAYOUT`. A payload
+of the wrong length raises :class:`~fabry_perot.errors.FrameError`; nothing is guessed from a short one.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Any, NamedTuple, TypeVar
+
+import cbor2
+import numpy as np
+
+from fabry_perot.errors import FrameError
+
+
+class Hello(NamedTuple):
+    """Host → device: ask for a new session. ``nonce`` makes a repetition harmless."""
+
+    oldest: int
+    newest: int
+    max_payload: int
+    nonce: int
+
+
+class HelloAck(NamedTuple):
+    """Device → host: the session, and where the device stands."""
+
+    nonce: int
+    boot: int
+    session: int
+    version: int
+    reset_cause: int
+    state: int
+    lanes: int
+    max_payload: int
+    ring: int
+    caps_size: int
+    caps_crc: int
+    plan: int
+    length: int
+    position: int
+    produced: int
+    acknowledged: int
+    device_time: int
+
+
+class PlanStatus(NamedTuple):
+    """Device → host: points are accepted from ``expected`` up to (not including) ``limit``."""
+
+    plan: int
+    expected: int
+    limit: int
+    retransmit: int
+
+
+class ALineHead(NamedTuple):
+    """Before each fragment of an A-line's blob (40-byte meta ‖ encoded samples)."""
+
+    plan: int
+    number: int
+    point: int
+    fragment: int
+    fragments: int
+    encoding: int
+    reserved: int
+
+
+class ALineMeta(NamedTuple):
+    """First 40 bytes of an A-line's blob."""
+
+    fire_time: int
+    wavelength: int
+    shot: int
+    crc: int
+    scale: float
+    interval: int
+    samples: int
+    averages: int
+    energy: int
+    dc: int
+    quality: int
+    shift: int
+    time_zero: int
+
+
+class ALineAck(NamedTuple):
+    """Host → device: A-lines below ``durable`` are stored, below ``limit`` may come; the missing ones follow."""
+
+    plan: int
+    durable: int
+    limit: int
+
+
+class ALineGone(NamedTuple):
+    """Device → host: A-lines ``first`` … ``first + lines − 1`` will never come."""
+
+    plan: int
+    first: int
+    lines: int
+    reason: int
+
+
+class Status(NamedTuple):
+    """Device → host, 10 Hz and on change."""
+
+    device_time: int
+    boot: int
+    state: int
+    laser: int
+    cause: int
+    fault: int
+    lease_left: int
+    plan: int
+    position: int
+    produced: int
+    sent: int
+    acknowledged: int
+    shots: int
+    shots_wasted: int
+    last_shot: int
+    lease_until: int
+    x: int
+    y: int
+    bad_frames: int
+
+
+class Lease(NamedTuple):
+    """Host → device: the device's own time, echoed; emission until min(echo, now) + min(TTL, cap)."""
+
+    boot: int
+    echo: int
+    ttl: int
+
+
+class Abort(NamedTuple):
+    """Host → device, valid in any session."""
+
+    level: int
+    number: int
+
+
+class AbortAck(NamedTuple):
+    """Device → host."""
+
+    level: int
+    number: int
+    state: int
+
+
+class Fault(NamedTuple):
+    """Device → host, repeated until acknowledged; the host's answer is the same structure."""
+
+    code: int
+    number: int
+
+
+POINT = np.dtype(
+    [
+        ("x", "<i4"),
+        ("y", "<i4"),
+        ("wavelength", "<u4"),
+        ("averages", "<u2"),
+        ("flags", "u1"),
+        ("settle", "u1"),
+    ]
+)
+"""A point of a plan: x, y in nm on the film, bias wavelength in pm (0: the device's map), settle in 100 µs."""
+
+LAYOUT: dict[type[Any], struct.Struct] = {
+    Hello: struct.Struct("<BBHI"),
+    HelloAck: struct.Struct("<IIHBBBBHHHIIIIIIQ"),
+    PlanStatus: struct.Struct("<IIIB"),
+    ALineHead: struct.Struct("<IIIBBBB"),
+    ALineMeta: struct.Struct("<QIIIfIHHHhBBh"),
+    ALineAck: struct.Struct("<III"),
+    ALineGone: struct.Struct("<IIIB"),
+    Status: struct.Struct("<QIBBBBHIIIIIIIQQiiI"),
+    Lease: struct.Struct("<IQI"),
+    Abort: struct.Struct("<BI"),
+    AbortAck: struct.Struct("<BIB"),
+    Fault: struct.Struct("<HI"),
+}
+MISSING = struct.Struct("<IB")
+CAPS_REQUEST = struct.Struct("<H")
+CAPS_HEAD = struct.Struct("<HH")
+REQUEST_HEAD = struct.Struct("<HB")
+REPLY_HEAD = struct.Struct("<HBBB")
+PLAN_HEAD = struct.Struct("<IIH")
+
+T = TypeVar("T")
+
+
+def pack(message: tuple[Any, ...]) -> bytes:
+    """Return the bytes of a fixed message."""
+    return LAYOUT[type(message)].pack(*message)
+
+
+def unpack(kind: type[T], payload: bytes, *, tail: bool = False) -> T:
+    """Return the fixed message at the start of ``payload``.
+
+    Parameters
+    ----------
+    kind
+        The message's class.
+    payload
+        The bytes.
+    tail
+        More bytes may follow.
+
+    Raises
+    ------
+    FrameError
+        ``payload`` has the wrong length.
+    """
+    layout = LAYOUT[kind]
+    return kind(*fixed(layout, payload, tail=tail))
+
+
+def fixed(layout: struct.Struct, payload: bytes, *, tail: bool = False) -> tuple[Any, ...]:
+    """Return the fields of ``layout`` at the start of ``payload``; a wrong length raises FrameError."""
+    if len(payload) < layout.size or (len(payload) > layout.size and not tail):
+        raise FrameError(f"{len(payload)} bytes where the message has {layout.size}")
+    return layout.unpack_from(payload)
+
+
+def pack_body(value: object) -> bytes:
+    """Return CBOR of parameters."""
+    return cbor2.dumps(value, canonical=True)
+
+
+def unpack_body(data: bytes) -> dict[str, Any]:
+    """Return the parameters in ``data``, an empty dictionary for no bytes; anything but a map raises FrameError."""
+    if not data:
+        return {}
+    try:
+        value = cbor2.loads(data)
+    except (cbor2.CBORDecodeError, ValueError, OverflowError, RecursionError, MemoryError) as error:
+        raise FrameError(f"not CBOR: {error}") from error
+    if not isinstance(value, dict) or not all(isinstance(key, str) for key in value):
+        raise FrameError("parameters are not a map with text keys")
+    return value

@@ -1,0 +1,111 @@
+"""Bytes to and from a port: a terminal (UART, USB, pty) or a TCP socket, both through pyserial."""
+
+from __future__ import annotations
+
+import errno
+import termios
+from typing import Any, Protocol
+
+import serial
+
+from fabry_perot.errors import LinkLost, PortBusy, PortUnavailable
+
+READ_WAIT = 0.02
+"""Longest wait for bytes in one read, in s."""
+SOCKET_CHUNK = 4096
+
+
+class Transport(Protocol):
+    """A line that carries bytes."""
+
+    def read(self) -> bytes:
+        """Return what has arrived, after a short wait at most; raises LinkLost."""
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Send all of ``data``; raises LinkLost."""
+        ...
+
+    def close(self) -> None:
+        """Release the port."""
+        ...
+
+
+class _Port:
+    """What both kinds of pyserial port share."""
+
+    def __init__(self, port: Any) -> None:
+        self._port = port
+
+    def write(self, data: bytes) -> None:
+        """Send all of ``data``; raises LinkLost."""
+        try:
+            self._port.write(data)
+        except (serial.SerialException, OSError, TypeError) as error:
+            raise LinkLost(f"cannot write to the port: {error}") from error
+
+    def close(self) -> None:
+        """Release the port."""
+        try:
+            self._port.close()
+        except (OSError, termios.error):  # an unplugged port cannot be flushed, and need not be
+            return
+
+
+class TerminalTransport(_Port):
+    """A tty or pty: takes all that waits in one call, which is what makes reading fast."""
+
+    def read(self) -> bytes:
+        """Return what has arrived; raises LinkLost."""
+        try:
+            return bytes(self._port.read(self._port.in_waiting or 1))
+        except (serial.SerialException, OSError, TypeError) as error:
+            raise LinkLost(f"the port is gone: {error}") from error
+
+
+class SocketTransport(_Port):
+    """A ``socket://`` port, where pyserial's ``in_waiting`` is only 0 or 1: reads large pieces with a short wait."""
+
+    def read(self) -> bytes:
+        """Return what has arrived; raises LinkLost."""
+        try:
+            return bytes(self._port.read(SOCKET_CHUNK))
+        except (serial.SerialException, OSError, TypeError, AttributeError) as error:
+            raise LinkLost(f"the connection is gone: {error}") from error
+
+    def close(self) -> None:
+        """Release the port; pyserial forgets to close a socket whose peer has gone."""
+        plain = getattr(self._port, "_socket", None)
+        super().close()
+        if plain is not None:
+            plain.close()
+
+
+def open_transport(url: str, baudrate: int = 3_000_000) -> Transport:
+    """Open a port for one process alone.
+
+    Parameters
+    ----------
+    url
+        A device path or any URL pyserial knows, for example ``/dev/ttyUSB0`` or ``socket://127.0.0.1:4001``.
+    baudrate
+        Baud rate of a UART; a pty and USB ignore it.
+
+    Raises
+    ------
+    PortBusy
+        Another process holds it.
+    PortUnavailable
+        It does not exist or cannot be opened.
+    """
+    try:
+        if "://" in url:
+            wait = 0.004
+            return SocketTransport(serial.serial_for_url(url, timeout=wait, write_timeout=5.0))
+        port = serial.Serial(url, baudrate, timeout=READ_WAIT, write_timeout=5.0, exclusive=True)
+        return TerminalTransport(port)
+    except (serial.SerialException, OSError, ValueError) as error:
+        text = str(error)
+        if getattr(error, "errno", None) in (errno.EAGAIN, errno.EBUSY, errno.EACCES) or "lock" in text:
+            raise PortBusy(f"{url} is in use: {text}") from error
+        raise PortUnavailable(f"cannot open {url}: {text}") from error

@@ -1,0 +1,120 @@
+"""driver/PROTOCOL.md and the code say the same."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fabry_perot.codes import Operation, Result, Type
+from fabry_perot.errors import FrameError
+from fabry_perot.framing import Deframer, Frame, crc32c, encode_frame
+from fabry_perot.messages import (
+    LAYOUT,
+    MISSING,
+    PLAN_HEAD,
+    POINT,
+    REQUEST_HEAD,
+    Abort,
+    ALineAck,
+    ALineHead,
+    ALineMeta,
+    Hello,
+    HelloAck,
+    Lease,
+    PlanStatus,
+    Status,
+    pack,
+    unpack,
+    unpack_body,
+)
+from fabry_perot.states import DeviceState
+
+DOCUMENT = (Path(__file__).parents[2] / "driver" / "PROTOCOL.md").read_text()
+VECTORS = dict(re.findall(r"^([A-Z_ ]+) \(.*\):\n\n    ([0-9a-f ]+)$", DOCUMENT, re.MULTILINE))
+PLAN = 0xCAFEF00D
+SAMPLES = np.array([1, -2, 300], "<i2").tobytes()
+
+
+def point() -> bytes:
+    record = np.zeros(1, POINT)
+    record["x"], record["y"], record["averages"] = -1_500_000, 250_000, 1
+    return record.tobytes()
+
+
+META = ALineMeta(7_020_000, 1_550_000, 12, crc32c(SAMPLES), 0.25, 8000, 3, 1, 10_012, 1200, 0, 0, 0)
+FRAMES = {
+    "HELLO": Frame(Type.HELLO, 0, 0, 0, 1, pack(Hello(1, 1, 8192, 0x12345678))),
+    "LEASE": Frame(Type.LEASE, 0, 7, 0x0102, 2, pack(Lease(0xB007, 7_000_000, 500_000))),
+    "ABORT": Frame(Type.ABORT, 2, 7, 0x0102, 3, pack(Abort(2, 1))),
+    "REQ ARM": Frame(Type.REQ, 0, 7, 0x0102, 4, REQUEST_HEAD.pack(5, Operation.ARM)),
+    "PLAN_DATA": Frame(Type.PLAN_DATA, 0, 7, 0x0102, 5, PLAN_HEAD.pack(PLAN, 0, 1) + point()),
+    "ALINE_ACK": Frame(Type.ALINE_ACK, 0, 7, 0x0102, 6, pack(ALineAck(PLAN, 10, 522)) + MISSING.pack(11, 0xFF)),
+    "ALINE": Frame(Type.ALINE, 0, 7, 0x0102, 7, pack(ALineHead(PLAN, 11, 11, 0, 1, 0, 0)) + pack(META) + SAMPLES),
+    "PLAN_STATUS": Frame(Type.PLAN_STATUS, 0, 7, 0x0102, 8, pack(PlanStatus(PLAN, 1, 1, 0))),
+}
+
+
+def test_the_document_has_a_vector_for_each_frame_checked_here():
+    assert set(VECTORS) == set(FRAMES)
+
+
+@pytest.mark.parametrize("name", FRAMES)
+def test_a_golden_vector_is_what_the_code_sends_and_understands(name):
+    data = bytes.fromhex(VECTORS[name])
+    assert encode_frame(FRAMES[name]) == data
+    assert Deframer().feed(data) == [FRAMES[name]]
+
+
+def test_the_checksum_is_castagnolis():
+    assert crc32c(b"123456789") == 0xE3069283
+
+
+SIZES = {"u8": 1, "i8": 1, "u16": 2, "i16": 2, "u32": 4, "i32": 4, "f32": 4, "u64": 8}
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [("HELLO", Hello), ("HELLO_ACK", HelloAck), ("STATUS", Status), ("PLAN_STATUS", PlanStatus), ("LEASE", Lease)],
+)
+def test_the_fields_in_the_table_add_up_to_the_messages_size(name, kind):
+    row = re.search(rf"^\| [0-9A-F]+ \| {name} \| (.*) \|$", DOCUMENT, re.MULTILINE)
+    text = row.group(1).replace("u8, newest u8 (protocol", "u8, newest u8 (")
+    fields = re.findall(r"\b([iuf]\d+)\b", text)
+    assert sum(SIZES[field] for field in fields) == LAYOUT[kind].size
+    assert len(fields) == len(kind._fields)
+
+
+def test_the_meta_and_the_point_have_the_sizes_the_document_gives():
+    assert LAYOUT[ALineMeta].size == 40
+    assert POINT.itemsize == 16
+    assert LAYOUT[ALineHead].size == 16
+
+
+def test_the_document_numbers_types_operations_results_and_states_as_the_code_does():
+    for kind in Type:
+        name = kind.name.replace("CAPS_PIECE", "CAPS piece")
+        assert re.search(rf"\b{kind:02X}\b[^\n]*{name}|B2 / 32 \| FAULT / FAULT_ACK", DOCUMENT), kind
+    for operation in Operation:
+        assert f"{operation.value} {operation.name}" in DOCUMENT
+    for result in Result:
+        assert f"{result.value} {result.name.lower().replace('_', ' ')}" in DOCUMENT.replace("\n", " ")
+    for state in DeviceState:
+        assert f"{state.name} {state.value}" in DOCUMENT.replace("\n", " ")
+
+
+@pytest.mark.parametrize("kind", list(LAYOUT))
+def test_a_payload_one_byte_short_or_long_is_refused(kind):
+    size = LAYOUT[kind].size
+    for wrong in (0, size - 1, size + 1):
+        with pytest.raises(FrameError):
+            unpack(kind, bytes(wrong))
+    assert pack(unpack(kind, bytes(size))) == bytes(size)
+
+
+@pytest.mark.parametrize("data", [b"\xff", b"\x01", b"\x80", b"\xa1\x01\x02", b"\xa1", b"\x9f" * 3000])
+def test_parameters_that_are_no_map_with_text_keys_are_refused(data):
+    with pytest.raises(FrameError):
+        unpack_body(data)
