@@ -1,0 +1,96 @@
+"""The settings that are timed: the paper's, and series that show how the cost grows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.masks import equi_steradian_mask
+
+YARN = 13.56e-3  # m, side of the paper's yarn scan: 226 × 60 µm
+INTERVAL = 8e-9  # s
+SPEED = 1480.0  # m/s
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One timed setting.
+
+    Parameters
+    ----------
+    name
+        What it stands for.
+    sensors
+        How they lie: on a grid, anywhere, by the equi-steradian rule, or on a line.
+    count
+        Sensors a side of the grid, else in all.
+    modes, samples
+        Of the reconstruction.
+    aperture
+        In metres.
+    options
+        Further parameters of the plan.
+    limit
+        Ratio to the yardstick that must not be exceeded; None: for information.
+    """
+
+    name: str
+    sensors: Literal["grid", "anywhere", "equi-steradian", "line", "line-anywhere"]
+    count: int
+    modes: int
+    samples: int = 1024
+    aperture: float = YARN
+    options: tuple[tuple[str, Any], ...] = ()
+    limit: float | None = None
+
+    def positions(self) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+        """Positions in metres, (M, 2) or (M,), and weights or None."""
+        rng = np.random.default_rng(0)
+        axis = (np.arange(self.count) - self.count // 2) * self.aperture / self.count
+        if self.sensors == "line":
+            return axis, None
+        if self.sensors == "line-anywhere":
+            return (rng.random(self.count) - 0.5) * self.aperture, None
+        if self.sensors == "grid":
+            return np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2), None
+        if self.sensors == "anywhere":
+            return (rng.random((self.count, 2)) - 0.5) * self.aperture, None
+        mask = equi_steradian_mask(self.aperture, 3.6e-3, self.count)
+        return np.asarray(mask.positions, np.float64), np.asarray(mask.weights, np.float64)
+
+
+def speed_cases(*, quick: bool = False) -> list[Case]:
+    """Return the settings of the speed benchmark; ``quick`` takes a sixty-fourth of the volume of each."""
+    linear = (("method", "linear"),)
+    full = [
+        Case("yarn, equi-steradian", "equi-steradian", 1600, 226, limit=1.2),
+        Case("yarn, equi-steradian, twice the modes", "equi-steradian", 1600, 452, limit=1.2),
+        Case(
+            "yarn, equi-steradian, upsampling 2", "equi-steradian", 1600, 226, options=(("upsampling", 2),), limit=0.8
+        ),
+        Case("yarn, all on the grid", "grid", 226, 226, limit=1.3),
+        Case("yarn, all on the grid, twice the modes", "grid", 226, 452, limit=1.3),
+        Case("yarn, as many anywhere", "anywhere", 51076, 226, limit=1.7),
+        Case("yarn, all on the grid, linear", "grid", 226, 226, options=linear),
+        Case("USAF, all on the grid", "grid", 146, 146, aperture=10.22e-3),
+        Case("line, 1024 sensors", "line", 1024, 1024),
+        Case("line, 256 sensors anywhere", "line-anywhere", 256, 1024),
+        Case("growth: sensors × 4", "anywhere", 6420, 226),
+        Case("growth: sensors × 16", "anywhere", 25680, 226),
+        Case("growth: modes ÷ 2", "equi-steradian", 1600, 113),
+        Case("growth: samples ÷ 2", "equi-steradian", 1600, 226, samples=512),
+        Case("growth: samples × 2", "equi-steradian", 1600, 226, samples=2048),
+    ]
+    if not quick:
+        return full
+    small = []
+    for case in full:
+        count = case.count // 4 if case.sensors in ("grid", "line") else case.count // 16
+        count = max(count, 100) if case.sensors == "equi-steradian" else count
+        small.append(
+            Case(case.name, case.sensors, count, case.modes // 4, case.samples // 4, case.aperture, case.options)
+        )
+    return small

@@ -1,0 +1,207 @@
+"""Sensors, aperture, modes and times of one reconstruction, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steradian.errors import InvalidInput
+from steradian.imaging.volume import Axes
+from steradian.imaging.weights import voronoi_weights
+
+
+@dataclass(frozen=True, slots=True)
+class Geometry:
+    """Everything the formula needs except the traces. Lengths in metres, times in seconds.
+
+    Parameters
+    ----------
+    positions
+        Shape (M, d−1).
+    weights
+        h_m, shape (M,).
+    aperture, modes
+        As asked for, one number a lateral axis.
+    period, padded_modes
+        X and N of the formula: ``aperture`` and ``modes`` with the lateral padding.
+    samples, record
+        Samples a trace has, and N_t of the formula (with the padding in time).
+    sampling_interval, sound_speed, time_zero
+        dt, c, and the time of the first sample after the laser pulse.
+    depth
+        First depth index and one past the last.
+    upsampling
+        Image points per mode.
+    """
+
+    positions: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    aperture: tuple[float, ...]
+    modes: tuple[int, ...]
+    period: tuple[float, ...]
+    padded_modes: tuple[int, ...]
+    samples: int
+    record: int
+    sampling_interval: float
+    sound_speed: float
+    time_zero: float
+    depth: tuple[int, int]
+    upsampling: int
+
+    @property
+    def depth_step(self) -> float:
+        """Δz = c·dt in metres."""
+        return self.sound_speed * self.sampling_interval
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the image, [x, (y,) z]."""
+        return (*(n * self.upsampling for n in self.modes), self.depth[1] - self.depth[0])
+
+    @property
+    def spacing(self) -> tuple[float, ...]:
+        """Voxel size in metres, in the order of :attr:`shape`."""
+        return (*(X / n / self.upsampling for X, n in zip(self.aperture, self.modes, strict=True)), self.depth_step)
+
+    def axes(self) -> Axes:
+        """Coordinates of the voxels: lateral index i is (i/upsampling − N//2)·X/N, depth index n is n·c·dt."""
+        lateral = [
+            (np.arange(n * self.upsampling, dtype=np.float64) / self.upsampling - n // 2) * (X / n)
+            for X, n in zip(self.aperture, self.modes, strict=True)
+        ]
+        depth = np.arange(*self.depth, dtype=np.float64) * self.depth_step
+        return Axes(lateral[0], lateral[1] if len(lateral) == 2 else None, depth)
+
+    def places(self) -> NDArray[np.float64]:
+        """Sensor positions in periods from the first point of the padded image, in [0, 1), shape (M, d−1)."""
+        period, count = np.array(self.period), np.array(self.padded_modes)
+        places = (self.positions + (count // 2) * period / count) / period
+        return np.asarray(places - np.floor(places))
+
+
+def _positive(field: str, value: float, unit: str) -> float:
+    number = float(value)
+    if not (np.isfinite(number) and number > 0):
+        raise InvalidInput(field, value, f"a finite number above 0 {unit}")
+    return number
+
+
+def _per_axis(field: str, value: float | Sequence[float], count: int) -> tuple[float, ...]:
+    values = (value,) * count if np.ndim(value) == 0 else tuple(value)  # type: ignore[arg-type]
+    if len(values) != count:
+        raise InvalidInput(field, value, f"one number, or {count} (one a lateral axis)")
+    return tuple(float(v) for v in values)  # type: ignore[arg-type]
+
+
+def _sensors(positions: ArrayLike) -> NDArray[np.float64]:
+    x = np.array(positions, np.float64)
+    x = x[:, None] if x.ndim == 1 else x
+    if x.ndim != 2 or x.shape[1] not in (1, 2) or len(x) == 0:
+        raise InvalidInput(
+            "positions", f"an array of shape {np.shape(positions)}", "shape (M, 2), or (M,) in 2-D; M ≥ 1"
+        )
+    bad = np.flatnonzero(~np.isfinite(x).all(axis=1))
+    if bad.size:
+        raise InvalidInput("positions", f"not finite at sensor {bad[0]}", "finite numbers in metres")
+    return x
+
+
+def _weights(
+    weights: ArrayLike | Literal["voronoi"] | None, x: NDArray[np.float64], period: tuple[float, ...]
+) -> NDArray[np.float64]:
+    count = len(x)
+    if weights is None:
+        return np.full(count, float(np.prod(period)) / count)
+    if isinstance(weights, str):
+        if weights != "voronoi":
+            raise InvalidInput("weights", weights, "an array, None (equal) or 'voronoi'")
+        return voronoi_weights(x - np.rint(x / np.array(period)) * np.array(period), period)
+    h = np.array(weights, np.float64)
+    if h.shape != (count,):
+        raise InvalidInput("weights", f"an array of shape {h.shape}", f"one weight a sensor, shape ({count},)")
+    if not np.isfinite(h).all():
+        raise InvalidInput("weights", "not finite", "finite numbers in m² (in m for a line)")
+    return h
+
+
+def _depths(depth_range: tuple[float, float] | None, samples: int, record: int, step: float) -> tuple[int, int]:
+    if depth_range is None:
+        return 0, samples
+    low, high = (float(v) for v in depth_range)
+    allowed = f"two depths in metres, rising, within 0 … {record * step:.6g}"
+    if not (np.isfinite([low, high]).all() and -1e-9 * step <= low <= high <= (record - 1) * step * (1 + 1e-9)):
+        raise InvalidInput("depth_range", depth_range, allowed)
+    first, last = int(np.ceil(low / step - 1e-6)), int(np.floor(high / step + 1e-6)) + 1
+    if last <= first:
+        raise InvalidInput("depth_range", depth_range, allowed + f", holding at least one slice (step {step:.4g})")
+    return first, min(last, record)
+
+
+def geometry(
+    positions: ArrayLike,
+    *,
+    samples: int,
+    sampling_interval: float,
+    sound_speed: float,
+    aperture: float | Sequence[float],
+    modes: int | Sequence[int],
+    weights: ArrayLike | Literal["voronoi"] | None = None,
+    upsampling: int = 1,
+    depth_range: tuple[float, float] | None = None,
+    time_zero: float = 0.0,
+    time_padding: float = 1.0,
+    lateral_padding: float = 1.0,
+    wrap: bool = False,
+) -> Geometry:
+    """Check and complete what the user gave; parameters as in :func:`steradian.imaging.reconstruct`.
+
+    Raises
+    ------
+    InvalidInput
+        Naming the parameter and what is allowed.
+    """
+    x = _sensors(positions)
+    axes = x.shape[1]
+    period = _per_axis("aperture", aperture, axes)
+    for value in period:
+        _positive("aperture", value, "m")
+    counts = _per_axis("modes", modes, axes)
+    if any(n != int(n) or n < 2 for n in counts):
+        raise InvalidInput("modes", modes, "whole numbers from 2")
+    if int(samples) != samples or samples < 4:
+        raise InvalidInput("samples", samples, "a whole number from 4")
+    if int(upsampling) != upsampling or not 1 <= upsampling <= 16:
+        raise InvalidInput("upsampling", upsampling, "a whole number from 1 to 16")
+    interval = _positive("sampling_interval", sampling_interval, "s")
+    speed = _positive("sound_speed", sound_speed, "m/s")
+    for field, value in (("time_padding", time_padding), ("lateral_padding", lateral_padding)):
+        if not 1.0 <= value <= 16.0:
+            raise InvalidInput(field, value, "a factor from 1 to 16")
+    if not np.isfinite(time_zero):
+        raise InvalidInput("time_zero", time_zero, "a finite time in s")
+    extent = 2 * np.abs(x).max(axis=0)
+    if not wrap and any(e > X * (1 + 1e-9) for e, X in zip(extent, period, strict=True)):
+        needed = ", ".join(f"{e:.6g}" for e in extent)
+        raise InvalidInput("aperture", aperture, f"at least the sensors' extent about 0 ({needed} m), or wrap=True")
+    number = tuple(int(n) for n in counts)
+    padded = tuple(int(np.ceil(n * lateral_padding - 1e-9)) for n in number)
+    record = int(np.ceil(samples * time_padding - 1e-9))
+    return Geometry(
+        positions=x,
+        weights=_weights(weights, x, period),
+        aperture=period,
+        modes=number,
+        period=tuple(X * p / n for X, p, n in zip(period, padded, number, strict=True)),
+        padded_modes=padded,
+        samples=int(samples),
+        record=record,
+        sampling_interval=interval,
+        sound_speed=speed,
+        time_zero=float(time_zero),
+        depth=_depths(depth_range, int(samples), record, interval * speed),
+        upsampling=int(upsampling),
+    )

@@ -1,0 +1,52 @@
+"""Choice of window and grid size: the cheapest that keep the tolerance.
+
+The costs are nanoseconds of one core for a cell of 32 numbers, measured (docs/performance.md); only their ratios count.
+"""
+
+from __future__ import annotations
+
+from steradian.imaging.factors import fast_size
+from steradian.imaging.windows import Shape, Window, choose
+
+_OVERSAMPLINGS = (1.2, 1.25, 1.3, 1.35, 1.4, 1.5, 1.6, 1.75, 2.0)
+_TRANSFORM = 10.0  # a point of a transform
+_SPREAD = 1.7  # a grid point of a sensor's stencil
+_GATHER = 4.0  # a tap of 16 modes at one depth index
+
+
+def _sized(window: Shape | Window, share: float, needed: int, size: int) -> Window:
+    if isinstance(window, Window):
+        return window
+    return choose(window, share, round(size / needed - 5e-4, 3))
+
+
+def lateral_grid(
+    modes: tuple[int, int], sensors: int, window: Shape | Window, share: float
+) -> tuple[tuple[int, int], Window]:
+    """Grid (nx, ny) and window for ``sensors`` non-uniform sensors; nx = 1 in 2-D (modes[0] = 1)."""
+    best: tuple[float, tuple[int, int], Window] | None = None
+    for factor in _OVERSAMPLINGS if not isinstance(window, Window) else (window.oversampling,):
+        sizes = [1 if n == 1 else fast_size(factor * n) for n in modes]
+        tight = min((s / n, a) for a, (s, n) in enumerate(zip(sizes, modes, strict=True)) if n > 1)[1]
+        found = _sized(window, share, modes[tight], sizes[tight])
+        nx, ny = (1 if n == 1 else max(s, fast_size(2 * found.width + 2)) for s, n in zip(sizes, modes, strict=True))
+        taps = found.width ** (1 if nx == 1 else 2)
+        cost = sensors * taps * _SPREAD + nx * (ny + (modes[1] if nx > 1 else 0)) * _TRANSFORM
+        if best is None or cost < best[0]:
+            best = cost, (nx, ny), found
+    assert best is not None  # noqa: S101
+    return best[1], best[2]
+
+
+def time_grid(samples: int, record: int, window: Shape | Window, share: float) -> tuple[int, Window]:
+    """Length of the time transform, and window, for records with ``samples`` non-zero around their centre."""
+    best: tuple[float, int, Window] | None = None
+    for factor in _OVERSAMPLINGS if not isinstance(window, Window) else (window.oversampling,):
+        length = fast_size(factor * samples)
+        found = _sized(window, share, samples, length)
+        length = max(length, fast_size(2 * found.width + 2))
+        cost = length * _TRANSFORM + record / 2 * found.width * _GATHER
+        if best is None or cost < best[0]:
+            best = cost, length, found
+    assert best is not None  # noqa: S101
+    return best[1], best[2]

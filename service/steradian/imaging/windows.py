@@ -1,0 +1,117 @@
+"""Windows of the non-uniform transforms: shape, Fourier transform, error, polynomial per tap.
+
+A window φ lives on |x| ≤ w/2 in units of the oversampled grid. Its transform ψ(ξ) = ∫ φ(x) cos(2πξx) dx, ξ in cycles
+per grid cell, is divided out. Paper section 3: φ is Ψ-hat, ψ is Ψ, w = 2K, and the oversampling is c.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Shape: TypeAlias = Literal["semicircle", "kaiser-bessel"]
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A window of ``width`` taps for grids oversampled at least ``oversampling`` times.
+
+    Parameters
+    ----------
+    shape
+        "semicircle": exp(β·(√(1−(2x/w)²) − 1)); "kaiser-bessel": the paper's, taps sinh(β√(1−(2x/w)²))/√(1−(2x/w)²).
+    width
+        Number of taps w (the paper's 2K).
+    oversampling
+        Grid points per mode, σ (the paper's c).
+    beta
+        Steepness β.
+    """
+
+    shape: Shape
+    width: int
+    oversampling: float
+    beta: float
+
+    def __call__(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """φ(x), x in grid cells, any shape; zero beyond half the width."""
+        inside = 1.0 - (2.0 * np.asarray(x, np.float64) / self.width) ** 2
+        root = np.sqrt(np.maximum(inside, 0.0))
+        if self.shape == "semicircle":
+            value = np.exp(self.beta * (root - 1.0))
+        else:
+            safe = np.maximum(root, 1e-12)
+            value = np.where(root > 1e-9, np.sinh(self.beta * safe) / safe, self.beta) / np.sinh(self.beta)
+        return np.where(inside >= 0.0, value, 0.0)
+
+    def transform(self, xi: NDArray[np.float64]) -> NDArray[np.float64]:
+        """ψ(ξ) for ξ in cycles per grid cell, by Gauss-Legendre quadrature."""
+        nodes, weights = np.polynomial.legendre.leggauss(8 * self.width + 32)
+        # x = w/2·sin(πs/2) takes the square root's edge away
+        angle = np.pi / 2 * nodes
+        x = self.width / 2 * np.sin(angle)
+        values = self(x) * weights * np.cos(angle) * (np.pi / 2) * self.width / 2
+        flat = np.ravel(np.asarray(xi, np.float64))
+        result = np.cos(2 * np.pi * flat[:, None] * x[None, :]) @ values
+        return result.reshape(np.shape(xi))
+
+    def taps(self, fraction: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values at the w grid points around each place: shape (…, w) for fractions in [0, 1).
+
+        The first grid point is ⌊u − w/2⌋ + 1 and the fraction that of u − w/2.
+        """
+        steps = np.arange(self.width) + 1.0 - self.width / 2
+        return self(steps - np.asarray(fraction, np.float64)[..., None])
+
+    def error(self) -> float:
+        """Root mean square relative error of one dimension, over the modes |ξ| ≤ 1/(2σ) and all fractions."""
+        xi = (np.arange(48) + 0.5) / 48 / (2 * self.oversampling)
+        fraction = (np.arange(16) + 0.5) / 16
+        steps = np.arange(self.width) + 1.0 - self.width / 2
+        distance = steps[None, :] - fraction[:, None]
+        phase = np.exp(2j * np.pi * xi[:, None, None] * distance[None])
+        sums = np.einsum("ft,xft->xf", self(distance), phase)
+        relative = np.abs(sums / self.transform(xi)[:, None] - 1.0)
+        return float(np.sqrt(np.mean(relative**2)))
+
+    def polynomials(self, accuracy: float) -> NDArray[np.float64]:
+        """Coefficients (w, D+1), lowest power first, of each tap in y = 2·fraction − 1 ∈ [−1, 1].
+
+        The degree D is the smallest with which the taps differ by less than ``accuracy`` of the window's peak.
+        """
+        y = np.cos(np.pi * (np.arange(256) + 0.5) / 256)
+        exact = self.taps((y + 1) / 2)
+        for degree in range(2, 24):
+            fitted = np.polynomial.chebyshev.chebfit(y, exact, degree)
+            if np.abs(np.polynomial.chebyshev.chebval(y, fitted).T - exact).max() < accuracy or degree == 23:
+                break
+        return np.stack([np.polynomial.chebyshev.cheb2poly(fitted[:, t]) for t in range(self.width)])
+
+
+@lru_cache(maxsize=256)
+def kaiser_bessel(half_width: float, oversampling: float) -> Window:
+    """Return the paper's window: K taps on either side, oversampling c, α = π(2c − 1) as in section 3."""
+    beta = np.pi * (2.0 - 1.0 / oversampling) * half_width
+    return Window("kaiser-bessel", round(2 * half_width), oversampling, float(beta))
+
+
+@lru_cache(maxsize=256)
+def semicircle(width: int, oversampling: float) -> Window:
+    """Return the exponential-of-semicircle window with the steepness of least mean error."""
+    base = np.pi * width * (1.0 - 0.5 / oversampling)
+    candidates = [Window("semicircle", width, oversampling, float(base * f)) for f in np.linspace(0.9, 1.0, 11)]
+    return min(candidates, key=Window.error)
+
+
+@lru_cache(maxsize=256)
+def choose(shape: Shape, tolerance: float, oversampling: float) -> Window:
+    """Return the narrowest window of that shape whose error in one dimension is below ``tolerance``."""
+    for width in range(3, 21):
+        window = kaiser_bessel(width / 2, oversampling) if shape == "kaiser-bessel" else semicircle(width, oversampling)
+        if window.error() < tolerance:
+            return window
+    return window

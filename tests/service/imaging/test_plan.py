@@ -1,0 +1,203 @@
+"""Plans: many runs, integers, cancellation, memory, and clear refusals."""
+
+from __future__ import annotations
+
+import threading
+import time
+import tracemalloc
+from typing import Any
+
+import numpy as np
+import pytest
+
+from steradian.errors import Cancelled, InvalidInput
+from steradian.imaging import Axes, ReconstructionPlan, Volume, reconstruct, voronoi_weights
+
+RNG = np.random.default_rng(0)
+POSITIONS = (RNG.random((40, 2)) - 0.5) * 0.01
+TRACES = RNG.standard_normal((40, 64)).astype(np.float32)
+COMMON: dict[str, Any] = {"sampling_interval": 8e-9, "sound_speed": 1500.0, "aperture": 0.01, "modes": 16}
+
+
+def test_a_plan_runs_many_times_and_batches_are_the_single_runs() -> None:
+    plan = ReconstructionPlan(POSITIONS, samples=64, **COMMON)
+    single = plan.run(TRACES)
+    batch = plan.run(np.stack([TRACES, 2 * TRACES]))
+    assert isinstance(single, Volume)
+    assert isinstance(batch, list)
+    np.testing.assert_array_equal(batch[0].values, single.values)
+    np.testing.assert_allclose(batch[1].values, 2 * single.values, rtol=1e-5, atol=1e-7)
+    assert single.values.dtype == np.float32
+    assert single.values.flags.c_contiguous
+
+
+def test_the_number_of_threads_does_not_change_a_bit() -> None:
+    one = ReconstructionPlan(POSITIONS, samples=64, threads=1, **COMMON).run(TRACES)
+    two = ReconstructionPlan(POSITIONS, samples=64, threads=2, **COMMON).run(TRACES)
+    np.testing.assert_array_equal(one.values, two.values)
+
+
+@pytest.mark.parametrize("dtype", [np.int16, np.uint8, np.float64])
+def test_integer_traces_with_a_scale_give_the_image_of_their_pressures(dtype: type) -> None:
+    counts = np.round(TRACES * 20 + 128).astype(dtype)
+    scaled = reconstruct(counts, POSITIONS, scale=0.25, **COMMON).values
+    exact = reconstruct((counts * 0.25).astype(np.float32), POSITIONS, **COMMON).values
+    np.testing.assert_allclose(scaled, exact, atol=1e-6 * np.abs(exact).max())
+
+
+def test_strided_traces_are_read_in_the_right_order() -> None:
+    wide = np.zeros((64, 80), np.float32)
+    wide[:, ::2] = TRACES.T
+    np.testing.assert_array_equal(
+        reconstruct(wide.T[::2], POSITIONS, **COMMON).values, reconstruct(TRACES, POSITIONS, **COMMON).values
+    )
+
+
+def test_cancelling_stops_within_half_a_second_and_progress_counts_up() -> None:
+    positions = (RNG.random((3000, 2)) - 0.5) * 0.01
+    plan = ReconstructionPlan(positions, samples=512, **{**COMMON, "modes": 300})
+    traces = np.ones((3000, 512), np.float32)
+    asked: list[float] = []
+    stop = threading.Event()
+
+    def cancelled() -> bool:
+        if stop.is_set() and not asked:
+            asked.append(time.monotonic())
+        return stop.is_set()
+
+    seen: list[tuple[str, int, int]] = []
+
+    def progress(stage: str, done: int, total: int) -> None:
+        seen.append((stage, done, total))
+        stop.set()
+
+    with pytest.raises(Cancelled):
+        plan.run(traces, progress=progress, cancelled=cancelled)
+    assert time.monotonic() - asked[0] < 0.5
+    assert seen[0] == ("lateral transform", 0, 16)
+
+
+def test_the_stated_memory_is_what_is_used_and_a_smaller_limit_refuses() -> None:
+    positions = (RNG.random((500, 2)) - 0.5) * 0.01
+    traces = np.ones((500, 256), np.float32)
+    common = {**COMMON, "modes": 96, "threads": 2}
+    plan = ReconstructionPlan(positions, samples=256, **common)
+    plan.run(traces)  # compiled and cached
+    tracemalloc.start()
+    volume = plan.run(traces)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert isinstance(volume, Volume)
+    assert peak <= plan.memory_bytes + 2**20
+    assert peak - volume.values.nbytes < volume.values.nbytes
+    with pytest.raises(InvalidInput, match="memory_limit"):
+        ReconstructionPlan(positions, samples=256, memory_limit=plan.memory_bytes - 1, **common)
+
+
+@pytest.mark.parametrize(
+    ("field", "change"),
+    [
+        ("sound_speed", {"sound_speed": 0.0}),
+        ("sound_speed", {"sound_speed": np.nan}),
+        ("sampling_interval", {"sampling_interval": -1e-9}),
+        ("aperture", {"aperture": 0.005}),
+        ("aperture", {"aperture": (0.01, 0.01, 0.01)}),
+        ("modes", {"modes": 1}),
+        ("modes", {"modes": 16.5}),
+        ("weights", {"weights": np.ones(3)}),
+        ("weights", {"weights": "area"}),
+        ("depth_range", {"depth_range": (0.0, 1.0)}),
+        ("depth_range", {"depth_range": (2e-4, 1e-4)}),
+        ("tolerance", {"tolerance": 0.0}),
+        ("method", {"method": "magic"}),
+        ("method", {"method": "ner"}),
+        ("window", {"window": "gauss"}),
+        ("dtype", {"dtype": "float16"}),
+        ("upsampling", {"upsampling": 0}),
+        ("time_padding", {"time_padding": 0.5}),
+        ("time_zero", {"time_zero": np.inf}),
+    ],
+)
+def test_bad_parameters_are_named(field: str, change: dict[str, Any]) -> None:
+    with pytest.raises(InvalidInput) as caught:
+        reconstruct(TRACES, POSITIONS, **{**COMMON, **change})
+    assert caught.value.field == field
+
+
+def test_a_sample_that_is_not_finite_is_found_by_row_and_column() -> None:
+    traces = TRACES.copy()
+    traces[17, 40] = np.nan
+    with pytest.raises(InvalidInput, match="row 17, column 40"):
+        reconstruct(traces, POSITIONS, **COMMON)
+    traces[17, 40] = -np.inf
+    with pytest.raises(InvalidInput, match="row 17, column 40"):
+        reconstruct(traces, POSITIONS, **COMMON)
+
+
+@pytest.mark.parametrize("shape", [(39, 64), (40, 64, 1), (64, 40)])
+def test_traces_must_have_a_row_for_each_sensor(shape: tuple[int, ...]) -> None:
+    with pytest.raises(InvalidInput, match="traces"):
+        reconstruct(np.zeros(shape), POSITIONS, **COMMON)
+
+
+def test_positions_must_be_finite_points_of_a_plane_or_line() -> None:
+    bad = POSITIONS.copy()
+    bad[5, 1] = np.nan
+    for positions in (bad, np.zeros((40, 3)), np.zeros((0, 2))):
+        with pytest.raises(InvalidInput, match="positions"):
+            reconstruct(TRACES, positions, **COMMON)
+
+
+def test_duplicate_sensors_add_up_like_one_with_the_sum_of_their_weights() -> None:
+    positions = np.concatenate([POSITIONS, POSITIONS[:3]])
+    weights = np.full(43, 1e-4 / 40)
+    weights[:3] = weights[40:] = 0.5e-4 / 40
+    twice = reconstruct(np.concatenate([TRACES, TRACES[:3]]), positions, weights=weights, **COMMON).values
+    once = reconstruct(TRACES, POSITIONS, **COMMON).values
+    np.testing.assert_allclose(twice, once, atol=1e-5 * np.abs(once).max())
+
+
+def test_voronoi_areas_fill_the_aperture_and_are_a_grids_cells() -> None:
+    axis = (np.arange(8) - 3.5) / 8
+    positions = np.stack(np.meshgrid(axis, axis * 0.5, indexing="ij"), axis=-1).reshape(-1, 2)
+    np.testing.assert_allclose(voronoi_weights(positions, (1.0, 0.5)), 1 / 128, rtol=1e-6)
+    scattered = RNG.random((200, 2)) - 0.5
+    scattered[:2] = [[0.5, 0.5], [-0.5, 0.1]]
+    weights = voronoi_weights(scattered, 1.0)
+    assert weights.sum() == pytest.approx(1.0)
+    assert weights.min() > 0
+    # a Monte Carlo of the same cells
+    points = RNG.random((20000, 2)) - 0.5
+    owner = ((points[:, None] - scattered[None]) ** 2).sum(-1).argmin(1)
+    assert np.abs(np.bincount(owner, minlength=200) / 20000 - weights).max() < 0.002
+    np.testing.assert_allclose(voronoi_weights([-0.4, 0.0, 0.1], 1.0), [0.3, 0.25, 0.45])
+
+
+def test_voronoi_needs_three_places_and_shares_those_of_duplicates() -> None:
+    with pytest.raises(InvalidInput, match="at least 3"):
+        voronoi_weights(np.zeros((5, 2)), 1.0)
+    weights = voronoi_weights([-0.4, 0.0, 0.1, 0.1], 1.0)
+    np.testing.assert_allclose(weights, [0.3, 0.25, 0.225, 0.225])
+
+
+def test_each_mip_removes_its_own_axis() -> None:
+    values = np.zeros((3, 4, 5), np.float32)
+    values[2, 1, 3] = 7
+    axes = Axes(np.arange(3.0), np.arange(4.0), np.arange(5.0))
+    volume = Volume(values, axes, (1.0, 1.0, 1.0))
+    assert volume.mip("z").shape == (3, 4)
+    assert volume.mip("z")[2, 1] == 7
+    assert volume.mip("x")[1, 3] == 7
+    assert volume.mip("y")[2, 3] == 7
+    flat = Volume(values[:, 0], Axes(np.arange(3.0), None, np.arange(5.0)), (1.0, 1.0))
+    assert flat.mip("z").shape == (3,)
+    with pytest.raises(InvalidInput, match="axis"):
+        flat.mip("y")
+
+
+def test_importing_the_package_does_not_import_numba() -> None:
+    import subprocess
+    import sys
+
+    code = "import sys, steradian.imaging; sys.exit('numba' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
