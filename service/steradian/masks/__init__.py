@@ -1,4 +1,4 @@
-"""Sensor arrangements: where on the plane to sense."""
+"""Sensor arrangements: where on the plane to sense, and what to expect of it."""
 
 from __future__ import annotations
 
@@ -6,22 +6,55 @@ from typing import Annotated, TypeAlias
 
 from pydantic import Field
 
+from steradian.masks.combined import Combined, PointOfInterest, combined_mask
 from steradian.masks.equi_steradian import EquiSteradian, convenient_counts, equi_steradian_mask
+from steradian.masks.equiangular import Equiangular, equiangular_mask
+from steradian.masks.files import read_mask, write_mask
 from steradian.masks.grid import Grid, grid_mask
+from steradian.masks.hexagonal import Hexagonal, hexagonal_mask
 from steradian.masks.mask import Mask
 from steradian.masks.points import Points, custom_mask
+from steradian.masks.scattered import PoissonDisc, Random, poisson_disc_mask, random_mask
+from steradian.masks.snapping import ScannerGrid
+from steradian.masks.subset import Subset, nearest_points, subset_mask
+from steradian.masks.voronoi import voronoi_areas
+from steradian.masks.weights import Weighting, reweighted
 
-Arrangement: TypeAlias = Annotated[EquiSteradian | Grid | Points, Field(discriminator="arrangement")]
-"""Parameters of any arrangement, told apart by ``arrangement``; ``.build()`` makes the mask."""
+Arrangement: TypeAlias = Annotated[
+    EquiSteradian | Equiangular | Grid | Hexagonal | Random | PoissonDisc | Combined | Points | Subset,
+    Field(discriminator="arrangement"),
+]
+"""Parameters of any arrangement, told apart by ``arrangement``; ``.build()`` makes the mask, ``.expected_count`` says
+beforehand about how many points it will have."""
 
 __all__ = [
     "Arrangement",
+    "Combined",
     "EquiSteradian",
+    "Equiangular",
     "Grid",
+    "Hexagonal",
     "Mask",
+    "PointOfInterest",
     "Points",
+    "PoissonDisc",
+    "Random",
+    "ScannerGrid",
+    "Subset",
+    "Weighting",
+    "combined_mask",
     "convenient_counts",
     "custom_mask",
     "equi_steradian_mask",
+    "equiangular_mask",
     "grid_mask",
+    "hexagonal_mask",
+    "nearest_points",
+    "poisson_disc_mask",
+    "random_mask",
+    "read_mask",
+    "reweighted",
+    "subset_mask",
+    "voronoi_areas",
+    "write_mask",
 ]

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import acos, atan, ceil, cos, pi, sin, sqrt
-from typing import Literal
+from math import atan, ceil, cos, pi
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, model_validator
 
 from steradian.errors import InvalidInput
+from steradian.masks.equalise import equalise
 from steradian.masks.mask import Mask
+from steradian.masks.slices import Slices, convenient_below, convenient_slices
+from steradian.masks.snapping import ScannerGrid
+from steradian.masks.weights import Weighting, weights_for
 from steradian.validation import Value, quantity
-
-SPREAD = 1.8
-"""A slice's number of points doubles while its chord exceeds this times the distance to the slice before."""
 
 
 class EquiSteradian(Value):
-    """Parameters of an equi-steradian mask around a point of interest above the centre of the aperture."""
+    """Parameters of an equi-steradian mask around a point of interest anywhere over the aperture."""
 
     arrangement: Literal["equi-steradian"] = "equi-steradian"
     aperture: float = quantity("m", "Side X of the square aperture", gt=0, le=1)
@@ -26,6 +28,21 @@ class EquiSteradian(Value):
     count: int = quantity(
         "points", "Wanted number of points; rounded up to the next that ends on the rim", ge=5, le=1_000_000
     )
+    offset: tuple[float, float] = Field(
+        default=(0.0, 0.0), description="x and y of the point of interest, centred on the aperture (m)"
+    )
+    grid: ScannerGrid | None = Field(default=None, description="Places where the scanner can stop, if not anywhere")
+    weighting: Weighting = "analytic"
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        check_offset(self.offset, self.aperture)
+        return self
+
+    @property
+    def expected_count(self) -> int:
+        """About how many points the mask will have."""
+        return self.count
 
     def build(self) -> Mask:
         """Place the points.
@@ -33,22 +50,123 @@ class EquiSteradian(Value):
         Raises
         ------
         InvalidInput
-            When no convenient count is near (never seen for counts of at least 5).
+            When the grid to snap to is wider than the aperture.
         """
-        rings = _convenient_rings(self.aperture, self.depth, self.count)
-        positions = rings.project(self.depth)
-        distance = np.sqrt((positions**2).sum(axis=1) + self.depth**2)
-        weights = distance**3  # paper, section 4.2: h ∝ r³
+        pattern = self.pattern()
+        positions, weights = pattern.positions, pattern.distances**3  # paper, section 4.2: h ∝ r³
+        if self.grid is not None:
+            positions, weights = self.grid.snap(positions, weights)
         return Mask.create(
             aperture=self.aperture,
             depth=self.depth,
+            offset=self.offset,
             positions=positions,
-            weights=weights * (self.aperture**2 / weights.sum()),
-            arrangement=self.model_dump() | {"slices": list(rings.counts)},
+            weights=weights_for(self.weighting, positions, self.aperture, weights),
+            arrangement=self.model_dump(mode="json") | {"slices": list(pattern.slices.counts)},
         )
 
+    def pattern(self) -> Pattern:
+        """Points before they are snapped: the smallest convenient pattern of at least ``count`` points."""
+        slices = convenient_slices(self._rim, self.count)
+        while (kept := self._kept(slices)) < self.count:  # part of the cap lies beyond the aperture
+            lacking = (self.count - kept) * slices.total / max(kept, 1)
+            slices = convenient_slices(self._rim, slices.total + max(1, ceil(0.9 * lacking)))
+        while self._is_offset:
+            smaller = convenient_below(self._rim, slices.total)
+            if smaller is None or self._kept(smaller) < self.count:
+                break
+            slices = smaller
+        return self._pattern(slices)
 
-def equi_steradian_mask(aperture: float, depth: float, count: int) -> Mask:
+    def smaller_count(self) -> int | None:
+        """Count the points of the next smaller convenient pattern, if there is one."""
+        slices = self.pattern().slices
+        while (smaller := convenient_below(self._rim, slices.total)) is not None:
+            if (count := self._kept(smaller)) < self.count:
+                return count
+            slices = smaller
+        return None
+
+    @property
+    def _is_offset(self) -> bool:
+        return self.offset != (0.0, 0.0)
+
+    @property
+    def _rim(self) -> float:
+        """Polar angle of the rim: the foot's distance from the aperture's farthest edge decides (X/2 at the centre)."""
+        return atan((self.aperture / 2 + max(abs(self.offset[0]), abs(self.offset[1]))) / self.depth)
+
+    def _kept(self, slices: Slices) -> int:
+        return self._pattern(slices).count if self._is_offset else slices.total
+
+    def _pattern(self, slices: Slices) -> Pattern:
+        positions = equalise(slices, self._rim).project(self.depth)
+        unit = 2 * pi * (1 - cos(self._rim)) / (slices.total - slices.counts[-1] / 2)
+        if self._is_offset:
+            positions = positions + np.asarray(self.offset)
+            positions = positions[np.abs(positions).max(axis=1) <= self.aperture / 2]
+        return Pattern(positions, np.array([*self.offset, self.depth]), unit, slices)
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """Points of equal solid angle.
+
+    Attributes
+    ----------
+    positions
+        (M, 2) metres.
+    point_of_interest
+        x, y, z in metres.
+    unit
+        Solid angle of each point in steradians.
+    slices
+        How the whole cap is sliced, before what lies beyond the aperture was dropped.
+    """
+
+    positions: NDArray[np.float64]
+    point_of_interest: NDArray[np.float64]
+    unit: float
+    slices: Slices
+
+    @property
+    def count(self) -> int:
+        """Number of points within the aperture."""
+        return len(self.positions)
+
+    @property
+    def distances(self) -> NDArray[np.float64]:
+        """(M,) distances r from the point of interest in metres."""
+        return self.distances_of(self.positions)
+
+    def distances_of(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Distances r of any positions (M, 2) from the point of interest in metres."""
+        across = ((positions - self.point_of_interest[:2]) ** 2).sum(axis=1)
+        found: NDArray[np.float64] = np.sqrt(across + self.point_of_interest[2] ** 2)
+        return found
+
+    def spacing(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Tell the expected distance in metres between neighbours: the root of a point's share of the plane."""
+        share = self.unit * self.distances_of(positions) ** 3 / self.point_of_interest[2]
+        found: NDArray[np.float64] = np.sqrt(share)
+        return found
+
+
+def check_offset(offset: tuple[float, float], aperture: float) -> None:
+    """Refuse a point of interest that is not over the aperture."""
+    if max(abs(offset[0]), abs(offset[1])) > aperture / 2:
+        raise InvalidInput("offset", offset, f"over the aperture, ±{aperture / 2:g} (m) on each axis")
+
+
+def equi_steradian_mask(
+    aperture: float,
+    depth: float,
+    count: int,
+    *,
+    offset: tuple[float, float] = (0.0, 0.0),
+    grid: ScannerGrid | None = None,
+    weighting: Weighting = "analytic",
+) -> Mask:
     """Arrange points so that each covers the same solid angle seen from the point of interest.
 
     Parameters
@@ -56,15 +174,22 @@ def equi_steradian_mask(aperture: float, depth: float, count: int) -> Mask:
     aperture
         Side X of the square aperture in metres.
     depth
-        Distance r0 of the point of interest from the sensor plane in metres; it lies above the aperture's centre.
+        Distance r0 of the point of interest from the sensor plane in metres.
     count
         Wanted number of points. Slices hold powers of two and the last one ends on the rim, so the count is
         rounded up to the next convenient value (1,600 becomes 1,605; see :func:`convenient_counts`).
+    offset
+        x and y of the point of interest in metres. Away from the centre the slices go on to the farthest edge of the
+        aperture, and points beyond another edge are left out.
+    grid
+        Places where the scanner can stop; points that meet on one are merged.
+    weighting
+        ``analytic`` (h ∝ r³), ``voronoi`` or ``uniform``.
 
     Returns
     -------
     Mask
-        Points within the disc inscribed in the aperture, innermost first; weights h ∝ r³ that sum to X².
+        Innermost points first, the last slice on the rim; weights sum to X².
 
     Raises
     ------
@@ -73,87 +198,25 @@ def equi_steradian_mask(aperture: float, depth: float, count: int) -> Mask:
 
     Notes
     -----
-    Paper, appendix A and section 4.2.
+    Paper, appendix A and section 4.2, with one change: the slices are moved a little so that their Voronoi cells, and
+    not only the units, are equal (:mod:`steradian.masks.equalise`).
 
     Examples
     --------
     >>> equi_steradian_mask(aperture=13.56e-3, depth=3.6e-3, count=1600).count
     1605
     """
-    return EquiSteradian.create(aperture=aperture, depth=depth, count=count).build()
+    return EquiSteradian.create(
+        aperture=aperture, depth=depth, count=count, offset=offset, grid=grid, weighting=weighting
+    ).build()
 
 
-def convenient_counts(aperture: float, depth: float, count: int) -> tuple[int | None, int]:
+def convenient_counts(
+    aperture: float, depth: float, count: int, offset: tuple[float, float] = (0.0, 0.0)
+) -> tuple[int | None, int]:
     """Nearest convenient counts around ``count``: the largest below it (``None`` if there is none) and the next.
 
     The second is ``count`` itself where that is convenient.
     """
-    upper = sum(_convenient_rings(aperture, depth, count).counts)
-    cap = 2 * pi * (1 - cos(atan(aperture / 2 / depth)))
-    for lower in range(count - 1, max(4, count // 2), -1):
-        if sum(_rings(cap, lower).counts) == lower:
-            return lower, upper
-    return None, upper
-
-
-@dataclass(frozen=True)
-class _Rings:
-    """Slices of a spherical cap: polar mid angle (rad) and number of points of each."""
-
-    angles: tuple[float, ...]
-    counts: tuple[int, ...]
-
-    def project(self, depth: float) -> NDArray[np.float64]:
-        """Positions (M, 2) in metres where the slices' points meet the sensor plane."""
-        pieces, turn = [], 0.0
-        for angle, count in zip(self.angles, self.counts, strict=True):
-            azimuth = 2 * pi * np.arange(count) / count + pi / count + turn
-            radius = depth * np.tan(angle)
-            pieces.append(radius * np.column_stack([np.cos(azimuth), np.sin(azimuth)]))
-            turn = float(azimuth[0])
-        return np.concatenate(pieces)
-
-
-def _rings(cap: float, count: int) -> _Rings:
-    """Slice a cap of ``cap`` steradians into units of ``cap / count``, from the pole until ``count`` are used up.
-
-    The outer polar angle of a slice follows from unit · j = 2π (cos θ_inner − cos θ_outer).
-    """
-    unit = cap / count / (2 * pi)  # in units of 2π, as 1 − cos θ
-    angles, counts = [0.0], [1]
-    total, number = 1, 2  # a slice of one has no neighbours to measure a chord between
-    cosine = 1 - unit
-    while total < count:
-        while True:
-            outer = max(cosine - unit * number, -1.0)
-            angle = (acos(cosine) + acos(outer)) / 2
-            if _chord(angle, number) <= SPREAD * _nearest(angle, angles[-1], number):
-                break
-            number *= 2
-        angles.append(angle)
-        counts.append(number)
-        total += number
-        cosine = outer
-    return _Rings(tuple(angles), tuple(counts))
-
-
-def _chord(angle: float, count: int) -> float:
-    """Distance between neighbours of a slice on the unit sphere."""
-    return 2 * sin(angle) * sin(pi / count)
-
-
-def _nearest(angle: float, inner: float, count: int) -> float:
-    """Distance on the unit sphere to the closest point of the slice before, which lies π/count off in azimuth."""
-    along = cos(angle) * cos(inner) + sin(angle) * sin(inner) * cos(pi / count)
-    return sqrt(max(0.0, 2 - 2 * along))
-
-
-def _convenient_rings(aperture: float, depth: float, count: int) -> _Rings:
-    """Slices for the smallest convenient count of at least ``count``: its last slice ends on the rim."""
-    cap = 2 * pi * (1 - cos(atan(aperture / 2 / depth)))
-    step_limit = count + 8 * ceil(sqrt(count)) * 4 + 64
-    for candidate in range(count, step_limit):
-        rings = _rings(cap, candidate)
-        if sum(rings.counts) == candidate:
-            return rings
-    raise InvalidInput("count", count, f"a count with a convenient value up to {step_limit}")
+    wanted = EquiSteradian.create(aperture=aperture, depth=depth, count=count, offset=offset)
+    return wanted.smaller_count(), wanted.pattern().count

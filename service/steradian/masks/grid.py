@@ -8,6 +8,7 @@ import numpy as np
 
 from steradian.errors import InvalidInput
 from steradian.masks.mask import Mask
+from steradian.masks.weights import Weighting, weights_for
 from steradian.validation import Value, quantity
 
 
@@ -18,6 +19,14 @@ class Grid(Value):
     aperture: float = quantity("m", "Side X of the square aperture", gt=0, le=1)
     count: int = quantity("points", "Points on each axis", ge=1, le=4096)
     interval: float = quantity("m", "Distance between neighbours", gt=0, le=1)
+    centred: bool = False
+    """Whether an even grid is symmetric to the centre too; else it lies on −n/2 … n/2−1 intervals, like FFT modes."""
+    weighting: Weighting = "analytic"
+
+    @property
+    def expected_count(self) -> int:
+        """How many points the mask will have."""
+        return self.count**2
 
     def build(self) -> Mask:
         """Place the points.
@@ -27,38 +36,45 @@ class Grid(Value):
         InvalidInput
             When the grid is wider than the aperture.
         """
-        # An even grid sits on multiples of the interval from -n/2 to n/2-1, like FFT modes; an odd one is symmetric.
-        steps = np.arange(self.count) - self.count // 2
         if self.count * self.interval > self.aperture * (1 + 1e-9):
             raise InvalidInput(
                 "interval", f"{self.interval:g}", f"at most aperture / count = {self.aperture / self.count:g} (m)"
             )
-        x, y = np.meshgrid(steps * self.interval, steps * self.interval, indexing="ij")
-        total = self.count**2
+        middle = (self.count - 1) / 2 if self.centred else self.count // 2
+        steps = (np.arange(self.count) - middle) * self.interval
+        x, y = np.meshgrid(steps, steps, indexing="ij")
+        positions = np.column_stack([x.ravel(), y.ravel()])
         return Mask.create(
             aperture=self.aperture,
-            positions=np.column_stack([x.ravel(), y.ravel()]),
-            weights=np.full(total, self.aperture**2 / total),
-            arrangement=self.model_dump(),
+            positions=positions,
+            weights=weights_for(self.weighting, positions, self.aperture, np.ones(len(positions))),
+            arrangement=self.model_dump(mode="json"),
         )
 
 
-def grid_mask(aperture: float, count: int, interval: float) -> Mask:
-    """Arrange ``count`` × ``count`` points at equal distance, equally weighted.
+def grid_mask(
+    aperture: float, count: int, interval: float, *, centred: bool = False, weighting: Weighting = "analytic"
+) -> Mask:
+    """Arrange ``count`` × ``count`` points at equal distance.
 
     Parameters
     ----------
     aperture
         Side X of the square aperture in metres.
     count
-        Points on each axis. An even count lies on −n/2 … n/2−1 intervals, an odd one symmetric to the centre.
+        Points on each axis.
     interval
         Distance between neighbours in metres.
+    centred
+        An odd count is always symmetric to the centre. An even one lies on −n/2 … n/2−1 intervals, where the modes
+        of an FFT are, or symmetric if this is set.
+    weighting
+        ``analytic`` and ``uniform``: X²/M each; ``voronoi``: the outermost points also stand for the margin.
 
     Returns
     -------
     Mask
-        Points with x slowest; weights X²/M.
+        Points with x slowest.
 
     Raises
     ------
@@ -70,4 +86,4 @@ def grid_mask(aperture: float, count: int, interval: float) -> Mask:
     >>> grid_mask(aperture=13.56e-3, count=41, interval=300e-6).count
     1681
     """
-    return Grid.create(aperture=aperture, count=count, interval=interval).build()
+    return Grid.create(aperture=aperture, count=count, interval=interval, centred=centred, weighting=weighting).build()

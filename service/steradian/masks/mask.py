@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from steradian.errors import InvalidInput
@@ -18,19 +19,26 @@ AREA_TOLERANCE = 1e-9
 class Mask(Value):
     """Sensor positions with weights; immutable and identified by its content.
 
-    The plane is z = 0 and the aperture the square [−X/2, X/2]² around the origin; the object lies at z > 0.
+    The plane is z = 0 and the aperture the square [−X/2, X/2]² around the origin; the object lies at z > 0. A line of
+    sensors for 2-D images has positions (M, 1) along x and the aperture [−X/2, X/2].
     """
 
     aperture: float = quantity("m", "Side X of the square aperture, the lateral period of a reconstruction", gt=0, le=1)
-    positions: FloatArray = Field(description="(M, 2) sensor positions x, y in metres, centred on the aperture")
-    weights: FloatArray = Field(description="(M,) areas h in m²; their sum is X² (paper, section 2)")
-    depth: float | None = Field(default=None, description="Distance r0 of the point of interest from the plane (m)")
+    positions: FloatArray = Field(
+        description="(M, 2) sensor positions x, y in metres, centred on the aperture; (M, 1) for a line"
+    )
+    weights: FloatArray = Field(description="(M,) areas h in m², sum X² (lengths in m, sum X, for a line)")
+    depth: float | None = quantity("m", "Distance r0 of the point of interest from the plane", default=None, gt=0, le=1)
+    offset: tuple[float, float] = Field(
+        default=(0.0, 0.0), description="x and y of the point of interest, centred on the aperture (m)"
+    )
     arrangement: dict[str, Any] = Field(description="Kind of arrangement and the parameters that made it")
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.positions.ndim != 2 or self.positions.shape[1] != 2 or not len(self.positions):
-            raise InvalidInput("positions", f"an array of shape {self.positions.shape}", "(M, 2) with M at least 1")
+        shape = self.positions.shape
+        if len(shape) != 2 or shape[1] not in (1, 2) or not shape[0]:
+            raise InvalidInput("positions", f"an array of shape {shape}", "(M, 2), or (M, 1) for a line; M at least 1")
         if self.weights.shape != (len(self.positions),):
             raise InvalidInput("weights", f"an array of shape {self.weights.shape}", f"({len(self.positions)},)")
         if (self.weights <= 0).any():
@@ -50,7 +58,12 @@ class Mask(Value):
     @cached_property
     def id(self) -> str:
         """Identifier of the content, ``m`` and 24 hexadecimal digits."""
-        parameters = {"aperture": self.aperture, "depth": self.depth, "arrangement": self.arrangement}
+        parameters = {
+            "aperture": self.aperture,
+            "depth": self.depth,
+            "offset": self.offset,
+            "arrangement": self.arrangement,
+        }
         return content_hash("m", parameters, self.positions, self.weights)
 
     @property
@@ -59,11 +72,33 @@ class Mask(Value):
         return len(self.positions)
 
     @property
+    def is_line(self) -> bool:
+        """Whether the sensors lie on a line, for 2-D images."""
+        return bool(self.positions.shape[1] == 1)
+
+    @property
     def area(self) -> float:
-        """Area of the aperture in m²."""
-        return self.aperture**2
+        """Area X² of the aperture in m²; for a line its length X in m."""
+        return float(self.aperture ** self.positions.shape[1])
 
     @property
     def weight_ratio(self) -> float:
         """Largest over smallest weight (9.7 for the paper's yarn mask)."""
         return float(self.weights.max() / self.weights.min())
+
+    @cached_property
+    def film_positions(self) -> NDArray[np.float64]:
+        """(M, 2) positions x, y in metres for a scanner; a line lies at y = 0."""
+        if not self.is_line:
+            return self.positions
+        found = np.column_stack([self.positions[:, 0], np.zeros(self.count)])
+        found.setflags(write=False)
+        return found
+
+    @property
+    def points_of_interest(self) -> NDArray[np.float64]:
+        """(P, 3) points of interest x, y, z in metres; P is 0 for an arrangement without one."""
+        several = self.arrangement.get("points_of_interest")
+        if several:
+            return np.array([[*point["offset"], point["depth"]] for point in several], dtype=np.float64)
+        return np.empty((0, 3)) if self.depth is None else np.array([[*self.offset, self.depth]])

@@ -1,7 +1,23 @@
-"""Plans: in what order and at what pace a mask is measured."""
+"""Plans: in what order and at what pace a mask is measured, and what that will cost."""
 
 from steradian.plans.order import VisitOrder, travel, visit_order
 from steradian.plans.plan import ScanPlan
 from steradian.plans.preview import Finding, Preview, preview
+from steradian.plans.progressive import Progressive, progressive
+from steradian.plans.scanner import Link, Motion, ScannerLimits, Tuning
 
-__all__ = ["Finding", "Preview", "ScanPlan", "VisitOrder", "preview", "travel", "visit_order"]
+__all__ = [
+    "Finding",
+    "Link",
+    "Motion",
+    "Preview",
+    "Progressive",
+    "ScanPlan",
+    "ScannerLimits",
+    "Tuning",
+    "VisitOrder",
+    "preview",
+    "progressive",
+    "travel",
+    "visit_order",
+]

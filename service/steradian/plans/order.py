@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from math import ceil, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
+
+from steradian.errors import InvalidInput
+from steradian.masks import Mask
+from steradian.plans.curves import hilbert, snake
+from steradian.plans.progressive import progressive
 
 
 class VisitOrder(StrEnum):
@@ -16,9 +20,24 @@ class VisitOrder(StrEnum):
     """As the mask lists them."""
     SNAKE = "snake"
     """In strips, up one and down the next."""
+    HILBERT = "hilbert"
+    """Along a Hilbert curve: neighbours in time are neighbours in space."""
+    SHORTEST = "shortest"
+    """Nearest neighbour, then improved by 2-opt and Or-opt moves."""
+    WAVELENGTH = "wavelength"
+    """By bias wavelength, so that the interrogation laser is seldom retuned; a short way within each wavelength."""
+    PROGRESSIVE = "progressive"
+    """In passes that double in size, each prefix a sparser mask of the same kind; a short way within each pass."""
 
 
-def visit_order(positions: NDArray[np.float64], order: VisitOrder) -> NDArray[np.int64]:
+def visit_order(
+    positions: NDArray[np.float64],
+    order: VisitOrder,
+    *,
+    mask: Mask | None = None,
+    wavelengths: NDArray[np.float64] | None = None,
+    wavelength_step: float = 0.0,
+) -> NDArray[np.int64]:
     """Order points for a visit.
 
     Parameters
@@ -27,20 +46,52 @@ def visit_order(positions: NDArray[np.float64], order: VisitOrder) -> NDArray[np
         (M, 2) positions x, y in metres.
     order
         Which rule to follow.
+    mask
+        The mask of these points, for its point of interest and weights (progressive order).
+    wavelengths
+        (M,) bias wavelength of each point in metres (wavelength order).
+    wavelength_step
+        Wavelengths this close in metres need no retuning.
 
     Returns
     -------
     ndarray
         (M,) indices into ``positions``; each occurs once.
+
+    Raises
+    ------
+    InvalidInput
+        When the order needs wavelengths and there are none.
     """
-    if order is VisitOrder.GIVEN:
-        return np.arange(len(positions))
-    x, y = positions.T
-    width = float(np.ptp(x))
-    # In strips of width w over an area A, travel is about A/w along and n·w/3 across them: least at w = √(3A/n).
-    strips = max(1, ceil(width / sqrt(3 * max(width * float(np.ptp(y)), 1e-30) / len(x))))
-    strip = np.minimum((x - x.min()) / max(width, 1e-30) * strips, strips - 1).astype(np.int64)
-    return np.lexsort((np.where(strip % 2 == 0, y, -y), strip))
+    match order:
+        case VisitOrder.GIVEN:
+            return np.arange(len(positions))
+        case VisitOrder.SNAKE:
+            return snake(positions)
+        case VisitOrder.HILBERT:
+            return hilbert(positions)
+        case VisitOrder.SHORTEST:
+            from steradian.plans.tour import shortest
+
+            return shortest(positions)
+        case VisitOrder.WAVELENGTH:
+            if wavelengths is None:
+                raise InvalidInput("order", "wavelength", "an order without wavelengths; this plan has no wavelengths")
+            return by_wavelength(positions, wavelengths, wavelength_step)
+        case VisitOrder.PROGRESSIVE:
+            return progressive(positions, mask).visit
+
+
+def by_wavelength(positions: NDArray[np.float64], wavelengths: NDArray[np.float64], step: float) -> NDArray[np.int64]:
+    """Visit all points of one wavelength before the next, upwards; ``step`` is the width of a group in metres."""
+    from steradian.plans.tour import join, shortest
+
+    group = np.unique(wavelengths, return_inverse=True)[1].reshape(-1)
+    if step > 0:
+        group = np.floor((wavelengths - wavelengths.min()) / step).astype(np.int64)
+    ranked = np.argsort(group, kind="stable")
+    pieces = np.split(ranked, np.flatnonzero(np.diff(group[ranked])) + 1)
+    return join(positions, [piece[shortest(positions[piece])] for piece in pieces])
 
 
 def travel(positions: NDArray[np.float64], visit: NDArray[np.int64]) -> float:

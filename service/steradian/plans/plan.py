@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from steradian.errors import InvalidInput
-from steradian.masks import Mask
+from steradian.masks import Mask, subset_mask
 from steradian.plans.order import VisitOrder, visit_order
-from steradian.validation import Value, content_hash, quantity
+from steradian.plans.progressive import progressive
+from steradian.plans.scanner import Link, Motion, ScannerLimits, Tuning
+from steradian.validation import FloatArray, Value, content_hash, quantity
 
 
 class ScanPlan(Value):
@@ -25,6 +27,13 @@ class ScanPlan(Value):
     sampling_interval: float = quantity("s", "Time between samples, dt", ge=1e-10, le=1e-5, default=8e-9)
     sound_speed: float = quantity("m/s", "Assumed speed of sound", ge=300, le=6000, default=1500.0)
     order: VisitOrder = VisitOrder.SNAKE
+    wavelengths: FloatArray | None = Field(
+        default=None, description="(M,) bias wavelength of each point of the mask (m); none: one for all"
+    )
+    scanner: ScannerLimits = ScannerLimits()
+    motion: Motion = Motion()
+    tuning: Tuning = Tuning()
+    link: Link = Link()
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -33,6 +42,13 @@ class ScanPlan(Value):
             raise InvalidInput(
                 "pulse_rate", f"{self.pulse_rate:g}", f"less than one pulse per record, {1 / record:g} Hz"
             )
+        if self.wavelengths is not None and self.wavelengths.shape != (self.mask.count,):
+            shape = self.wavelengths.shape
+            raise InvalidInput("wavelengths", f"an array of shape {shape}", f"({self.mask.count},), one a point")
+        if self.wavelengths is not None and (self.wavelengths <= 0).any():
+            raise InvalidInput("wavelengths", f"{self.wavelengths.min():g}", "> 0 (m)")
+        if self.order is VisitOrder.WAVELENGTH and self.wavelengths is None:
+            raise InvalidInput("order", self.order, "another order, or give wavelengths (m) for the points")
         return self
 
     @cached_property
@@ -43,9 +59,41 @@ class ScanPlan(Value):
     @cached_property
     def visit(self) -> NDArray[np.int64]:
         """(M,) indices into the mask's positions, in the order of interrogation."""
-        return visit_order(self.mask.positions, self.order)
+        return visit_order(
+            self.mask.film_positions,
+            self.order,
+            mask=self.mask,
+            wavelengths=self.wavelengths,
+            wavelength_step=self.tuning.tolerance,
+        )
 
     @property
     def recording_depth(self) -> float:
         """Farthest distance from a sensor that its A-line covers, in metres."""
         return (self.samples - 1) * self.sampling_interval * self.sound_speed
+
+    @cached_property
+    def passes(self) -> tuple[int, ...]:
+        """Number of points measured at the end of each pass; one pass unless the order is progressive."""
+        if self.order is not VisitOrder.PROGRESSIVE:
+            return (self.mask.count,)
+        return progressive(self.mask.film_positions, self.mask).ends
+
+    def prefix(self, points: int, weighting: Literal["analytic", "voronoi", "uniform"] = "analytic") -> Mask:
+        """Make the mask of the first ``points`` points visited, with weights of its own.
+
+        Parameters
+        ----------
+        points
+            How many, at least 1; an end of :attr:`passes` gives a mask that is even by itself.
+        weighting
+            ``analytic``: the whole mask's weights, scaled, right after whole passes; ``voronoi``: right anywhere.
+
+        Raises
+        ------
+        InvalidInput
+            When there are not so many points.
+        """
+        if not 1 <= points <= self.mask.count:
+            raise InvalidInput("points", points, f"1 to {self.mask.count}")
+        return subset_mask(self.mask, self.visit[:points].tolist(), weighting=weighting)

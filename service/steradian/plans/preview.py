@@ -1,4 +1,4 @@
-"""What a plan will cost, told before a pulse is fired."""
+"""What a plan will cost and what stands against it, told before a pulse is fired."""
 
 from __future__ import annotations
 
@@ -6,56 +6,131 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
+from steradian.plans.findings import Finding, find
 from steradian.plans.order import travel
 from steradian.plans.plan import ScanPlan
 
 BYTES_PER_SAMPLE = 2
+BYTES_PER_ALINE = 40
+"""What a scan file keeps of an A-line besides its samples."""
+DISK_RATE = 20e6
+"""Bytes per second that any disk writes durably."""
 
+Part = Literal["laser", "mover", "tuning", "link", "disk"]
 
-@dataclass(frozen=True)
-class Finding:
-    """One remark about a plan: an error refuses the scan, a warning does not."""
-
-    severity: Literal["error", "warning"]
-    field: str
-    message: str
+__all__ = ["Finding", "Preview", "preview"]
 
 
 @dataclass(frozen=True)
 class Preview:
-    """Cost of a plan: laser time in seconds, mover travel in metres, bytes of A-lines, and remarks."""
+    """Cost of a plan, and remarks.
 
-    laser_seconds: float
+    Attributes
+    ----------
+    seconds
+        Time each part needs by itself: ``laser`` (pulses), ``mover`` (moves and settling), ``tuning`` (of the bias
+        wavelength), ``link`` (bytes over the line), ``disk`` (writes).
+    total_seconds
+        Time of the scan: the parts overlap, and a point waits for the next pulse of a laser that runs freely.
+    limiting
+        The part that decides ``total_seconds``.
+    travel
+        Way of the beam in metres.
+    retunings
+        How often the bias wavelength changes.
+    bytes
+        Size of the scan file.
+    findings
+        Remarks; an error refuses the scan.
+    """
+
+    seconds: dict[Part, float]
+    total_seconds: float
+    limiting: Part
     travel: float
+    retunings: int
     bytes: int
     findings: tuple[Finding, ...]
 
+    @property
+    def laser_seconds(self) -> float:
+        """Time of the laser pulses alone."""
+        return self.seconds["laser"]
 
-def preview(plan: ScanPlan) -> Preview:
-    """Work out what a plan costs and whether its records reach what they should see."""
-    mask = plan.mask
-    pulses = mask.count * plan.averages
+    @property
+    def is_refused(self) -> bool:
+        """Whether a finding is an error."""
+        return any(finding.severity == "error" for finding in self.findings)
+
+
+def preview(
+    plan: ScanPlan,
+    *,
+    free_bytes: int | None = None,
+    resolution: float | None = None,
+    disk_rate: float = DISK_RATE,
+) -> Preview:
+    """Work out what a plan costs and whether scanner, link, records and disk can do it.
+
+    Parameters
+    ----------
+    plan
+        The plan.
+    free_bytes
+        Free space of the disk; ``None`` leaves it unchecked.
+    resolution
+        Wanted lateral resolution in metres; ``None`` leaves the lateral spacing unchecked.
+    disk_rate
+        Bytes per second that the disk writes durably.
+
+    Notes
+    -----
+    The laser runs freely: a point is fired on at the first pulse after the beam has settled and the wavelength is
+    stable, so a move a little longer than the pulse period costs a second period.
+    """
+    alines, period = plan.mask.count, 1 / plan.pulse_rate
+    moving, tuning = moving_seconds(plan), tuning_seconds(plan)
+    waits = np.maximum(np.ceil((moving + tuning) * plan.pulse_rate - 1e-9), 1)
+    loop = float(waits.sum() + alines * (plan.averages - 1)) * period
+    size = alines * (plan.samples * BYTES_PER_SAMPLE + BYTES_PER_ALINE)
+    seconds: dict[Part, float] = {
+        "laser": alines * plan.averages * period,
+        "mover": float(moving.sum()),
+        "tuning": float(tuning.sum()),
+        "link": plan.link.seconds_of(alines, plan.samples),
+        "disk": size / disk_rate,
+    }
+    way = travel(plan.mask.film_positions, plan.visit)
     return Preview(
-        laser_seconds=pulses / plan.pulse_rate,
-        travel=travel(mask.positions, plan.visit),
-        bytes=mask.count * plan.samples * BYTES_PER_SAMPLE,
-        findings=tuple(_reach(plan)),
+        seconds=seconds,
+        total_seconds=max(loop, seconds["link"], seconds["disk"]),
+        limiting=_limiting(seconds, loop),
+        travel=way,
+        retunings=int((tuning > 0).sum()),
+        bytes=size,
+        findings=find(plan, alines_per_second=alines / loop, bytes_=size, free=free_bytes, resolution=resolution),
     )
 
 
-def _reach(plan: ScanPlan) -> list[Finding]:
-    """Check that the farthest sensor's record is long enough to hear the point of interest."""
-    if plan.mask.depth is None:
-        return []
-    farthest = float(np.hypot(np.linalg.norm(plan.mask.positions, axis=1).max(), plan.mask.depth))
-    if farthest <= plan.recording_depth:
-        return []
-    needed = int(np.ceil(farthest / plan.sound_speed / plan.sampling_interval)) + 1
-    return [
-        Finding(
-            "warning",
-            "samples",
-            f"{plan.samples} samples end before the farthest sensor hears the point of interest; at least {needed}",
-        )
-    ]
+def moving_seconds(plan: ScanPlan) -> NDArray[np.float64]:
+    """Time (M,) to move to each point in the order of interrogation and settle there; the first is on the spot."""
+    points = plan.mask.film_positions[plan.visit]
+    way = np.linalg.norm(np.diff(points, axis=0, prepend=points[:1]), axis=1)
+    return np.where(way > 0, way / plan.motion.speed + plan.motion.settling, 0.0)
+
+
+def tuning_seconds(plan: ScanPlan) -> NDArray[np.float64]:
+    """Time (M,) to retune to each point's wavelength in the order of interrogation; the first is tuned already."""
+    if plan.wavelengths is None:
+        return np.zeros(plan.mask.count)
+    change = np.abs(np.diff(plan.wavelengths[plan.visit], prepend=plan.wavelengths[plan.visit[0]]))
+    return np.where(change > plan.tuning.tolerance, plan.tuning.settling + change / plan.tuning.speed, 0.0)
+
+
+def _limiting(seconds: dict[Part, float], loop: float) -> Part:
+    """Name the part that decides: what outlasts the loop of moves and shots, else the longest within it."""
+    outside: list[Part] = [part for part in ("link", "disk") if seconds[part] > loop]
+    inside: list[Part] = ["laser", "mover", "tuning"]
+    return max(outside or inside, key=lambda part: seconds[part])

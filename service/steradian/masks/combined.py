@@ -1,0 +1,139 @@
+"""Several points of interest in one mask."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from steradian.masks.equi_steradian import EquiSteradian, Pattern
+from steradian.masks.mask import Mask
+from steradian.masks.snapping import ScannerGrid
+from steradian.masks.weights import Weighting, weights_for
+from steradian.validation import Value, quantity
+
+CLOSEST = 0.6
+"""Where two patterns meet, points closer than this part of the expected spacing are thinned."""
+
+
+class PointOfInterest(Value):
+    """Where a mask should see well, and by how many points."""
+
+    depth: float = quantity("m", "Distance r0 from the sensor plane", gt=0, le=1)
+    count: int = quantity("points", "Points that an equi-steradian mask for it alone would have", ge=5, le=1_000_000)
+    offset: tuple[float, float] = Field(default=(0.0, 0.0), description="x and y, centred on the aperture (m)")
+
+
+class Combined(Value):
+    """Parameters of a mask that is equi-steradian around each of several points of interest.
+
+    Every place of the aperture is sensed as densely as the most demanding point of interest asks there.
+    """
+
+    arrangement: Literal["combined"] = "combined"
+    aperture: float = quantity("m", "Side X of the square aperture", gt=0, le=1)
+    points_of_interest: tuple[PointOfInterest, ...] = Field(
+        min_length=1, max_length=64, description="1 to 64 points of interest"
+    )
+    grid: ScannerGrid | None = Field(default=None, description="Places where the scanner can stop, if not anywhere")
+    weighting: Weighting = "analytic"
+
+    @property
+    def expected_count(self) -> int:
+        """At most about so many points the mask will have."""
+        return sum(point.count for point in self.points_of_interest)
+
+    def build(self) -> Mask:
+        """Place the points.
+
+        Raises
+        ------
+        InvalidInput
+            When a point of interest is not over the aperture.
+        """
+        patterns = [
+            EquiSteradian.create(aperture=self.aperture, **dict(point)).pattern() for point in self.points_of_interest
+        ]
+        positions = _thinned(np.concatenate([_own_part(patterns, index) for index in range(len(patterns))]), patterns)
+        weights = _spacing(positions, patterns) ** 2
+        if self.grid is not None:
+            positions, weights = self.grid.snap(positions, weights)
+        first = self.points_of_interest[0]
+        return Mask.create(
+            aperture=self.aperture,
+            depth=first.depth,
+            offset=first.offset,
+            positions=positions,
+            weights=weights_for(self.weighting, positions, self.aperture, weights),
+            arrangement=self.model_dump(mode="json"),
+        )
+
+
+def _spacing(positions: NDArray[np.float64], patterns: Sequence[Pattern]) -> NDArray[np.float64]:
+    """Tell the expected distance between neighbours: that of the densest pattern at each place."""
+    found: NDArray[np.float64] = np.min([pattern.spacing(positions) for pattern in patterns], axis=0)
+    return found
+
+
+def _own_part(patterns: Sequence[Pattern], index: int) -> NDArray[np.float64]:
+    """Points of one pattern where it is the densest."""
+    positions = patterns[index].positions
+    spacings = [pattern.spacing(positions) for pattern in patterns]
+    own: NDArray[np.float64] = positions[np.argmin(spacings, axis=0) == index]
+    return own
+
+
+def _thinned(positions: NDArray[np.float64], patterns: Sequence[Pattern]) -> NDArray[np.float64]:
+    """Drop the later of any two points that are too close; within one pattern there are none."""
+    from scipy.spatial import KDTree
+
+    if len(patterns) == 1:
+        return positions
+    spacing = CLOSEST * _spacing(positions, patterns)
+    pairs = KDTree(positions).query_pairs(float(spacing.max()), output_type="ndarray")
+    apart = np.linalg.norm(positions[pairs[:, 0]] - positions[pairs[:, 1]], axis=1)
+    kept = np.ones(len(positions), bool)
+    for earlier, later in np.sort(pairs[apart < spacing[pairs].min(axis=1)], axis=1):
+        if kept[earlier]:
+            kept[later] = False
+    left: NDArray[np.float64] = positions[kept]
+    return left
+
+
+def combined_mask(
+    aperture: float,
+    points_of_interest: Sequence[PointOfInterest],
+    *,
+    grid: ScannerGrid | None = None,
+    weighting: Weighting = "analytic",
+) -> Mask:
+    """Arrange points that are equi-steradian around several points of interest.
+
+    Parameters
+    ----------
+    aperture
+        Side X of the square aperture in metres.
+    points_of_interest
+        Where to see well; at each place of the aperture the densest of their patterns is kept.
+    grid
+        Places where the scanner can stop; points that meet on one are merged.
+    weighting
+        ``analytic`` (h over the density asked for), ``voronoi`` or ``uniform``.
+
+    Raises
+    ------
+    InvalidInput
+        Naming the parameter and its allowed range.
+
+    Examples
+    --------
+    >>> left, right = (PointOfInterest(depth=2e-3, count=300, offset=(x, 0.0)) for x in (-3e-3, 3e-3))
+    >>> combined_mask(13.56e-3, [left, right]).count < 700
+    True
+    """
+    return Combined.create(
+        aperture=aperture, points_of_interest=tuple(points_of_interest), grid=grid, weighting=weighting
+    ).build()

@@ -1,0 +1,140 @@
+"""Masks as files: JSON keeps everything, CSV and npy the points and weights for other programs."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from steradian.errors import DamagedFile, InvalidInput, NotFound
+from steradian.masks.mask import Mask
+from steradian.masks.points import custom_mask
+from steradian.validation import invalid_input
+
+UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
+
+
+def write_mask(mask: Mask, path: Path) -> None:
+    """Write a mask as its name's ending says: ``.json``, ``.csv`` or ``.npy``.
+
+    A CSV has the columns ``x_m, y_m, weight_m2`` (``x_m, weight_m`` for a line), an npy the same as an array
+    (M, 3) or (M, 2). The file appears under its name only when it is whole.
+
+    Raises
+    ------
+    InvalidInput
+        When the ending is another one.
+    """
+    match path.suffix.lower():
+        case ".json":
+            data = (mask.model_dump_json() + "\n").encode()
+        case ".csv":
+            data = _csv(mask)
+        case ".npy":
+            buffer = io.BytesIO()
+            np.save(buffer, np.column_stack([mask.positions, mask.weights]))
+            data = buffer.getvalue()
+        case ending:
+            raise InvalidInput("file", f"{path.name} ({ending or 'no ending'})", ".json, .csv or .npy")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_name(path.name + ".new")
+    draft.write_bytes(data)
+    draft.replace(path)
+
+
+def read_mask(path: Path, aperture: float | None = None) -> Mask:
+    """Read a mask file.
+
+    Parameters
+    ----------
+    path
+        ``.json`` as written by :func:`write_mask`; ``.csv`` with a heading such as ``x_mm, y_mm`` (units m, mm or um)
+        and perhaps a column ``weight…``, or without a heading in metres; ``.npy`` of shape (M, 2) or (M, 3): x, y
+        and perhaps weight. (An npy of a line has shape (M, 1); its weights need JSON or CSV.)
+    aperture
+        Side X in metres; needed for CSV and npy, which do not hold it.
+
+    Raises
+    ------
+    NotFound
+        When there is no such file.
+    DamagedFile
+        When it cannot be read as what its ending says.
+    InvalidInput
+        When a value in it is out of range, or ``aperture`` is missing or differs from the file's.
+    """
+    if not path.is_file():
+        raise NotFound("file", str(path))
+    if path.suffix.lower() == ".json":
+        mask = _read_json(path)
+        if aperture is not None and abs(aperture / mask.aperture - 1) > 1e-9:
+            raise InvalidInput("aperture", aperture, f"the file's own, {mask.aperture:g} (m)")
+        return mask
+    if aperture is None:
+        raise InvalidInput("aperture", "missing", f"> 0, at most 1 (m); {path.name} does not hold it")
+    positions, weights = _read_npy(path) if path.suffix.lower() == ".npy" else _read_csv(path)
+    return custom_mask(positions, aperture, weights)
+
+
+def _read_json(path: Path) -> Mask:
+    try:
+        return Mask.model_validate_json(path.read_bytes())
+    except ValidationError as error:
+        if error.errors(include_url=False)[0]["type"] == "json_invalid":
+            raise DamagedFile(f"{path} is not JSON: {error.errors()[0]['msg']}") from error
+        raise invalid_input(Mask, error) from error
+
+
+def _csv(mask: Mask) -> bytes:
+    heading = "x_m,weight_m" if mask.is_line else "x_m,y_m,weight_m2"
+    rows = np.column_stack([mask.positions, mask.weights]).tolist()
+    lines = [heading, *(",".join(map(repr, row)) for row in rows)]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _read_csv(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    """Positions and weights of a CSV file."""
+    try:
+        rows = [row for row in csv.reader(path.read_text(encoding="utf-8-sig").splitlines()) if row]
+    except UnicodeDecodeError as error:
+        raise DamagedFile(f"{path} is not text: {error}") from error
+    heading = [] if not rows or _is_number(rows[0][0]) else [name.strip().lower() for name in rows.pop(0)]
+    try:
+        table = np.array(rows, dtype=np.float64)
+    except ValueError as error:
+        raise DamagedFile(f"{path} is not a table of numbers: {error}") from error
+    if table.ndim != 2 or (heading and len(heading) != table.shape[1]):
+        raise DamagedFile(f"{path} has no rows of the same length as its heading")
+    if not heading:
+        return _columns(path, table)
+    axes = [index for index, name in enumerate(heading) if name.partition("_")[0] in ("x", "y")]
+    scale = [UNITS.get(heading[index].partition("_")[2] or "m") for index in axes]
+    if not axes or None in scale:
+        raise DamagedFile(f"{path} has the heading {', '.join(heading)}; expected x_m, y_m (or mm, um) and weight")
+    weights = [index for index, name in enumerate(heading) if name.startswith("weight")]
+    return table[:, axes] * np.array(scale, np.float64), table[:, weights[0]] if weights else None
+
+
+def _read_npy(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    try:
+        return _columns(path, np.asarray(np.load(path, allow_pickle=False), dtype=np.float64))
+    except (ValueError, EOFError, TypeError) as error:
+        raise DamagedFile(f"{path} is not an array of numbers: {error}") from error
+
+
+def _columns(path: Path, table: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    if table.ndim != 2 or table.shape[1] not in (1, 2, 3):
+        raise DamagedFile(f"{path} has the shape {table.shape}; expected (M, 2): x, y, or (M, 3): x, y, weight")
+    return table[:, :2], table[:, 2] if table.shape[1] == 3 else None
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

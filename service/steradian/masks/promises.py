@@ -1,0 +1,149 @@
+"""What a mask promises before anything is measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.errors import InvalidInput
+from steradian.masks.mask import Mask
+from steradian.masks.sensor import attenuation_db
+from steradian.masks.voronoi import voronoi_areas
+
+
+@dataclass(frozen=True)
+class Promises:
+    """Figures of a mask for one point of interest.
+
+    Attributes
+    ----------
+    point_of_interest
+        x, y, z in metres, or ``None`` for a mask without one (then the figures after ``weight_ratio`` are ``None``).
+    spacing
+        (M,) distance in metres from each sensor to its nearest neighbour.
+    finest, coarsest
+        Least and greatest of them.
+    weight_ratio
+        Largest over smallest weight.
+    solid_angles
+        (M,) solid angle in steradians (angle in radians for a line) of each sensor's cell within the aperture, seen
+        from the point of interest.
+    evenness
+        Standard deviation over mean of those that do not touch the aperture's rim.
+    largest_angle
+        Greatest angle of incidence in radians, at the farthest sensor.
+    opening_angle
+        Full angle in radians under which the sensors appear, in the widest plane through the point of interest.
+    attenuation_db
+        What the film loses at ``largest_angle`` and 1 MHz, in dB (:mod:`steradian.masks.sensor`).
+    """
+
+    point_of_interest: tuple[float, float, float] | None
+    spacing: NDArray[np.float64]
+    finest: float
+    coarsest: float
+    weight_ratio: float
+    solid_angles: NDArray[np.float64] | None = None
+    evenness: float | None = None
+    largest_angle: float | None = None
+    opening_angle: float | None = None
+    attenuation_db: float | None = None
+
+
+def promises(mask: Mask, point_of_interest: tuple[float, float, float] | None = None) -> Promises:
+    """Work out what a mask promises.
+
+    Parameters
+    ----------
+    mask
+        The mask.
+    point_of_interest
+        x, y, z in metres; ``None`` for the mask's own (the first of several).
+
+    Raises
+    ------
+    InvalidInput
+        When the point of interest is not above the plane.
+    """
+    from scipy.spatial import KDTree
+
+    if mask.count > 1:
+        spacing = np.asarray(KDTree(mask.positions).query(mask.positions, k=2)[0])[:, 1]
+    else:
+        spacing = np.full(1, mask.aperture)
+    own = mask.points_of_interest
+    if point_of_interest is None and len(own):
+        point_of_interest = (float(own[0, 0]), float(own[0, 1]), float(own[0, 2]))
+    basic = (point_of_interest, spacing, float(spacing.min()), float(spacing.max()), mask.weight_ratio)
+    if point_of_interest is None:
+        return Promises(*basic)
+    if point_of_interest[2] <= 0:
+        raise InvalidInput("point_of_interest", point_of_interest, "z > 0 (m)")
+    across = mask.film_positions - np.array(point_of_interest[:2])
+    distance = np.hypot(np.linalg.norm(across, axis=1), point_of_interest[2])
+    areas = voronoi_areas(mask.positions, mask.aperture)
+    angles = areas * point_of_interest[2] / distance ** (2 if mask.is_line else 3)
+    largest = float(np.arccos(point_of_interest[2] / distance.max()))
+    inner = _inner(mask)
+    return Promises(
+        *basic,
+        solid_angles=angles,
+        evenness=float(angles[inner].std() / angles[inner].mean()) if inner.sum() > 1 else None,
+        largest_angle=largest,
+        opening_angle=_opening(across, point_of_interest[2]),
+        attenuation_db=attenuation_db(largest, 1e6),
+    )
+
+
+def density_map(mask: Mask, pixels: int = 128) -> NDArray[np.float64]:
+    """Map of the sensor density over the aperture.
+
+    Parameters
+    ----------
+    mask
+        A mask of a plane.
+    pixels
+        Size of the map on each axis.
+
+    Returns
+    -------
+    ndarray
+        (pixels, pixels) [x, y], sensors per m²: one over the weight of the nearest sensor.
+
+    Raises
+    ------
+    InvalidInput
+        For a line.
+    """
+    from scipy.spatial import KDTree
+
+    if mask.is_line:
+        raise InvalidInput("mask", "a line of sensors", "a mask of a plane")
+    centres = ((np.arange(pixels) + 0.5) / pixels - 0.5) * mask.aperture
+    x, y = np.meshgrid(centres, centres, indexing="ij")
+    nearest = np.asarray(KDTree(mask.positions).query(np.column_stack([x.ravel(), y.ravel()]))[1])
+    found: NDArray[np.float64] = 1 / mask.weights[nearest].reshape(pixels, pixels)
+    return found
+
+
+def _opening(across: NDArray[np.float64], depth: float) -> float:
+    """Widest of the full angles in 36 planes through the point of interest, perpendicular to the film."""
+    turn = np.arange(36) * (np.pi / 36)
+    along = across @ np.vstack([np.cos(turn), np.sin(turn)])
+    angles = np.arctan(along.max(axis=0) / depth) - np.arctan(along.min(axis=0) / depth)
+    return float(angles.max())
+
+
+def _inner(mask: Mask) -> NDArray[np.bool_]:
+    """Tell the sensors that are no part of the outermost ones' hull, nor next to it."""
+    from scipy.spatial import KDTree
+
+    focus = mask.points_of_interest[0, :2] if len(mask.points_of_interest) else np.zeros(2)
+    radius = np.linalg.norm(mask.film_positions - focus, axis=1)
+    to_edge = mask.aperture / 2 - np.abs(mask.positions).max(axis=1)
+    gap = np.asarray(KDTree(mask.positions).query(mask.positions, k=min(6, mask.count))[0])
+    margin = gap.reshape(mask.count, -1).max(axis=1)
+    inner: NDArray[np.bool_] = (to_edge > margin) & (radius < radius.max() - margin)
+    return inner

@@ -1,0 +1,41 @@
+"""Scanners that can only stop on a grid: masks moved onto it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.validation import Value, quantity
+
+
+class ScannerGrid(Value):
+    """The places where a scanner can stop: a square grid on −n/2 … n/2−1 intervals (symmetric for odd n)."""
+
+    count: int = quantity("points", "Places on each axis", ge=1, le=65_536)
+    interval: float = quantity("m", "Distance between neighbours", gt=0, le=1)
+
+    def snap(
+        self, positions: NDArray[np.float64], weights: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Move each point to the nearest place; points that meet become one with the sum of their weights.
+
+        Parameters
+        ----------
+        positions
+            (M, 1) or (M, 2) metres.
+        weights
+            (M,) of any scale.
+
+        Returns
+        -------
+        positions, weights
+            In the order in which the places were first met.
+        """
+        steps = np.rint(positions / self.interval).astype(np.int64)
+        low = -(self.count // 2)
+        steps = np.clip(steps, low, low + self.count - 1)
+        _, first, which = np.unique(steps, axis=0, return_index=True, return_inverse=True)
+        merged = np.bincount(which.reshape(-1), weights).astype(np.float64)
+        order = np.argsort(first)
+        places: NDArray[np.float64] = steps[first[order]].astype(np.float64) * self.interval
+        return places, merged[order]

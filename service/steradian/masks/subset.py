@@ -1,0 +1,93 @@
+"""Some of an existing mask's points: a sparser scan, or a "what if" on one already made."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from steradian.errors import InvalidInput
+from steradian.masks.mask import Mask
+from steradian.masks.weights import Weighting, weights_for
+from steradian.validation import Value
+
+
+class Subset(Value):
+    """Points of a mask by their numbers."""
+
+    arrangement: Literal["subset"] = "subset"
+    mask: Mask
+    indices: tuple[int, ...] = Field(min_length=1, description="Numbers of the points to keep, from 0; each once")
+    weighting: Weighting = Field(default="voronoi", description="analytic: the mask's own weights, scaled")
+
+    @property
+    def expected_count(self) -> int:
+        """How many points the mask will have."""
+        return len(self.indices)
+
+    def build(self) -> Mask:
+        """Pick the points.
+
+        Raises
+        ------
+        InvalidInput
+            When a number is out of range or occurs twice.
+        """
+        picked = np.asarray(self.indices)
+        wrong = np.flatnonzero((picked < 0) | (picked >= self.mask.count))
+        if len(wrong):
+            raise InvalidInput(f"indices[{wrong[0]}]", picked[wrong[0]], f"0 to {self.mask.count - 1}")
+        if len(np.unique(picked)) != len(picked):
+            raise InvalidInput("indices", "a number that occurs twice", "each number once")
+        positions = self.mask.positions[picked]
+        return self.mask.replace(
+            positions=positions,
+            weights=weights_for(self.weighting, positions, self.mask.aperture, self.mask.weights[picked]),
+            arrangement={
+                "arrangement": "subset",
+                "of": self.mask.id,
+                "indices": picked.tolist(),
+                "weighting": self.weighting,
+            },
+        )
+
+
+def subset_mask(mask: Mask, indices: Sequence[int], *, weighting: Weighting = "voronoi") -> Mask:
+    """Keep some points of a mask.
+
+    Parameters
+    ----------
+    mask
+        The mask to take them from.
+    indices
+        Their numbers, from 0; each once. The new mask has their order.
+    weighting
+        ``voronoi``: areas of the cells of the points that are left; ``analytic``: the mask's own weights, scaled;
+        ``uniform``.
+
+    Raises
+    ------
+    InvalidInput
+        Naming the index that is out of range or occurs twice.
+    """
+    return Subset.create(mask=mask, indices=tuple(map(int, indices)), weighting=weighting).build()
+
+
+def nearest_points(existing: Mask, wanted: Mask) -> tuple[int, ...]:
+    """Numbers of the existing points nearest to the wanted ones, each once, in the order wanted.
+
+    With :func:`subset_mask` this answers what a sparse mask would have seen in a scan that was dense.
+
+    Raises
+    ------
+    InvalidInput
+        When one is a line and the other is not.
+    """
+    from scipy.spatial import KDTree
+
+    if existing.is_line != wanted.is_line:
+        raise InvalidInput("wanted", "a line and a plane", "two masks of the same kind")
+    _, nearest = KDTree(existing.positions).query(wanted.positions)
+    return tuple(dict.fromkeys(int(index) for index in np.asarray(nearest)))

@@ -1,0 +1,109 @@
+"""A progressive order: whenever the scan is stopped after a pass, what was measured is a sparse mask of its own.
+
+Points are eliminated from the mask one by one, always the one most crowded by those that are left (C. Yuksel, "Sample
+elimination for generating Poisson disk sample sets", 2015), until half are left, then a quarter and so on. Crowding
+is measured between directions from the point of interest, where an equi-steradian mask is even, else in the plane in
+units of each point's own share.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.masks import Mask
+
+PASSES = 4
+"""The first pass measures an eighth of the points, the second another eighth, then a quarter, then a half."""
+FEWEST = 16
+"""No pass but the only one has fewer points."""
+
+
+@dataclass(frozen=True)
+class Progressive:
+    """An order with its passes.
+
+    Attributes
+    ----------
+    visit
+        (M,) indices in the order of interrogation.
+    ends
+        Number of points measured at the end of each pass; the last is M.
+    """
+
+    visit: NDArray[np.int64]
+    ends: tuple[int, ...]
+
+
+def progressive(positions: NDArray[np.float64], mask: Mask | None = None) -> Progressive:
+    """Order points in passes that double in size, each prefix of passes even by itself, each pass on a short way.
+
+    Parameters
+    ----------
+    positions
+        (M, 2) metres.
+    mask
+        Their mask, for its point of interest and weights; ``None``: even in the plane.
+    """
+    from steradian.plans.tour import join, shortest
+
+    left = np.arange(len(positions))
+    space = _even_space(positions, mask)
+    passes = []
+    for _ in range(PASSES - 1):
+        half = (len(left) + 1) // 2
+        if half < 2 * FEWEST:
+            break
+        kept = _eliminate(space[left], half)
+        passes.append(left[~kept])
+        left = left[kept]
+    passes = [left, *passes[::-1]]
+    visit = join(positions, [part[shortest(positions[part])] for part in passes])
+    return Progressive(visit, tuple(np.cumsum([len(part) for part in passes]).tolist()))
+
+
+def _even_space(positions: NDArray[np.float64], mask: Mask | None) -> NDArray[np.float64]:
+    """Coordinates (M, 2 … 4) in which the mask is even and a point has about the area 1 to itself."""
+    if mask is not None and mask.is_line:
+        place = np.argsort(np.argsort(positions[:, 0], kind="stable"), kind="stable")
+        return np.column_stack([place, np.zeros(len(place))]).astype(np.float64)
+    focus = np.empty((0, 3)) if mask is None else mask.points_of_interest
+    if mask is None or not len(focus):
+        spread = np.maximum(np.ptp(positions, axis=0), 1e-30)
+        return positions * sqrt(len(positions) / float(np.prod(spread)))
+    rays = np.concatenate([positions, np.zeros((len(positions), 1))], axis=1)[None] - focus[:, None]
+    distance = np.linalg.norm(rays, axis=2)
+    nearest, each = distance.argmin(axis=0), np.arange(len(positions))
+    rays, distance, depth = rays[nearest, each], distance[nearest, each], focus[nearest, 2]
+    unit = mask.weights * depth / distance**3  # solid angle of each point
+    scaled = np.empty((len(positions), 4))
+    for index in range(len(focus)):
+        own = nearest == index
+        if own.any():
+            scaled[own, :3] = (rays[own] / distance[own, None]) / np.sqrt(np.median(unit[own]))
+            scaled[own, 3] = 1e3 * index  # points of different points of interest do not crowd each other
+    return scaled
+
+
+def _eliminate(space: NDArray[np.float64], wanted: int) -> NDArray[np.bool_]:
+    """Tell which ``wanted`` points are left after always the most crowded has been taken away.
+
+    A neighbour at distance d adds (1 − d/2r)⁸ to the crowding, r the distance in an ideal hexagonal arrangement of
+    the points that will be left.
+    """
+    from scipy.spatial import KDTree
+
+    from steradian.plans.elimination import eliminate
+
+    reach = 2 * sqrt(len(space) / wanted / (2 * sqrt(3)))
+    pairs = KDTree(space).query_pairs(reach, output_type="ndarray")
+    distance = np.linalg.norm(space[pairs[:, 0]] - space[pairs[:, 1]], axis=1)
+    crowding = np.maximum(1 - distance / reach, 0) ** 8
+    ends = np.concatenate([pairs, pairs[:, ::-1]])
+    order = np.argsort(ends[:, 0], kind="stable")
+    starts = np.concatenate([[0], np.cumsum(np.bincount(ends[:, 0], minlength=len(space)))])
+    kept: NDArray[np.bool_] = eliminate(starts, ends[order, 1], np.tile(crowding, 2)[order], wanted)
+    return kept

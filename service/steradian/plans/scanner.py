@@ -1,0 +1,106 @@
+"""What a plan must know of the scanner: its limits, how it moves and tunes, and what its link carries."""
+
+from __future__ import annotations
+
+from math import ceil
+from typing import Self
+
+from pydantic import Field, model_validator
+
+from steradian.errors import InvalidInput
+from steradian.validation import Value, quantity
+
+STANDARD_BAUD = (9600, 115_200, 460_800, 921_600, 3_000_000, 6_000_000, 12_000_000)
+"""Baud rates that serial adapters offer."""
+
+
+REPORT_BYTES = 91
+"""Bytes on the line of one status report."""
+
+
+class ScannerLimits(Value):
+    """Ranges, lowest and highest, of what a scanner can do."""
+
+    x: tuple[float, float] = Field(default=(-10e-3, 10e-3), description="Positions on the film (m)")
+    y: tuple[float, float] = Field(default=(-10e-3, 10e-3), description="Positions on the film (m)")
+    pulse_rate: tuple[float, float] = Field(default=(1.0, 10_000.0), description="Laser pulses per second (Hz)")
+    averages: tuple[int, int] = Field(default=(1, 1000), description="Pulses averaged into one A-line")
+    samples: tuple[int, int] = Field(default=(16, 16_384), description="Samples of an A-line")
+    sampling_interval: tuple[float, float] = Field(default=(1e-9, 1e-6), description="Time between samples (s)")
+    wavelength: tuple[float, float] = Field(default=(1.5e-6, 1.6e-6), description="Bias wavelength (m)")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for name in type(self).model_fields:
+            low, high = getattr(self, name)
+            if low > high:
+                raise InvalidInput(name, f"({low:g}, {high:g})", "lowest first, highest second")
+        return self
+
+
+class Motion(Value):
+    """How the beam gets from point to point: at a speed, after which it settles."""
+
+    speed: float = quantity("m/s", "Speed of the beam on the film", gt=0, le=1e4, default=5.0)
+    settling: float = quantity("s", "Time until the mirrors rest after a move", ge=0, le=60, default=400e-6)
+
+
+class Tuning(Value):
+    """How the interrogation laser gets from one bias wavelength to the next."""
+
+    settling: float = quantity("s", "Time until the wavelength is stable", ge=0, le=60, default=10e-3)
+    speed: float = quantity("m/s", "Wavelength swept per second", gt=0, le=1, default=100e-9)
+    tolerance: float = quantity("m", "Wavelengths this close need no retuning", ge=0, le=1e-6, default=10e-12)
+
+
+class Link(Value):
+    """What the line from the scanner carries."""
+
+    byte_rate: float | None = quantity(
+        "B/s", "Bytes per second on the line; none: not limiting", gt=0, default=1_200_000.0
+    )
+    frame: int = quantity("B", "Largest payload of a frame: 641 on a UART, 8192 on USB", ge=64, le=65_536, default=641)
+    load: float = quantity("share", "Part of the line's time that A-lines may fill", gt=0, le=1, default=0.9)
+    ring: int = quantity("A-lines", "How many the scanner holds before it stops firing", ge=1, default=512)
+    reports: float = quantity("1/s", "Status reports a second", ge=0, le=1000, default=10.0)
+
+    @classmethod
+    def serial(cls, baud: float) -> Self:
+        """Make the link of a UART: ten bits a byte."""
+        if not baud > 0:
+            raise InvalidInput("baud", baud, "> 0 (Bd)")
+        return cls.create(byte_rate=baud / 10)
+
+    def bytes_of(self, samples: int) -> int:
+        """Bytes on the line for one A-line of ``samples`` 16-bit samples, framing included.
+
+        40 bytes about the shot and the samples go in fragments; each has a head of 16 bytes and lies in a frame with
+        10 bytes of header, 4 of checksum, 2 delimiters and one byte of stuffing in 254.
+        """
+        room = self.frame - 16
+        content = 40 + 2 * samples
+        frames = ceil(content / room)
+        body = content + frames * (16 + 14)
+        return body + frames * 3 + body // 254
+
+    def seconds_of(self, alines: int, samples: int) -> float:
+        """Time in seconds that the line needs for A-lines when nothing else waits.
+
+        Status reports share the line. Once the scanner holds all it can, it stops firing before each A-line and goes
+        on after it, and reports both.
+        """
+        if self.byte_rate is None:
+            return 0.0
+        each, held = self.bytes_of(samples), min(alines, self.ring)
+        regular = max(self.byte_rate - self.reports * REPORT_BYTES, 0.1 * self.byte_rate)
+        stop_and_go = max(each + 2 * REPORT_BYTES, each * self.byte_rate / regular)
+        return held * each / regular + (alines - held) * stop_and_go / self.byte_rate
+
+    def alines_per_second(self, samples: int) -> float:
+        """A-lines per second that the line carries at its allowed load; infinite when it does not limit."""
+        return float("inf") if self.byte_rate is None else self.load * self.byte_rate / self.bytes_of(samples)
+
+    def baud_for(self, alines_per_second: float, samples: int) -> int:
+        """Smallest usual baud rate that carries so many A-lines a second, or the exact need beyond the usual ones."""
+        need = alines_per_second * self.bytes_of(samples) * 10 / self.load
+        return next((baud for baud in STANDARD_BAUD if baud >= need), ceil(need / 1e6) * 1_000_000)

@@ -1,0 +1,66 @@
+"""``steradian mask`` makes any arrangement and tells what it promises."""
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from steradian import InvalidInput
+from steradian.cli.mask import app
+from steradian.masks import read_mask
+
+COMMANDS = [
+    ["equi-steradian", "--aperture", "10mm", "--depth", "3mm", "--count", "100", "--offset-x", "1mm"],
+    ["equiangular", "--aperture", "10mm", "--depth", "3mm", "--count", "20"],
+    ["grid", "--aperture", "10mm", "--count", "8", "--interval", "1mm", "--centred"],
+    ["hexagonal", "--aperture", "10mm", "--interval", "1mm"],
+    ["random", "--aperture", "10mm", "--count", "30", "--seed", "4"],
+    ["poisson-disc", "--aperture", "10mm", "--spacing", "1mm"],
+    ["combined", "--aperture", "10mm", "--point", "2mm,0,3mm,80", "--point=-2mm,0,2mm,60"],
+]
+
+
+def run(*words):
+    """Run the command; its errors come through as exceptions."""
+    return CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False)
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command[0])
+def test_each_arrangement_has_a_command(command, tmp_path):
+    """Each writes a mask file of its kind and tells the weight ratio."""
+    result = run(*command, "-o", tmp_path / "mask.json")
+    assert result.exit_code == 0, result.output
+    assert "weight ratio" in result.output
+    assert read_mask(tmp_path / "mask.json").arrangement["arrangement"] == command[0]
+
+
+def test_counts_beside_the_wanted_one_are_told(tmp_path):
+    """Asking 1,625 tells 1,605 and 1,669."""
+    words = ("--aperture", "13.56mm", "--depth", "3.6mm", "--count", "1625", "-o", tmp_path / "mask.npy")
+    assert "1605 and 1669" in run("equi-steradian", *words).output
+    assert np.load(tmp_path / "mask.npy").shape == (1669, 3)
+
+
+def test_points_subset_and_show_work_on_files(tmp_path):
+    """A table becomes a mask, a part of it another, and a picture is drawn."""
+    (tmp_path / "lab.csv").write_text("x_mm,y_mm\n1,2\n-3,0.5\n0,0\n2,2\n")
+    assert run("points", tmp_path / "lab.csv", "--aperture", "10mm", "-o", tmp_path / "a.json").exit_code == 0
+    assert "2 of 4" in run("subset", tmp_path / "a.json", "--every", "2", "-o", tmp_path / "b.json").output
+    assert "spacing" in run("show", tmp_path / "b.json", "--plot", tmp_path / "b.png").output
+    assert (tmp_path / "b.png").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("command", "field"),
+    [
+        (["grid", "--aperture", "1mm", "--count", "8", "--interval", "1mm"], "interval"),
+        (["combined", "--aperture", "10mm", "--point", "2mm,0"], "point"),
+        (["hexagonal", "--aperture", "10mm", "--interval", "0"], "interval"),
+        (["equiangular", "--aperture", "1cm", "--depth", "1mm", "--count", "9", "--snap-count", "8"], "snap"),
+    ],
+)
+def test_bad_options_are_named(command, field, tmp_path):
+    """What is out of range is refused with its name and nothing is written."""
+    with pytest.raises(InvalidInput) as refused:
+        run(*command, "-o", tmp_path / "mask.json")
+    assert refused.value.field == field
+    assert not list(tmp_path.iterdir())

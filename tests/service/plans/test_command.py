@@ -1,0 +1,54 @@
+"""``steradian plan`` tells the cost, and writes no plan that cannot be run."""
+
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from steradian import InvalidInput, ScanPlan, grid_mask
+from steradian.cli.files import read_value
+from steradian.cli.plan import plan
+from steradian.errors import DamagedFile
+from steradian.masks import write_mask
+
+app = typer.Typer()
+app.command()(plan)
+
+
+@pytest.fixture
+def mask(tmp_path):
+    write_mask(grid_mask(1e-2, 12, 5e-4), tmp_path / "mask.json")
+    return tmp_path / "mask.json"
+
+
+def run(*words):
+    """Run the command; its errors come through as exceptions."""
+    return CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False)
+
+
+def test_the_cost_is_told_and_the_plan_written(mask, tmp_path):
+    """Time, what limits it and the travel are shown; a picture is drawn."""
+    result = run(mask, "--order", "progressive", "--plot", tmp_path / "plan.png", "-o", tmp_path / "plan.json")
+    assert result.exit_code == 0
+    assert "limited by the laser" in result.output
+    assert "usable after" in result.output
+    assert read_value(ScanPlan, tmp_path / "plan.json").order == "progressive"
+    assert (tmp_path / "plan.png").exists()
+
+
+def test_a_plan_the_link_cannot_carry_is_not_written(mask, tmp_path):
+    """The error names what would do."""
+    with pytest.raises(InvalidInput, match="refused"):
+        run(mask, "--pulse-rate", "2kHz", "--baud", "115200", "-o", tmp_path / "plan.json")
+    assert not (tmp_path / "plan.json").exists()
+
+
+def test_wavelengths_are_read_in_nanometres(mask, tmp_path):
+    """A column of wavelengths allows the order by wavelength; nonsense is told."""
+    np.savetxt(tmp_path / "bias.csv", 1550 + np.arange(144) % 4)
+    words = (mask, "--order", "wavelength", "--wavelengths", tmp_path / "bias.csv", "-o", tmp_path / "plan.json")
+    assert "retunings" in run(*words).output
+    assert read_value(ScanPlan, tmp_path / "plan.json").wavelengths[1] == pytest.approx(1551e-9)
+    (tmp_path / "bias.csv").write_text("red\n")
+    with pytest.raises(DamagedFile, match=r"bias\.csv"):
+        run(*words)

@@ -1,0 +1,59 @@
+"""The preview's time is what a simulated scanner takes, by the scanner's own clock."""
+
+import numpy as np
+import pytest
+
+import fabry_perot
+from fabry_perot.simulator import launch
+from steradian import ScanPlan, equi_steradian_mask
+from steradian.plans import Link, preview
+
+RING = 8
+MASK = equi_steradian_mask(13.56e-3, 3.6e-3, 100)
+
+SLOW_LINE = Link(byte_rate=11_520, ring=RING, reports=5)  # of device time, which runs at twice the reports' pace
+
+
+def device_seconds(plan: ScanPlan, *, speed: float, baud: int = 0) -> float:
+    """Run a plan and return its duration in device time, from the pace of the shots once the ring is full."""
+    fired = []
+    with launch(speed=speed, baud=baud, ring=RING) as simulator, fabry_perot.connect(simulator.url) as scanner:
+        scanner.upload(
+            plan.mask.film_positions[plan.visit],
+            samples=plan.samples,
+            sampling_interval=plan.sampling_interval,
+            pulse_rate=plan.pulse_rate,
+            averages=plan.averages,
+            encoding="int16",
+        )
+        scanner.start(scanner.arm())
+        for batch in scanner.alines():
+            fired += [aline.fire_time_s for aline in batch]
+            scanner.acknowledge(batch[-1])
+    assert len(fired) == plan.mask.count
+    first = RING + 4 if plan.link.byte_rate is not None else 0
+    return (fired[-1] - fired[first]) / (len(fired) - 1 - first) * len(fired)
+
+
+@pytest.mark.parametrize(
+    ("limiting", "plan", "run"),
+    [
+        ("laser", {"pulse_rate": 50, "averages": 2, "link": Link(byte_rate=None)}, {"speed": 20}),
+        ("mover", {"pulse_rate": 5000, "samples": 64, "link": Link(byte_rate=None)}, {"speed": 0.1}),
+        ("link", {"pulse_rate": 100, "samples": 512, "link": SLOW_LINE}, {"speed": 2, "baud": 115_200}),
+    ],
+)
+def test_the_preview_agrees_with_a_simulated_run(limiting, plan, run):
+    """Whatever limits a scan, preview and device time differ by less than 2 %."""
+    wanted = ScanPlan.create(mask=MASK, order="shortest", **plan)
+    cost = preview(wanted)
+    assert cost.limiting == limiting
+    assert device_seconds(wanted, **run) == pytest.approx(cost.total_seconds, rel=0.02)
+
+
+def test_no_part_of_the_time_is_forgotten():
+    """The whole is at least as long as its longest part."""
+    for rate in (20, 500, 3000):
+        cost = preview(ScanPlan.create(mask=MASK, pulse_rate=rate))
+        assert cost.total_seconds >= max(cost.seconds.values()) * (1 - 1e-12)
+        assert np.isfinite(cost.total_seconds)
