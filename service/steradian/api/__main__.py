@@ -1,0 +1,42 @@
+"""The API process: ``python -m steradian.api FD`` serves on a socket that its parent has bound."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import socket
+import sys
+import threading
+
+import uvicorn
+
+from steradian.api.app import create_app
+from steradian.settings import Settings
+from steradian.storage.heartbeat import Heartbeat
+from steradian.storage.job_process import end_with_stdin
+from steradian.storage.paths import DataDirectory
+
+GRACE = 3
+"""Seconds that requests under way get when the service ends."""
+
+
+def main(descriptor: int) -> None:
+    """Serve until SIGTERM or SIGINT, or until standard input closes."""
+    settings = Settings.create()
+    logging.basicConfig(level=settings.log_level, format="%(asctime)s %(levelname)s api %(message)s")
+    config = uvicorn.Config(
+        create_app(settings),
+        log_config=None,
+        access_log=False,
+        timeout_graceful_shutdown=GRACE,
+        server_header=False,
+    )
+    stop = threading.Thread(target=end_with_stdin, args=(lambda: os.kill(os.getpid(), signal.SIGTERM),), daemon=True)
+    with Heartbeat(DataDirectory(settings.data).heartbeat("api")):
+        stop.start()
+        uvicorn.Server(config).run(sockets=[socket.socket(fileno=descriptor)])
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]))

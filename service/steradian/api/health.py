@@ -1,0 +1,68 @@
+"""``/healthz`` and ``/readyz``: for whoever watches the service."""
+
+from __future__ import annotations
+
+import os
+import time
+
+from fastapi import APIRouter, Response
+from pydantic import BaseModel
+from sqlalchemy.exc import SQLAlchemyError
+
+from steradian import __version__
+from steradian.api.dependencies import ServicesNeeded
+from steradian.api.services import Services
+from steradian.storage.heartbeat import is_alive
+
+router = APIRouter(tags=["health"])
+
+
+class Health(BaseModel):
+    """The process answers."""
+
+    status: str = "ok"
+    version: str = __version__
+
+
+class Readiness(BaseModel):
+    """What the service needs to do its work, each by name."""
+
+    ready: bool
+    checks: dict[str, bool]
+
+
+@router.get("/healthz", summary="Whether the process answers")
+async def healthz() -> Health:
+    """Answer, touching nothing."""
+    return Health()
+
+
+@router.get(
+    "/readyz",
+    summary="Whether work can be taken",
+    responses={503: {"model": Readiness, "description": "Something that work needs is missing"}},
+)
+def readyz(services: ServicesNeeded, response: Response) -> Readiness:
+    """Check database, store, queue and processes; a scanner that is unplugged does not make it unready."""
+    checks = _checks(services, time.time())
+    ready = all(checks.values())
+    response.status_code = 200 if ready else 503
+    return Readiness(ready=ready, checks=checks)
+
+
+def _checks(services: Services, now: float) -> dict[str, bool]:
+    processes = ["acquisition", *(f"worker-{slot}" for slot in range(services.settings.workers))]
+    return {
+        "database": _answers(services),
+        "store": os.access(services.data.root / "scans", os.W_OK),
+        "queue": services.queue_is_open,
+        **{name: is_alive(services.data.heartbeat(name), now) for name in processes},
+    }
+
+
+def _answers(services: Services) -> bool:
+    try:
+        services.database.check()
+    except SQLAlchemyError:
+        return False
+    return True

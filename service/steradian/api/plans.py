@@ -1,0 +1,69 @@
+"""``/plans``: in what order and how fast."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter, Request, Response
+from pydantic import ConfigDict, Field
+
+from steradian.api.dependencies import Before, Limit, ServicesNeeded, link_next
+from steradian.api.views import Listing, PlanView
+from steradian.plans import ScanPlan, VisitOrder
+from steradian.validation import Value
+
+router = APIRouter(prefix="/plans", tags=["plans"])
+
+
+def _same_as(name: str) -> Any:
+    """Declare a field with the limits, default and unit that the plan itself has."""
+    return ScanPlan.model_fields[name]
+
+
+class PlanRequest(Value):
+    """A plan: a mask and how to measure it."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"examples": [{"mask_id": "m0123456789abcdef01234567", "pulse_rate": 50}]}
+    )
+
+    mask_id: str = Field(min_length=1, max_length=64, description="Identifier of the mask")
+    pulse_rate: float = _same_as("pulse_rate")
+    averages: int = _same_as("averages")
+    samples: int = _same_as("samples")
+    sampling_interval: float = _same_as("sampling_interval")
+    sound_speed: float = _same_as("sound_speed")
+    order: VisitOrder = VisitOrder.SNAKE
+
+
+@router.post(
+    "",
+    status_code=201,
+    summary="Make a plan from a mask",
+    responses={200: {"model": PlanView, "description": "The same plan exists already"}},
+)
+def create_plan(services: ServicesNeeded, response: Response, wanted: PlanRequest) -> PlanView:
+    """Keep a plan; the same body always gives the same id."""
+    mask = services.masks.load(wanted.mask_id)
+    plan = ScanPlan.create(mask=mask, **wanted.model_dump(exclude={"mask_id"}))
+    row, is_new = services.plans.put(plan)
+    view = PlanView.of(row)
+    response.status_code = 201 if is_new else 200
+    response.headers["Location"] = view.links["self"]
+    return view
+
+
+@router.get("", summary="Plans, newest first")
+def list_plans(
+    services: ServicesNeeded, request: Request, response: Response, limit: Limit = 100, before: Before = None
+) -> Listing[PlanView]:
+    """List plans."""
+    page = services.plans.page(limit, before)
+    link_next(response, request, limit, page.cursor)
+    return Listing(items=[PlanView.of(row) for row in page.rows])
+
+
+@router.get("/{plan_id}", summary="One plan")
+def read_plan(services: ServicesNeeded, plan_id: str) -> PlanView:
+    """Show a plan."""
+    return PlanView.of(services.plans.get(plan_id))

@@ -1,0 +1,191 @@
+"""Problems: every answer of 400 and above is RFC 9457 ``application/problem+json``.
+
+Only our own exceptions are mapped, in one table; anything else is a 500 that says nothing of the inside and is in the
+log under the request's id.
+"""
+
+from __future__ import annotations
+
+import logging
+from http import HTTPStatus
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, Field
+from starlette.exceptions import HTTPException
+
+from steradian.api.findings import Finding, findings_of, header_or_body
+from steradian.errors import Cancelled, Conflict, DamagedFile, InvalidInput, NotFound, ScanFailed, SteradianError
+from steradian.storage.jobs import QueueUnavailable
+
+MEDIA_TYPE = "application/problem+json"
+_log = logging.getLogger(__name__)
+
+
+class NotReady(Conflict):
+    """What was asked for will exist once a job or scan is over."""
+
+    code = "not-ready"
+
+    def __init__(self, message: str, retry_after: int = 1) -> None:
+        self.retry_after = retry_after
+        super().__init__(message)
+
+
+STATUS_OF: dict[type[SteradianError], int] = {
+    InvalidInput: 422,
+    NotFound: 404,
+    Conflict: 409,
+    DamagedFile: 422,
+    Cancelled: 409,
+    ScanFailed: 502,
+    QueueUnavailable: 503,
+}
+"""HTTP status of each kind of our exceptions; a subclass has its parent's."""
+
+CODE_OF = {
+    400: "bad-request",
+    404: "no-such-route",
+    405: "method-not-allowed",
+    406: "not-acceptable",
+    413: "too-large",
+    415: "unsupported-media-type",
+    416: "range-not-satisfiable",
+}
+"""Codes of what the framework refuses by itself."""
+
+RETRYABLE = frozenset({"not-ready", "queue-unavailable", "internal"})
+
+
+class Problem(BaseModel):
+    """A refusal or failure (RFC 9457)."""
+
+    type: str = Field(description="URN of the kind of problem", examples=["urn:steradian:problem:invalid-input"])
+    title: str = Field(description="The HTTP status in words", examples=["Unprocessable Content"])
+    status: int = Field(examples=[422])
+    detail: str = Field(examples=["depth is -0.001; allowed: > 0, at most 1 (m)"])
+    code: str = Field(description="Stable name of the kind of problem", examples=["invalid-input"])
+    request_id: str = Field(description="Also in the X-Request-ID header and in the service's log")
+    retryable: bool = Field(description="Whether the same request may succeed later")
+    errors: list[Finding] = Field(default_factory=list, description="The fields that are wrong")
+
+
+_REFUSALS: dict[int | str, str] = {
+    404: "Nothing has that identifier",
+    409: "The request does not fit the present state",
+    413: "The body is too large",
+    415: "The body is not application/json",
+    422: "A value is outside its allowed range",
+    "5XX": "The service failed; the log has more under the request id",
+}
+RESPONSES: dict[int | str, dict[str, Any]] = {
+    status: {"description": text, "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}}
+    for status, text in _REFUSALS.items()
+}
+"""What any operation may answer besides its own."""
+
+
+def install(app: FastAPI) -> None:
+    """Make every error of an app a problem."""
+    app.add_exception_handler(SteradianError, _ours)
+    app.add_exception_handler(RequestValidationError, _invalid)
+    app.add_exception_handler(HTTPException, _refused)
+    app.add_exception_handler(Exception, _unexpected)
+
+
+def problem(
+    request_id: str,
+    status: int,
+    code: str,
+    detail: str,
+    *,
+    errors: list[Finding] | None = None,
+    headers: dict[str, str] | None = None,
+) -> JSONResponse:
+    """Build the answer."""
+    body = Problem(
+        type=f"urn:steradian:problem:{code}",
+        title=HTTPStatus(status).phrase,
+        status=status,
+        detail=detail,
+        code=code,
+        request_id=request_id,
+        retryable=code in RETRYABLE,
+        errors=errors or [],
+    )
+    return JSONResponse(
+        body.model_dump(mode="json", exclude_defaults=False),
+        status,
+        headers=(headers or {}) | {"X-Request-ID": request_id},
+        media_type=MEDIA_TYPE,
+    )
+
+
+def request_id_of(request: Request) -> str:
+    """Return the identifier that the outermost layer gave the request."""
+    return str(getattr(request.state, "request_id", ""))
+
+
+async def _ours(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, SteradianError)  # noqa: S101 - installed for it only
+    status = next((STATUS_OF[kind] for kind in type(error).__mro__ if kind in STATUS_OF), None)
+    if status is None:
+        return await _unexpected(request, error)
+    errors = [header_or_body(error)] if isinstance(error, InvalidInput) else []
+    headers = {"Retry-After": str(getattr(error, "retry_after", 1))} if error.code in RETRYABLE else {}
+    return problem(request_id_of(request), status, error.code, str(error), errors=errors, headers=headers)
+
+
+async def _invalid(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, RequestValidationError)  # noqa: S101
+    request_id, raw = request_id_of(request), error.errors()
+    if raw and raw[0]["type"] == "json_invalid":
+        reason = raw[0].get("ctx", {}).get("error", "")
+        return problem(request_id, 400, "malformed-json", f"the body is no JSON: {reason}")
+    kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    if raw and raw[0]["loc"][:1] == ("body",) and error.body is not None and not _is_json(kind):
+        text = f"the body is {kind or 'of no stated type'}; send Content-Type: application/json (curl --json)"
+        return problem(request_id, 415, CODE_OF[415], text)
+    errors = findings_of(request, raw, error.body)
+    return problem(request_id, 422, "invalid-input", "; ".join(e.detail for e in errors), errors=errors)
+
+
+async def _refused(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, HTTPException)  # noqa: S101
+    detail = str(error.detail)
+    if error.status_code == 404:
+        detail = f"there is no {request.method} {request.url.path}; the API begins at /api/v1/"
+    elif error.status_code == 405:
+        detail = f"{request.url.path} knows no {request.method}"
+    code = CODE_OF.get(error.status_code, "refused")
+    return problem(request_id_of(request), error.status_code, code, detail, headers=dict(error.headers or {}))
+
+
+async def _unexpected(request: Request, error: Exception) -> JSONResponse:
+    request_id = request_id_of(request)
+    _log.error("request %s failed", request_id, exc_info=error)
+    detail = f"the service failed; its log has more under request {request_id}"
+    # The server closes the connection after an exception; a client that is told does not send on it again.
+    return problem(request_id, 500, "internal", detail, headers={"Connection": "close"})
+
+
+def _is_json(kind: str) -> bool:
+    return kind == "application/json" or kind.endswith("+json")
+
+
+def describe(app: FastAPI) -> None:
+    """Put the problem's schema into the OpenAPI document, in place of the framework's own."""
+    plain = app.openapi
+
+    def openapi() -> dict[str, Any]:
+        document = plain()
+        schemas = document.setdefault("components", {}).setdefault("schemas", {})
+        own = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
+        schemas |= own.pop("$defs", {}) | {"Problem": own}
+        for name in ("HTTPValidationError", "ValidationError"):
+            schemas.pop(name, None)
+        return document
+
+    app.openapi = openapi  # type: ignore[method-assign]

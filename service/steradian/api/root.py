@@ -1,0 +1,47 @@
+"""``/api/v1/``: what this service is and where things are."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from fastapi import APIRouter
+from pydantic import BaseModel, Field
+
+from steradian import __version__
+from steradian.api.dependencies import MAX_WAIT, ServicesNeeded
+from steradian.api.views import BASE
+
+router = APIRouter(tags=["service"])
+
+
+class RootView(BaseModel):
+    """The service."""
+
+    name: Literal["steradian"] = "steradian"
+    version: str = Field(description="Version of the software")
+    api: Literal["v1"] = "v1"
+    mode: Literal["simulated", "real"] = Field(description="Whether scans run on a simulated scanner")
+    limits: dict[str, float] = Field(description="Largest mask (points), body and volume (bytes), wait (s)")
+    links: dict[str, str]
+
+
+@router.get("/", summary="The service, its mode, limits and links")
+def read_root(services: ServicesNeeded) -> RootView:
+    """Tell what this is."""
+    settings = services.settings
+    return RootView(
+        version=__version__,
+        mode="simulated" if settings.simulated else "real",
+        limits={
+            "mask_points": settings.max_mask_points,
+            "body_bytes": settings.max_upload_bytes,
+            "volume_bytes": settings.max_volume_bytes,
+            "wait_seconds": MAX_WAIT,
+        },
+        links={
+            **{name: f"{BASE}/{name}" for name in ("masks", "plans", "scans", "reconstructions")},
+            "openapi": "/openapi.json",
+            "health": "/healthz",
+            "ready": "/readyz",
+        },
+    )

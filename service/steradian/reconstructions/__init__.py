@@ -1,0 +1,1 @@
+"""Reconstructions: from a stored scan to a stored volume, its projections and figures."""

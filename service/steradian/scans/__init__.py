@@ -1,0 +1,1 @@
+"""Scans: running a plan on a scanner, and the files that hold the A-lines."""

@@ -1,0 +1,77 @@
+"""A recording: all that a reconstruction needs to know of a scan, whatever file it came from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.errors import DamagedFile, NotFound
+from steradian.validation import FloatArray
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A-lines with their geometry.
+
+    Attributes
+    ----------
+    traces
+        (M, N_t) A-lines; row m was sensed at ``positions[m]``, column n at time ``time_zero + n·sampling_interval``
+        after the laser pulse. Integers count digitiser steps.
+    scale
+        (M,) or scalar: pressure per unit of ``traces``.
+    positions
+        (M, 2) metres, centred on the aperture.
+    weights
+        (M,) areas in m² that sum to aperture², or ``None`` when the file states none.
+    sampling_interval, sound_speed, aperture, time_zero
+        Seconds, metres per second (``None`` when the file states none), metres, seconds.
+    grid
+        Sensors per axis where they fill a grid, else ``None``.
+    depth
+        Distance of the point of interest from the plane in metres, if there is one.
+    planned
+        Number of points the plan asked for; more than M for a partial scan.
+    provenance
+        Identifiers of mask, plan, scan and scanner, for the volume's own record.
+    """
+
+    traces: NDArray[np.generic]
+    scale: NDArray[np.float32] | float
+    positions: FloatArray
+    weights: FloatArray | None
+    sampling_interval: float
+    sound_speed: float | None
+    aperture: float
+    time_zero: float
+    grid: int | None
+    depth: float | None
+    planned: int
+    provenance: dict[str, str]
+
+
+def open_recording(path: Path) -> Recording:
+    """Read a recording from one of the known kinds of file, told apart by their first bytes.
+
+    Raises
+    ------
+    NotFound
+        When there is no such file.
+    DamagedFile
+        When it is of no known kind, truncated or inconsistent.
+    """
+    from steradian.scans.kwave import read_kwave
+    from steradian.scans.reading import read_scan
+
+    if not path.is_file():
+        raise NotFound("file", str(path))
+    with path.open("rb") as file:
+        magic = file.read(8)
+    if magic == b"\x89HDF\r\n\x1a\n":
+        return read_scan(path)
+    if magic[:4] == b"PK\x03\x04":
+        return read_kwave(path)
+    raise DamagedFile(f"{path} is neither an HDF5 file nor an .npz archive")

@@ -1,0 +1,105 @@
+"""Running a plan on a scanner."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import fabry_perot
+from steradian.errors import Cancelled, ScanFailed
+from steradian.plans import ScanPlan
+from steradian.progress import IsCancelled, Progress
+from steradian.scans.store import AlineStore, create_scan_file
+
+
+@dataclass(frozen=True)
+class ScanSummary:
+    """What a scan came to."""
+
+    path: Path
+    points: int
+    fired: int
+    stored: int
+
+
+def run_scan(
+    plan: ScanPlan,
+    scanner_url: str,
+    path: Path,
+    *,
+    scan_id: str = "",
+    progress: Progress | None = None,
+    cancelled: IsCancelled | None = None,
+) -> ScanSummary:
+    """Measure every point of a plan and keep the A-lines in a scan file.
+
+    Each batch is on the disk before it is acknowledged, so the scanner keeps whatever the file does not hold yet.
+
+    Parameters
+    ----------
+    plan
+        What to measure.
+    scanner_url
+        Port of the scanner: ``/dev/ttyUSB0``, ``socket://host:port``, …
+    path
+        The scan file to make.
+    progress, cancelled
+        Reported and asked once a batch; the unit of progress is the A-line.
+
+    Raises
+    ------
+    Conflict
+        When ``path`` exists.
+    Cancelled
+        When ``cancelled`` said so; the laser is off and the file holds what was measured.
+    ScanFailed
+        When the scanner or its link gave up; likewise.
+    """
+    try:
+        with fabry_perot.connect(scanner_url) as scanner:
+            model = scanner.capabilities
+            create_scan_file(path, plan, scan_id=scan_id, scanner=model.serial, simulated=model.simulated)
+            with AlineStore(path) as store:
+                _acquire(plan, scanner, store, progress, cancelled)
+                return ScanSummary(path, plan.mask.count, scanner.status.shots, store.stored)
+    except fabry_perot.ScannerError as error:
+        raise ScanFailed(str(error)) from error
+
+
+def _acquire(
+    plan: ScanPlan,
+    scanner: fabry_perot.Scanner,
+    store: AlineStore,
+    progress: Progress | None,
+    cancelled: IsCancelled | None,
+) -> None:
+    scanner.upload(
+        plan.mask.positions[plan.visit],
+        samples=plan.samples,
+        sampling_interval=plan.sampling_interval,
+        pulse_rate=plan.pulse_rate,
+        averages=plan.averages,
+    )
+    scanner.start(scanner.arm())
+    while not _take_alines(scanner, store, progress, cancelled):
+        scanner.resume()  # this process was held up for longer than the laser's lease: nothing is lost
+    store.set_fired(scanner.status.shots)
+
+
+def _take_alines(
+    scanner: fabry_perot.Scanner, store: AlineStore, progress: Progress | None, cancelled: IsCancelled | None
+) -> bool:
+    """Store and acknowledge A-lines as they come; True when the plan is done, False when the lease has lapsed."""
+    try:
+        for batch in scanner.alines():
+            store.append(batch)
+            store.set_fired(scanner.status.shots)
+            scanner.acknowledge(batch[-1])
+            if progress:
+                progress("A-lines", store.stored, store.count)
+            if cancelled and cancelled():
+                scanner.abort("laser-off")
+                raise Cancelled(f"the scan was stopped after {store.stored} of {store.count} A-lines; they are kept")
+    except fabry_perot.LeaseLapsed:
+        return False
+    return True

@@ -1,0 +1,67 @@
+"""What a deployment may choose: one frozen object, read from ``STERADIAN_…`` variables or given in code."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from pydantic import Field, ValidationError
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from steradian.validation import invalid_input
+
+PREFIX = "STERADIAN_"
+
+
+class Settings(BaseSettings):
+    """Settings of the service, its processes and its store."""
+
+    model_config = SettingsConfigDict(env_prefix=PREFIX, frozen=True, extra="forbid", allow_inf_nan=False)
+
+    data: Path = Field(description="Folder that holds everything the service keeps; made when missing")
+    host: str = Field(default="127.0.0.1", description="Address to listen on")
+    port: int = Field(default=8000, ge=0, le=65_535, description="Port to listen on; 0 takes a free one")
+    workers: int = Field(default=1, ge=0, le=64, description="Reconstructions at a time, a process each")
+    scanner: str = Field(
+        default="simulated",
+        min_length=1,
+        description="'simulated', a serial port such as /dev/ttyUSB0, or socket://host:port",
+    )
+    simulator_speed: float = Field(
+        default=20.0, gt=0, le=10_000, description="How many times faster than real the simulated scanner runs"
+    )
+    log_level: Literal["DEBUG", "INFO", "WARNING", "ERROR"] = "INFO"
+    max_mask_points: int = Field(default=200_000, ge=1, description="Largest mask accepted over HTTP (points)")
+    max_upload_bytes: int = Field(default=64 * 2**20, ge=1024, description="Largest request body (bytes)")
+    max_volume_bytes: int = Field(default=8 * 2**30, ge=2**20, description="Largest volume a job may make (bytes)")
+    job_timeout: float = Field(default=6 * 3600.0, gt=0, le=30 * 86_400, description="Longest a job may run (s)")
+
+    @classmethod
+    def create(cls, **fields: Any) -> Self:
+        """Read the environment, overridden by ``fields`` that are not ``None``.
+
+        Raises
+        ------
+        InvalidInput
+            Naming the setting and its allowed range.
+        """
+        try:
+            return cls(**{name: value for name, value in fields.items() if value is not None})
+        except ValidationError as error:
+            raise invalid_input(cls, error) from error
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the scanner is the simulator that the service starts itself."""
+        return self.scanner == "simulated"
+
+    @property
+    def threads_per_job(self) -> int:
+        """Threads a reconstruction may use, so that all workers together fill the machine once."""
+        return max(1, (os.cpu_count() or 1) // max(1, self.workers))
+
+    def environment(self) -> dict[str, str]:
+        """Variables from which a child process reads these same settings."""
+        values = self.model_dump(mode="json")
+        return os.environ | {PREFIX + name.upper(): str(value) for name, value in values.items()}

@@ -1,0 +1,46 @@
+"""A sign of life: a file that a running process touches every two seconds."""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+INTERVAL = 2.0
+STALE_AFTER = 10.0
+"""Seconds without a sign after which a process counts as stuck."""
+
+
+class Heartbeat:
+    """Touches ``path`` in a thread until the block ends; the file is then removed."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._over = path, threading.Event()
+        self._thread = threading.Thread(target=self._beat, daemon=True)
+
+    def __enter__(self) -> Self:
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        self._path.write_text(json.dumps({"pid": os.getpid()}))
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._over.set()
+        self._path.unlink(missing_ok=True)
+
+    def _beat(self) -> None:
+        while not self._over.wait(INTERVAL):
+            os.utime(self._path)
+
+
+def is_alive(path: Path, now: float) -> bool:
+    """Whether the process of a heartbeat file has touched it lately; ``now`` is in seconds since the epoch."""
+    try:
+        return now - path.stat().st_mtime < STALE_AFTER
+    except OSError:
+        return False

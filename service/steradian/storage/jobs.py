@@ -1,0 +1,96 @@
+"""What a job is and how it stands, whatever engine queues it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import Any
+
+from steradian.errors import SteradianError
+from steradian.storage.states import ReconstructionState, is_terminal
+
+MAX_ATTEMPTS = 3
+"""How often a job is started when its process or its worker dies; an error it reports itself is final at once."""
+
+
+class QueueUnavailable(SteradianError):
+    """The job queue cannot be reached; trying again may help."""
+
+    code = "queue-unavailable"
+
+
+@dataclass(frozen=True)
+class JobRequest:
+    """A job to queue.
+
+    Parameters
+    ----------
+    id
+        Identifier; submitting the same one twice queues it once.
+    kind
+        Which program runs it (see the worker's table of commands).
+    payload
+        What that program reads, plain JSON.
+    """
+
+    id: str
+    kind: str
+    payload: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class JobStatus:
+    """How a job stands.
+
+    Attributes
+    ----------
+    attempt
+        1 for the first start, 0 before it.
+    stage, done, total
+        What it works on and how far it is, in a unit of the stage's own.
+    error_code, error
+        Why it failed.
+    result
+        What it left on its last line of output.
+    """
+
+    id: str
+    state: ReconstructionState
+    attempt: int = 0
+    stage: str | None = None
+    done: int = 0
+    total: int = 0
+    error_code: str | None = None
+    error: str | None = None
+    created: datetime | None = None
+    started: datetime | None = None
+    ended: datetime | None = None
+    result: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing will change any more."""
+        return is_terminal(self.state)
+
+
+@dataclass(frozen=True)
+class Succeeded:
+    """A job's process ended well."""
+
+    result: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Failed:
+    """A job failed for a reason that another attempt would not change."""
+
+    code: str
+    message: str
+
+
+@dataclass(frozen=True)
+class Died:
+    """A job's process ended without a word: killed, out of memory, crashed."""
+
+    message: str

@@ -1,0 +1,161 @@
+"""Where things lie in the data directory, and who may use it.
+
+DATA/steradian.sqlite          metadata
+DATA/queue.sqlite              the job queue
+DATA/scans/<id>.h5             A-lines
+DATA/reconstructions/<id>/     volume, projections, report and log of one job
+DATA/run/<process>.json        heartbeats of the running processes
+DATA/lock                      held by the service that owns the directory
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import filelock
+
+from steradian.errors import Conflict, InvalidInput
+
+
+class DataDirectoryInUse(Conflict):
+    """Another service owns the data directory."""
+
+    code = "data-directory-in-use"
+
+
+@dataclass(frozen=True)
+class DataDirectory:
+    """The layout below one folder."""
+
+    root: Path
+
+    @property
+    def metadata_url(self) -> str:
+        """SQLAlchemy URL of the metadata."""
+        return f"sqlite:///{self.root.absolute() / 'steradian.sqlite'}"
+
+    @property
+    def queue_file(self) -> Path:
+        """File of the embedded job queue."""
+        return self.root.absolute() / "queue.sqlite"
+
+    def scan_file(self, scan_id: str) -> Path:
+        """HDF5 file with the A-lines of a scan."""
+        return self.root.absolute() / "scans" / f"{scan_id}.h5"
+
+    def job(self, job_id: str) -> JobDirectory:
+        """Folder of one job."""
+        return JobDirectory(self.root.absolute() / "reconstructions" / job_id)
+
+    def heartbeat(self, process: str) -> Path:
+        """File that a process touches while it is well."""
+        return self.root / "run" / f"{process}.json"
+
+    def create(self) -> None:
+        """Make the folders.
+
+        Raises
+        ------
+        InvalidInput
+            When the path is a file or cannot be written.
+        """
+        try:
+            for folder in ("scans", "reconstructions", "run"):
+                (self.root / folder).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InvalidInput("data", self.root, f"a folder that can be written ({error.strerror})") from error
+
+    @contextmanager
+    def lock(self) -> Iterator[None]:
+        """Own the directory until the block ends; the lock goes with the process, also when it is killed.
+
+        Raises
+        ------
+        DataDirectoryInUse
+            When another process owns it.
+        """
+        self.create()
+        lock, owner = filelock.FileLock(self.root / "lock"), self.root / "run" / "owner.json"
+        try:
+            lock.acquire(timeout=0)
+        except filelock.Timeout:
+            raise DataDirectoryInUse(
+                f"the data directory {self.root} is in use by process {_read_pid(owner)}; "
+                "stop that service or choose another directory"
+            ) from None
+        try:
+            owner.write_text(json.dumps({"pid": os.getpid()}))
+            yield
+        finally:
+            owner.unlink(missing_ok=True)
+            lock.release()
+
+
+@dataclass(frozen=True)
+class JobDirectory:
+    """What one job leaves behind."""
+
+    root: Path
+
+    @property
+    def log(self) -> Path:
+        """What the job and its worker had to say, all attempts in one file."""
+        return self.root / "log.txt"
+
+    @property
+    def volume(self) -> Path:
+        """The volume as HDF5."""
+        return self.root / "volume.h5"
+
+    @property
+    def report(self) -> Path:
+        """Figures and provenance."""
+        return self.root / "report.json"
+
+    def mip(self, axis: str) -> Path:
+        """PNG of the maximum-intensity projection along ``axis``."""
+        return self.root / f"mip-{axis}.png"
+
+    @contextmanager
+    def running(self, timeout: float = 10.0) -> Iterator[None]:
+        """Mark the job as running in this process; waits for an earlier attempt that is still dying.
+
+        Raises
+        ------
+        Conflict
+            When another process runs the job and does not end within ``timeout`` seconds.
+        """
+        self.root.mkdir(parents=True, exist_ok=True)
+        lock = filelock.FileLock(self.root / "lock")
+        try:
+            lock.acquire(timeout=timeout)
+        except filelock.Timeout:
+            raise Conflict(f"another process still runs job {self.root.name}") from None
+        try:
+            yield
+        finally:
+            lock.release()
+
+    @property
+    def is_running(self) -> bool:
+        """Whether a process runs the job at this moment."""
+        if not (self.root / "lock").exists():
+            return False
+        lock = filelock.FileLock(self.root / "lock")
+        try:
+            lock.acquire(timeout=0)
+        except filelock.Timeout:
+            return True
+        lock.release()
+        return False
+
+
+def _read_pid(path: Path) -> int | str:
+    with suppress(OSError, ValueError):
+        return int(json.loads(path.read_text())["pid"])
+    return "unknown"

@@ -1,0 +1,73 @@
+"""What all repositories share: a clock, a page, a row or :class:`NotFound`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Generic, TypeAlias, TypeVar
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+from ulid import ULID
+
+from steradian.errors import NotFound
+from steradian.storage.database import Database
+from steradian.storage.tables import MaskRow, PlanRow, ReconstructionRow, ScanRow
+
+Clock: TypeAlias = Callable[[], datetime]
+Row = TypeVar("Row", MaskRow, PlanRow, ScanRow, ReconstructionRow)
+
+
+def utc_now() -> datetime:
+    """Tell the time."""
+    return datetime.now(UTC)
+
+
+def new_id(prefix: str) -> str:
+    """Make an identifier that sorts by the time it was made."""
+    return prefix + str(ULID()).lower()
+
+
+@dataclass(frozen=True)
+class Page(Generic[Row]):
+    """A piece of a list, newest first; ``cursor`` asks for the next piece and is ``None`` at the end."""
+
+    rows: list[Row]
+    cursor: int | None
+
+
+class Repository(Generic[Row]):
+    """Rows of one table."""
+
+    kind: str
+    table: type[Row]
+
+    def __init__(self, database: Database, clock: Clock = utc_now) -> None:
+        self.database, self.clock = database, clock
+
+    def get(self, identifier: str) -> Row:
+        """Find a row.
+
+        Raises
+        ------
+        NotFound
+            When there is none.
+        """
+        with self.database.read() as session:
+            return self._find(session, identifier)
+
+    def page(self, limit: int, before: int | None = None) -> Page[Row]:
+        """List the newest ``limit`` rows, or those made before the row with the sequence number ``before``."""
+        query = select(self.table).order_by(self.table.sequence.desc()).limit(limit + 1)
+        if before is not None:
+            query = query.where(self.table.sequence < before)
+        with self.database.read() as session:
+            rows = list(session.scalars(query))
+        return Page(rows[:limit], rows[limit - 1].sequence if len(rows) > limit else None)
+
+    def _find(self, session: Session, identifier: str) -> Row:
+        row = session.scalars(select(self.table).where(self.table.id == identifier)).one_or_none()
+        if row is None:
+            raise NotFound(self.kind, identifier)
+        return row

@@ -1,0 +1,125 @@
+"""States of scans and reconstructions, each with its one table of transitions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import StrEnum
+from types import MappingProxyType
+from typing import Final
+
+from steradian.errors import Conflict
+
+
+class ScanState(StrEnum):
+    """Where a scan stands."""
+
+    QUEUED = "queued"
+    ARMING = "arming"
+    RUNNING = "running"
+    PAUSING = "pausing"
+    PAUSED = "paused"
+    STOPPING = "stopping"
+    RECOVERING = "recovering"
+    COMPLETING = "completing"
+    ABORTING = "aborting"
+    INTERRUPTED = "interrupted"
+    COMPLETE = "complete"
+    PARTIAL = "partial"
+    ABORTED = "aborted"
+    FAILED = "failed"
+
+
+class ReconstructionState(StrEnum):
+    """Where a reconstruction stands."""
+
+    QUEUED = "queued"
+    RUNNING = "running"
+    CANCELLING = "cancelling"
+    SUCCEEDED = "succeeded"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+
+class DesiredScanState(StrEnum):
+    """What a person wants of a scan."""
+
+    RUNNING = "running"
+    PAUSED = "paused"
+    STOPPED = "stopped"
+    ABORTED = "aborted"
+
+
+_S = ScanState
+SCAN_TRANSITIONS: Final[Mapping[ScanState, frozenset[ScanState]]] = MappingProxyType(
+    {
+        # A scan that never fired needs nobody to switch off the laser, so it is aborted at once.
+        _S.QUEUED: frozenset({_S.ARMING, _S.ABORTED}),
+        _S.ARMING: frozenset({_S.RUNNING, _S.RECOVERING, _S.INTERRUPTED, _S.ABORTING, _S.FAILED}),
+        _S.RUNNING: frozenset(
+            {_S.COMPLETING, _S.PAUSING, _S.STOPPING, _S.RECOVERING, _S.INTERRUPTED, _S.ABORTING, _S.FAILED}
+        ),
+        _S.PAUSING: frozenset({_S.PAUSED, _S.INTERRUPTED, _S.ABORTING, _S.FAILED}),
+        _S.PAUSED: frozenset({_S.ARMING, _S.STOPPING, _S.INTERRUPTED, _S.ABORTING, _S.FAILED}),
+        _S.STOPPING: frozenset({_S.PARTIAL, _S.INTERRUPTED, _S.ABORTING, _S.FAILED}),
+        _S.RECOVERING: frozenset({_S.RUNNING, _S.INTERRUPTED, _S.ABORTING, _S.FAILED}),
+        _S.COMPLETING: frozenset({_S.COMPLETE, _S.INTERRUPTED, _S.ABORTING, _S.FAILED}),
+        _S.ABORTING: frozenset({_S.ABORTED, _S.INTERRUPTED, _S.FAILED}),
+        _S.INTERRUPTED: frozenset({_S.ARMING, _S.PARTIAL}),
+        _S.COMPLETE: frozenset(),
+        _S.PARTIAL: frozenset(),
+        _S.ABORTED: frozenset(),
+        _S.FAILED: frozenset(),
+    }
+)
+"""Which state may follow which. Every active state may become ``interrupted``: the service may end at any moment."""
+
+_R = ReconstructionState
+RECONSTRUCTION_TRANSITIONS: Final[Mapping[ReconstructionState, frozenset[ReconstructionState]]] = MappingProxyType(
+    {
+        _R.QUEUED: frozenset({_R.RUNNING, _R.CANCELLING}),
+        _R.RUNNING: frozenset({_R.SUCCEEDED, _R.FAILED, _R.CANCELLING, _R.QUEUED}),
+        _R.CANCELLING: frozenset({_R.CANCELLED}),
+        _R.SUCCEEDED: frozenset(),
+        _R.FAILED: frozenset(),
+        _R.CANCELLED: frozenset(),
+    }
+)
+"""Which state may follow which; ``running → queued`` is a worker's death, at most twice."""
+
+ACTIVE_SCAN_STATES: Final = frozenset(
+    state for state, following in SCAN_TRANSITIONS.items() if following and state not in {_S.QUEUED, _S.INTERRUPTED}
+)
+"""States in which a process should be at work on the scan."""
+
+SETTLED_SCAN_STATES: Final = frozenset(SCAN_TRANSITIONS) - ACTIVE_SCAN_STATES - {_S.QUEUED}
+"""States that change only when a person asks: the terminal ones and ``interrupted``."""
+
+DESIRABLE: Final[Mapping[ScanState, frozenset[DesiredScanState]]] = MappingProxyType(
+    {
+        state: frozenset({DesiredScanState.STOPPED, DesiredScanState.ABORTED})
+        if state in ACTIVE_SCAN_STATES or state is _S.QUEUED
+        else frozenset({DesiredScanState.STOPPED} if state is _S.INTERRUPTED else ())
+        for state in ScanState
+    }
+)
+"""What may be wished of a scan in each state, beyond what it already is."""
+
+
+def is_terminal(state: ScanState | ReconstructionState) -> bool:
+    """Whether nothing can follow ``state``."""
+    if isinstance(state, ScanState):
+        return not SCAN_TRANSITIONS[state]
+    return not RECONSTRUCTION_TRANSITIONS[state]
+
+
+def check_transition(identifier: str, present: ScanState, following: ScanState) -> None:
+    """Refuse a transition that the table does not have.
+
+    Raises
+    ------
+    Conflict
+        Naming both states and those that may follow.
+    """
+    if following not in SCAN_TRANSITIONS[present]:
+        allowed = ", ".join(sorted(SCAN_TRANSITIONS[present])) or "nothing, it is final"
+        raise Conflict(f"scan {identifier} is {present} and cannot become {following}; allowed: {allowed}")

@@ -1,0 +1,236 @@
+"""The supervisor: one process that owns a data directory and keeps the service's other processes running.
+
+supervisor ─┬─ api            answers HTTP on a socket that the supervisor has bound
+            ├─ acquisition    runs scans; starts the simulated scanner
+            └─ worker-0 …     take jobs; each job is a child of its worker
+
+Each child holds the far end of a pipe as its standard input. When the supervisor is gone, however it went, the pipe
+closes and the child ends; its own children likewise.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field
+from typing import IO
+
+from steradian.errors import InvalidInput
+from steradian.settings import Settings
+from steradian.storage.database import Database, use_write_ahead_log
+from steradian.storage.paths import DataDirectory
+
+TICK = 0.1
+FIRST_BACKOFF, LAST_BACKOFF = 0.5, 30.0
+STEADY_AFTER = 30.0
+"""Seconds after which a child counts as healthy and its next death is answered at once again."""
+GRACE = 8.0
+"""Seconds that the children get to end before they are killed."""
+BACKLOG = 512
+_log = logging.getLogger(__name__)
+
+
+@dataclass
+class Child:
+    """A process that is started again whenever it ends."""
+
+    name: str
+    command: Sequence[str]
+    environment: dict[str, str]
+    descriptors: tuple[int, ...] = ()
+    output: IO[bytes] | None = None
+    process: subprocess.Popen[bytes] | None = None
+    started: float = 0.0
+    backoff: float = FIRST_BACKOFF
+    due: float = field(default=0.0)
+
+    def start(self, now: float) -> None:
+        """Start it, in a process group of its own so that a terminal's Ctrl-C reaches only the supervisor."""
+        self.process = subprocess.Popen(
+            self.command,
+            stdin=subprocess.PIPE,
+            stderr=self.output,
+            stdout=self.output,
+            env=self.environment,
+            pass_fds=self.descriptors,
+            start_new_session=True,
+        )
+        self.started = now
+
+    def tend(self, now: float) -> None:
+        """Start it again if it has ended, after a pause that doubles while it keeps ending."""
+        if self.process is None:
+            if now >= self.due:
+                self.start(now)
+            return
+        code = self.process.poll()
+        if code is None:
+            return
+        self.backoff = FIRST_BACKOFF if now - self.started > STEADY_AFTER else min(2 * self.backoff, LAST_BACKOFF)
+        _log.error("%s ended with code %d; starting it again in %g s", self.name, code, self.backoff)
+        self._close_pipe()
+        self.process, self.due = None, now + self.backoff
+
+    def ask_to_end(self) -> None:
+        """Send SIGTERM."""
+        if self.process is not None and self.process.poll() is None:
+            self.process.terminate()
+
+    def end(self, deadline: float) -> None:
+        """Wait until it has ended; past the deadline it is killed with all of its group."""
+        if self.process is None:
+            return
+        try:
+            self.process.wait(max(0.0, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            _log.error("%s did not end in time and is killed", self.name)
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait()
+        self._close_pipe()
+
+    def _close_pipe(self) -> None:
+        if self.process is not None and self.process.stdin is not None:
+            self.process.stdin.close()
+
+
+def serve(
+    settings: Settings, announce: Callable[[str], None], stop: threading.Event, *, on_ready: str = "steradian serves"
+) -> None:
+    """Run the service until ``stop`` is set; then end every process within ten seconds.
+
+    Parameters
+    ----------
+    announce
+        Called with one line for a person once the service answers.
+
+    Raises
+    ------
+    DataDirectoryInUse
+        When another service owns the data directory.
+    InvalidInput
+        When the address cannot be listened on, or the data directory cannot be written.
+    """
+    data = DataDirectory(settings.data)
+    with ExitStack() as stack:
+        stack.enter_context(data.lock())
+        listener = stack.enter_context(_listen(settings))
+        _migrate(data)
+        url = _url(settings.host, listener.getsockname()[1])
+        children = _children(settings, listener)
+        stack.callback(_forget, data)
+        stack.callback(_end_all, children)
+        announced = False
+        while not stop.is_set():
+            for child in children:
+                child.tend(time.monotonic())
+            if not announced and _answers(f"{url}/healthz"):
+                announced = True
+                (data.root / "run" / "service.json").write_text(json.dumps({"url": url, "pid": os.getpid()}))
+                announce(f"{on_ready} at {url}/api/v1/ (data in {settings.data}); Ctrl-C ends it")
+            stop.wait(TICK)
+
+
+@contextmanager
+def running_worker(settings: Settings) -> Iterator[None]:
+    """Own the data directory and keep one worker running, without the rest of the service, until the block ends.
+
+    What the worker says is appended to ``run/worker.log`` in the data directory.
+
+    Raises
+    ------
+    DataDirectoryInUse
+        When a service owns the data directory; submit the job to it instead.
+    """
+    data = DataDirectory(settings.data)
+    with data.lock(), (data.root / "run" / "worker.log").open("ab") as log:
+        use_write_ahead_log(data.queue_file)
+        child = _worker(settings, 0, log)
+        over = threading.Event()
+        keeper = threading.Thread(target=_keep, args=(child, over), daemon=True)
+        keeper.start()
+        try:
+            yield
+        finally:
+            over.set()
+            keeper.join()
+            _end_all([child])
+
+
+def _keep(child: Child, over: threading.Event) -> None:
+    while not over.is_set():
+        child.tend(time.monotonic())
+        over.wait(TICK)
+
+
+def _children(settings: Settings, listener: socket.socket) -> list[Child]:
+    descriptor = listener.fileno()
+    python, environment = sys.executable, settings.environment()
+    return [
+        Child("api", [python, "-m", "steradian.api", str(descriptor)], environment, (descriptor,)),
+        Child("acquisition", [python, "-m", "steradian.scans.acquisition"], environment),
+        *(_worker(settings, slot, None) for slot in range(settings.workers)),
+    ]
+
+
+def _worker(settings: Settings, slot: int, output: IO[bytes] | None) -> Child:
+    command = [sys.executable, "-m", "steradian.reconstructions.worker", str(slot)]
+    return Child(f"worker-{slot}", command, settings.environment(), output=output)
+
+
+def _end_all(children: Sequence[Child]) -> None:
+    deadline = time.monotonic() + GRACE
+    for child in children:
+        child.ask_to_end()
+    for child in children:
+        child.end(deadline)
+
+
+def _forget(data: DataDirectory) -> None:
+    """Remove the signs of life of processes that have ended."""
+    for sign in (data.root / "run").glob("*.json"):
+        if sign.name != "owner.json":
+            sign.unlink(missing_ok=True)
+
+
+def _migrate(data: DataDirectory) -> None:
+    database = Database(data.metadata_url)
+    try:
+        database.migrate()
+    finally:
+        database.close()
+    use_write_ahead_log(data.queue_file)
+
+
+def _listen(settings: Settings) -> socket.socket:
+    try:
+        family = socket.getaddrinfo(settings.host, settings.port, type=socket.SOCK_STREAM)[0][0]
+        return socket.create_server((settings.host, settings.port), family=family, backlog=BACKLOG)
+    except OSError as error:
+        where = f"{settings.host}:{settings.port}"
+        raise InvalidInput("host and port", where, f"an address that is free ({error.strerror or error})") from error
+
+
+def _url(host: str, port: int) -> str:
+    """Address for a browser on this machine; a wildcard address is reached through the loopback."""
+    name = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)  # noqa: S104 - compared, not bound
+    return f"http://[{name}]:{port}" if ":" in name else f"http://{name}:{port}"
+
+
+def _answers(url: str) -> bool:
+    try:
+        with urllib.request.urlopen(url, timeout=1.0) as answer:  # noqa: S310 - our own address
+            return bool(answer.status == 200)
+    except (urllib.error.URLError, OSError):
+        return False

@@ -1,0 +1,189 @@
+import threading
+import time
+
+import httpx
+import numpy as np
+import pytest
+
+from steradian.masks import equi_steradian_mask
+from steradian.storage.scans import ScanRepository
+from steradian.storage.states import ScanState
+
+EQUI = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 60}
+
+
+def test_the_root_says_what_the_service_is_and_its_links_lead_somewhere(server, http):
+    root = http.get("/").json()
+    assert (root["name"], root["mode"]) == ("steradian", "simulated")
+    assert root["limits"]["mask_points"] == 5000
+    for link in root["links"].values():
+        assert httpx.get(server.url + link).status_code in (200, 503)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        EQUI | {"count": 70},
+        {"arrangement": "grid", "aperture": 0.01, "count": 3, "interval": 1e-3},
+        {"arrangement": "points", "aperture": 0.01, "positions": [[0, 0], [1e-3, 0]], "weights": [1, 2]},
+    ],
+    ids=lambda body: body["arrangement"],
+)
+def test_the_same_mask_is_made_once_and_has_one_address(http, body):
+    first, second = http.post("/masks", json=body), http.post("/masks", json=body)
+    assert (first.status_code, second.status_code) == (201, 200)
+    assert first.json() == second.json()
+    assert first.headers["location"] == second.headers["location"] == first.json()["links"]["self"]
+    assert http.get(f"/masks/{first.json()['id']}").json() == first.json()
+
+
+def test_the_points_are_those_of_the_library(http, mask):
+    points = http.get(f"/masks/{mask['id']}/points").json()
+    own = equi_steradian_mask(13.56e-3, 3.6e-3, 60)
+    assert mask["id"] == points["id"] == own.id
+    np.testing.assert_array_equal(points["positions"], own.positions)
+    np.testing.assert_array_equal(points["weights"], own.weights)
+
+
+def test_the_same_plan_is_made_once_and_states_its_cost(http, mask):
+    body = {"mask_id": mask["id"], "pulse_rate": 100, "samples": 300}
+    first, second = http.post("/plans", json=body), http.post("/plans", json=body)
+    assert (first.status_code, second.status_code) == (201, 200)
+    plan = http.get(f"/plans/{first.json()['id']}").json()
+    assert plan == first.json() == second.json()
+    assert plan["preview"]["laser_seconds"] == pytest.approx(mask["count"] / 100)
+    assert plan["preview"]["bytes"] == mask["count"] * 300 * 2
+
+
+def test_a_scan_waits_in_the_queue_and_says_that_it_is_simulated(http, plan):
+    answer = http.post("/scans", json={"plan_id": plan["id"]})
+    scan = answer.json()
+    assert answer.status_code == 201
+    assert answer.headers["location"] == scan["links"]["self"]
+    assert (scan["state"], scan["desired_state"], scan["simulated"]) == ("queued", "running", True)
+    assert http.get(f"/scans/{scan['id']}").json() == scan
+
+
+def test_a_repeated_idempotency_key_finds_the_same_scan(http, plan):
+    key, body = {"Idempotency-Key": "try-1"}, {"plan_id": plan["id"]}
+    first = http.post("/scans", json=body, headers=key)
+    second = http.post("/scans", json=body, headers=key)
+    assert first.json()["id"] == second.json()["id"]
+    assert (first.status_code, second.status_code) == (201, 201)
+    assert "idempotency-replayed" not in first.headers
+    assert second.headers["idempotency-replayed"] == "true"
+    other = http.post("/scans", json=body | {"plan_id": plan["id"] + "x"}, headers=key)
+    assert other.status_code in (404, 422)
+    assert http.post("/scans", json=body).json()["id"] != first.json()["id"]
+
+
+def test_lists_are_paged_and_every_scan_is_in_them_once(http, plan):
+    made = [http.post("/scans", json={"plan_id": plan["id"]}).json()["id"] for _ in range(5)]
+    seen, url = [], "/scans?limit=2"
+    while url:
+        answer = http.get(url)
+        seen += [scan["id"] for scan in answer.json()["items"]]
+        following = answer.links.get("next", {}).get("url")
+        url = following and following.removeprefix("/api/v1")
+    assert seen[:5] == made[::-1]
+    assert len(seen) == len(set(seen))
+
+
+def test_waiting_ends_when_the_scan_is_over(server, http, scan):
+    def finish():
+        time.sleep(0.3)
+        scans = ScanRepository(server.database)
+        for state in (ScanState.ARMING, ScanState.RUNNING, ScanState.COMPLETING, ScanState.COMPLETE):
+            scans.transition(scan["id"], state, why="test")
+
+    thread = threading.Thread(target=finish)
+    thread.start()
+    start = time.monotonic()
+    answer = http.get(f"/scans/{scan['id']}", headers={"Prefer": "respond-async, wait=20"})
+    thread.join()
+    assert answer.json()["state"] == "complete"
+    assert answer.headers["preference-applied"] == "wait=20"
+    assert 0.2 < time.monotonic() - start < 5
+
+
+def test_waiting_ends_after_the_time_that_was_asked_for(http, scan):
+    start = time.monotonic()
+    answer = http.get(f"/scans/{scan['id']}", headers={"Prefer": "wait=1"})
+    assert answer.json()["state"] == "queued"
+    assert 0.9 < time.monotonic() - start < 4
+
+
+def test_a_client_that_leaves_while_it_waits_changes_nothing(http, scan):
+    with pytest.raises(httpx.ReadTimeout):
+        http.get(f"/scans/{scan['id']}", headers={"Prefer": "wait=60"}, timeout=0.3)
+    assert http.get(f"/scans/{scan['id']}").json() == scan
+
+
+def test_a_wish_is_kept_and_may_be_repeated(http, scan):
+    for _ in range(2):
+        answer = http.put(f"/scans/{scan['id']}/desired-state", json={"state": "stopped", "reason": "too warm"})
+        assert answer.status_code == 200
+        assert (answer.json()["desired_state"], answer.json()["reason"]) == ("stopped", "too warm")
+
+
+def test_what_is_not_over_has_no_file_yet_and_says_when_to_ask_again(http, scan):
+    for answer in (
+        http.get(f"/scans/{scan['id']}/file"),
+        http.post("/reconstructions", json={"scan_id": scan["id"]}),
+    ):
+        assert (answer.status_code, answer.json()["code"]) == (409, "not-ready")
+        assert answer.json()["retryable"] is True
+        assert answer.headers["retry-after"] == "1"
+
+
+def test_a_volume_beyond_the_limit_is_refused_before_it_is_queued(server, http, scan):
+    scans = ScanRepository(server.database)
+    for state in (ScanState.ARMING, ScanState.RUNNING, ScanState.STOPPING, ScanState.PARTIAL):
+        scans.transition(scan["id"], state, why="test", summary={"points": 69, "stored": 5, "fired": 5})
+    server.data.scan_file(scan["id"]).write_bytes(b"not read here")
+    answer = http.post("/reconstructions", json={"scan_id": scan["id"], "parameters": {"modes": 226}})
+    assert answer.status_code == 422
+    assert answer.json()["errors"][0]["pointer"] == "#/parameters/modes"
+    assert "at most 16777216 bytes" in answer.json()["detail"]
+
+
+def test_a_reconstruction_is_queued_before_there_is_a_worker_and_can_be_cancelled(server, http, scan):
+    scans = ScanRepository(server.database)
+    for state in (ScanState.ARMING, ScanState.RUNNING, ScanState.STOPPING, ScanState.PARTIAL):
+        scans.transition(scan["id"], state, why="test", summary={"points": 69, "stored": 5, "fired": 5})
+    server.data.scan_file(scan["id"]).write_bytes(b"not read here")
+    answer = http.post("/reconstructions", json={"scan_id": scan["id"], "parameters": {"modes": 32}})
+    job = answer.json()
+    assert (answer.status_code, job["state"], job["attempt"]) == (202, "queued", 0)
+    assert answer.headers["location"] == job["links"]["self"]
+    assert http.get(f"/reconstructions/{job['id']}/log").text == ""
+    for link in ("volume", "mip_z"):
+        answer = http.get(job["links"][link].removeprefix("/api/v1"))
+        assert (answer.status_code, answer.json()["code"]) == (409, "not-ready")
+    for _ in range(2):
+        answer = http.put(f"/reconstructions/{job['id']}/desired-state", json={"state": "cancelled", "reason": "typo"})
+        assert (answer.status_code, answer.json()["state"], answer.json()["reason"]) == (200, "cancelled", "typo")
+    answer = http.get(job["links"]["mip_z"].removeprefix("/api/v1"))
+    assert (answer.status_code, answer.json()["code"]) == (409, "conflict")
+    assert job["id"] in [item["id"] for item in http.get("/reconstructions").json()["items"]]
+
+
+def test_ready_names_what_is_missing(server):
+    answer = httpx.get(f"{server.url}/readyz")
+    checks = answer.json()["checks"]
+    assert answer.status_code == 503
+    assert checks["database"]
+    assert checks["store"]
+    assert not checks["acquisition"]
+    assert not checks["worker-0"]
+
+
+def test_every_operation_documents_its_problems(server):
+    document = httpx.get(f"{server.url}/openapi.json").json()
+    assert "Problem" in document["components"]["schemas"]
+    assert "HTTPValidationError" not in document["components"]["schemas"]
+    for path, operations in document["paths"].items():
+        for method, operation in operations.items():
+            assert operation["summary"], (method, path)
+            for status in ("404", "409", "422", "5XX"):
+                assert "application/problem+json" in operation["responses"][status]["content"], (method, path)

@@ -1,0 +1,163 @@
+"""A scan file is valid at every moment and holds what was acknowledged."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import textwrap
+
+import h5py
+import numpy as np
+import pytest
+
+from steradian.errors import Conflict, DamagedFile, InvalidInput, NotFound
+from steradian.scans.recording import open_recording
+from steradian.scans.store import AlineStore, create_scan_file
+
+
+@pytest.fixture
+def path(tmp_path, plan):
+    file = tmp_path / "scan.h5"
+    create_scan_file(file, plan, scan_id="s1", scanner="SIM-1", simulated=True)
+    return file
+
+
+def test_a_complete_scan_comes_back_bit_exact_in_mask_order(path, plan, alines):
+    """Row m of a recording belongs to position m of the mask, whatever the order of the visit."""
+    with AlineStore(path) as store:
+        store.append(alines)
+    recording = open_recording(path)
+    np.testing.assert_array_equal(recording.traces[plan.visit], [aline.samples for aline in alines])
+    np.testing.assert_array_equal(recording.positions, plan.mask.positions)
+    np.testing.assert_allclose(recording.weights, plan.mask.weights)
+    assert recording.sampling_interval == plan.sampling_interval
+    assert recording.provenance["plan_id"] == plan.id
+    assert recording.provenance["mask_id"] == plan.mask.id
+    assert recording.provenance["simulated"] == "True"
+
+
+def test_a_partial_scan_has_its_points_and_rescaled_weights(path, plan, alines):
+    """What is missing is left out; the weights of the rest sum to the aperture again."""
+    with AlineStore(path) as store:
+        store.append(alines[:20])
+    recording = open_recording(path)
+    assert len(recording.traces) == 20
+    assert recording.planned == plan.mask.count
+    np.testing.assert_array_equal(recording.positions, plan.mask.positions[np.sort(plan.visit[:20])])
+    assert recording.weights.sum() == pytest.approx(plan.mask.area)
+
+
+def test_the_file_is_readable_by_plain_hdf5_while_it_is_written(path, alines):
+    """Another program sees the appended A-lines of a running scan at once."""
+    with AlineStore(path) as store:
+        store.append(alines[:7])
+        with h5py.File(path, "r") as file:
+            assert int(np.sum(file["alines/status"][:])) == 7
+            assert file["alines/samples"].chunks is not None
+            assert file["mask/positions"].attrs["units"] == "m"
+
+
+def test_a_copy_taken_between_any_two_writes_is_valid(path, alines, tmp_path):
+    """A power cut at any moment leaves a readable file with every acknowledged A-line."""
+    copy = tmp_path / "copy.h5"
+    with AlineStore(path) as store:
+        overwrite = store._overwrite
+        acknowledged = 0
+
+        def overwrite_and_check(offset, data):
+            overwrite(offset, data)
+            if acknowledged:
+                shutil.copy(path, copy)
+                assert len(open_recording(copy).traces) >= acknowledged
+
+        store._overwrite = overwrite_and_check
+        for first in range(0, 20, 4):
+            store.append(alines[first : first + 4])
+            acknowledged += 4
+
+
+def test_a_half_written_row_is_left_out(path, plan, alines):
+    """A row that does not match its checksum, as a power cut may leave it, is not passed off as data."""
+    with AlineStore(path) as store:
+        store.append(alines)
+    place = int(plan.visit[5])
+    with h5py.File(path, "r+") as file:
+        row = file["alines/samples"][place]
+        row[100:] = 0
+        file["alines/samples"][place] = row
+    assert len(open_recording(path).traces) == plan.mask.count - 1
+
+
+def test_kill_9_loses_no_acknowledged_aline(path, plan, tmp_path):
+    """A writer killed in the middle leaves every A-line that it said was durable."""
+    script = textwrap.dedent(f"""
+        import sys, numpy as np
+        sys.path.insert(0, {str(os.path.dirname(__file__))!r})
+        from conftest import Aline
+        from pathlib import Path
+        from steradian.scans.store import AlineStore
+        store = AlineStore(Path({str(path)!r}))
+        for point in range(store.count):
+            store.append([Aline(point, np.full(store.samples, point, np.int16))])
+            print(point, flush=True)
+    """)
+    writer = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)
+    acknowledged = [int(next(writer.stdout)) for _ in range(25)]
+    writer.send_signal(signal.SIGKILL)
+    acknowledged += [int(line) for line in writer.stdout if line.endswith("\n")]
+    writer.wait()
+    writer.stdout.close()
+    with h5py.File(path, "r") as file:
+        samples, status = file["alines/samples"][:], file["alines/status"][:]
+    for point in acknowledged:
+        assert status[plan.visit[point]] == 1
+        assert (samples[plan.visit[point]] == point).all()
+
+
+def test_an_existing_file_is_never_overwritten(path, plan):
+    """Creating a scan where a file exists is refused and leaves the file alone."""
+    before = path.read_bytes()
+    with pytest.raises(Conflict, match="exists"):
+        create_scan_file(path, plan)
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("size", [0, 100, 5000])
+def test_a_truncated_file_is_named(path, alines, size):
+    """A truncated file is a clear error with its name."""
+    with AlineStore(path) as store:
+        store.append(alines)
+    os.truncate(path, size)
+    with pytest.raises(DamagedFile, match=r"scan\.h5"):
+        open_recording(path)
+
+
+def test_unknown_and_foreign_files_are_named(tmp_path):
+    """A missing file, another HDF5 file and plain text are told apart."""
+    with pytest.raises(NotFound, match=r"none\.h5"):
+        open_recording(tmp_path / "none.h5")
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["a"] = 1
+    with pytest.raises(DamagedFile, match="format is None"):
+        open_recording(tmp_path / "other.h5")
+    (tmp_path / "text").write_text("hello")
+    with pytest.raises(DamagedFile, match="neither"):
+        open_recording(tmp_path / "text")
+
+
+def test_an_empty_scan_cannot_be_reconstructed(path):
+    """A scan without any A-line says so."""
+    with pytest.raises(DamagedFile, match="no A-line"):
+        open_recording(path)
+
+
+def test_alines_of_another_plan_are_refused(path, alines):
+    """An A-line of the wrong length or an unknown point is not stored."""
+    with AlineStore(path) as store:
+        wrong = type(alines[0])(0, np.zeros(5, np.int16))
+        with pytest.raises(InvalidInput, match="samples"):
+            store.append([wrong])
+        with pytest.raises(InvalidInput, match="point"):
+            store.append([type(alines[0])(10**6, alines[0].samples)])
+        assert store.stored == 0

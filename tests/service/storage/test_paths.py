@@ -1,0 +1,50 @@
+import subprocess
+import sys
+
+import pytest
+
+from steradian.errors import InvalidInput
+from steradian.storage.paths import DataDirectory, DataDirectoryInUse
+
+HOLD = """
+import sys, pathlib
+from steradian.storage.paths import DataDirectory
+with DataDirectory(pathlib.Path(sys.argv[1])).lock():
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+@pytest.fixture
+def holder(tmp_path):
+    command = [sys.executable, "-c", HOLD, str(tmp_path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdout.readline() == b"held\n"
+        yield process
+        process.kill()
+
+
+def test_a_second_service_on_a_data_directory_is_refused_and_told_whose_it_is(tmp_path, holder):
+    with pytest.raises(DataDirectoryInUse, match=f"in use by process {holder.pid}"), DataDirectory(tmp_path).lock():
+        pass
+
+
+def test_a_killed_service_leaves_the_directory_free(tmp_path, holder):
+    holder.kill()
+    holder.wait()
+    with DataDirectory(tmp_path).lock():
+        pass
+
+
+def test_a_file_in_place_of_the_directory_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InvalidInput, match=r"data is .*file"):
+        DataDirectory(tmp_path / "file").create()
+
+
+def test_a_job_knows_whether_a_process_runs_it(tmp_path):
+    job = DataDirectory(tmp_path).job("j1")
+    assert not job.is_running
+    with job.running():
+        assert DataDirectory(tmp_path).job("j1").is_running
+    assert not job.is_running

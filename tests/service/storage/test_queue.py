@@ -1,0 +1,175 @@
+"""The queue with a real worker process and real jobs; what a job does stands in ``echo_job.py``."""
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from steradian.errors import Conflict, NotFound
+from steradian.settings import Settings
+from steradian.storage.jobs import JobRequest
+from steradian.storage.queue import JobQueue
+from steradian.storage.states import ReconstructionState
+
+R = ReconstructionState
+WORKER = """
+import sys
+from steradian.settings import Settings
+from steradian.storage.queue import run_worker
+run_worker(Settings.create(), 0, {"echo": [sys.executable, sys.argv[1]]})
+"""
+
+
+class Bench:
+    """A queue, its worker, and a diary in which each start of a job notes its process."""
+
+    def __init__(self, folder):
+        self.settings = Settings.create(data=folder)
+        self.queue = JobQueue(self.settings)
+        self.worker = None
+
+    def start(self):
+        command = [sys.executable, "-c", WORKER, str(Path(__file__).with_name("echo_job.py"))]
+        self.worker = subprocess.Popen(command, env=self.settings.environment())
+
+    def submit(self, name, do, **more):
+        payload = {"do": do, "diary": str(self.settings.data / name), **more}
+        return self.queue.submit(JobRequest(name, "echo", payload))
+
+    def starts(self, name):
+        path = self.settings.data / name
+        return [int(pid) for pid in path.read_text().split()] if path.exists() else []
+
+    def until_working(self, name, attempt=1):
+        wait_for(lambda: len(self.starts(name)) == attempt)
+        wait_for(lambda: self.queue.status(name).stage == "working")
+        return self.starts(name)[-1]
+
+    def close(self):
+        self.worker.terminate()
+        self.worker.wait(10)
+        self.queue.close()
+
+
+def wait_for(condition, seconds=20.0):
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, "it did not happen in time"
+        time.sleep(0.02)
+
+
+def is_running(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    bench = Bench(tmp_path_factory.mktemp("queue"))
+    bench.start()
+    yield bench
+    bench.close()
+
+
+def test_a_job_runs_once_and_leaves_its_result(bench):
+    bench.submit("good", "succeed", answer=42)
+    bench.submit("good", "succeed", answer=43)
+    seen = []
+    status = bench.queue.wait("good", timeout=20, progress=lambda *progress: seen.append(progress))
+    assert (status.state, status.attempt, status.result) == (R.SUCCEEDED, 1, {"answer": 42})
+    assert seen[-1] == ("working", 1, 4)
+    assert len(bench.starts("good")) == 1
+    assert status.created <= status.started <= status.ended
+
+
+def test_a_job_that_states_its_error_fails_at_once_with_it(bench):
+    bench.submit("bad", "fail")
+    status = bench.queue.wait("bad", timeout=20)
+    assert (status.state, status.attempt) == (R.FAILED, 1)
+    assert (status.error_code, status.error) == ("invalid-input", "depth is -1; allowed: > 0 (m)")
+
+
+def test_a_job_that_crashes_fails_at_once_and_its_log_has_the_traceback(bench):
+    bench.submit("crash", "crash")
+    status = bench.queue.wait("crash", timeout=20)
+    assert (status.state, status.attempt, status.error) == (R.FAILED, 1, "ZeroDivisionError: oh")
+    log = (bench.settings.data / "reconstructions" / "crash" / "log.txt").read_text()
+    assert "ZeroDivisionError: oh" in log
+    assert 'raise ZeroDivisionError("oh")' in log
+
+
+def test_a_job_whose_process_is_killed_is_started_three_times_then_fails(bench):
+    bench.submit("poison", "die")
+    status = bench.queue.wait("poison", timeout=20)
+    assert (status.state, status.attempt, status.error_code) == (R.FAILED, 3, "died")
+    assert "SIGKILL" in status.error
+    assert len(bench.starts("poison")) == 3
+
+
+def test_cancelling_a_running_job_kills_its_process_within_a_second(bench):
+    bench.submit("long", "hang")
+    pid = bench.until_working("long")
+    start = time.monotonic()
+    assert bench.queue.cancel("long").state in {R.CANCELLING, R.CANCELLED}
+    wait_for(lambda: not is_running(pid))
+    assert time.monotonic() - start < 1
+    assert bench.queue.wait("long", timeout=5).state is R.CANCELLED
+    assert bench.queue.cancel("long").state is R.CANCELLED
+    bench.submit("after", "succeed", answer=1)
+    assert bench.queue.wait("after", timeout=20).state is R.SUCCEEDED
+
+
+def test_a_job_cancelled_before_its_turn_never_starts(bench):
+    bench.submit("front", "hang")
+    bench.until_working("front")
+    bench.submit("waiting", "succeed", answer=1)
+    assert bench.queue.status("waiting").state is R.QUEUED
+    assert bench.queue.cancel("waiting").state is R.CANCELLED
+    bench.queue.cancel("front")
+    assert bench.queue.wait("front", timeout=5).state is R.CANCELLED
+    assert bench.starts("waiting") == []
+
+
+def test_a_finished_job_cannot_be_cancelled_and_an_unknown_one_is_named(bench):
+    bench.submit("done", "succeed", answer=1)
+    bench.queue.wait("done", timeout=20)
+    with pytest.raises(Conflict, match="done has succeeded"):
+        bench.queue.cancel("done")
+    with pytest.raises(NotFound, match="no job 'nope'"):
+        bench.queue.status("nope")
+
+
+def test_a_killed_workers_job_ends_with_it_and_is_started_again(bench):
+    bench.submit("orphan", "hang")
+    pid = bench.until_working("orphan")
+    bench.worker.kill()
+    bench.worker.wait()
+    wait_for(lambda: not is_running(pid), 3)
+    bench.start()
+    bench.until_working("orphan", attempt=2)
+    assert bench.queue.status("orphan").attempt == 2
+
+
+def test_a_worker_that_is_asked_to_end_puts_its_job_back_without_counting_it(bench):
+    bench.submit("back", "hang")
+    if bench.queue.status("orphan").state is R.RUNNING:
+        bench.queue.cancel("orphan")
+    pid = bench.until_working("back")
+    start = time.monotonic()
+    bench.worker.terminate()
+    assert bench.worker.wait(10) == 0
+    assert time.monotonic() - start < 5
+    assert not is_running(pid)
+    bench.start()
+    bench.until_working("back", attempt=2)
+    assert bench.queue.status("back").attempt == 1
+    bench.queue.cancel("back")
+
+
+def test_only_who_uses_the_queue_loads_its_engine():
+    code = "import steradian.storage.jobs, steradian.api.services, sys; print('dbos' in sys.modules)"
+    assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "False"

@@ -1,0 +1,105 @@
+"""Every pair of states is either in the table or refused, and the tables say what they should."""
+
+import itertools
+
+import pytest
+
+from steradian.errors import Conflict
+from steradian.storage import states
+from steradian.storage.states import (
+    ACTIVE_SCAN_STATES,
+    DESIRABLE,
+    RECONSTRUCTION_TRANSITIONS,
+    SCAN_TRANSITIONS,
+    SETTLED_SCAN_STATES,
+    DesiredScanState,
+    ReconstructionState,
+    ScanState,
+    check_transition,
+    is_terminal,
+)
+
+S, R = ScanState, ReconstructionState
+
+SCAN_PATHS = [
+    "queued arming running completing complete",
+    "running pausing paused arming",
+    "running stopping partial",
+    "paused stopping partial",
+    "arming recovering running",
+    "running recovering interrupted",
+    "interrupted arming",
+    "interrupted partial",
+    "queued aborted",
+    *(f"{state} aborting aborted" for state in ACTIVE_SCAN_STATES - {S.ABORTING}),
+    *(f"{state} failed" for state in ACTIVE_SCAN_STATES),
+    *(f"{state} interrupted" for state in ACTIVE_SCAN_STATES),
+]
+RECONSTRUCTION_PATHS = [
+    "queued running succeeded",
+    "running failed",
+    "running queued",
+    "queued cancelling cancelled",
+    "running cancelling cancelled",
+]
+
+
+def pairs(paths):
+    return {pair for path in paths for pair in itertools.pairwise(path.split())}
+
+
+@pytest.mark.parametrize(("present", "following"), list(itertools.product(S, S)))
+def test_a_scan_changes_only_along_the_paths_of_the_design(present, following):
+    if (present, following) in pairs(SCAN_PATHS):
+        check_transition("s1", present, following)
+    else:
+        with pytest.raises(Conflict, match=f"s1 is {present} and cannot become {following}"):
+            check_transition("s1", present, following)
+
+
+@pytest.mark.parametrize(("present", "following"), list(itertools.product(R, R)))
+def test_a_reconstruction_changes_only_along_the_paths_of_the_design(present, following):
+    assert (following in RECONSTRUCTION_TRANSITIONS[present]) == ((present, following) in pairs(RECONSTRUCTION_PATHS))
+
+
+def test_every_state_is_in_its_table_and_can_be_left_or_is_final():
+    assert set(SCAN_TRANSITIONS) == set(S)
+    assert set(RECONSTRUCTION_TRANSITIONS) == set(R)
+    assert {s for s in S if is_terminal(s)} == {S.COMPLETE, S.PARTIAL, S.ABORTED, S.FAILED}
+    assert {r for r in R if is_terminal(r)} == {R.SUCCEEDED, R.FAILED, R.CANCELLED}
+
+
+def test_every_scan_state_is_reachable_and_reaches_an_end():
+    def reach(start):
+        seen, front = {start}, [start]
+        while front:
+            new = SCAN_TRANSITIONS[front.pop()] - seen
+            seen |= new
+            front += new
+        return seen
+
+    assert reach(S.QUEUED) == set(S)
+    for state in S:
+        assert reach(state) & {S.COMPLETE, S.PARTIAL, S.ABORTED, S.FAILED}
+
+
+def test_a_state_is_queued_or_active_or_settled():
+    groups = [{S.QUEUED}, ACTIVE_SCAN_STATES, SETTLED_SCAN_STATES]
+    assert set().union(*groups) == set(S)
+    assert sum(map(len, groups)) == len(S)
+
+
+@pytest.mark.parametrize("state", S)
+def test_what_can_be_wished_can_be_reached(state):
+    for wish in DESIRABLE[state]:
+        goal = {DesiredScanState.STOPPED: {S.PARTIAL, S.ABORTED}, DesiredScanState.ABORTED: {S.ABORTED}}[wish]
+        front, seen = [state], set()
+        while front:
+            seen.add(present := front.pop())
+            front += SCAN_TRANSITIONS[present] - seen
+        assert goal & seen, wish
+
+
+def test_the_tables_cannot_be_changed_by_accident():
+    with pytest.raises(TypeError):
+        states.SCAN_TRANSITIONS[S.COMPLETE] = frozenset(S)

@@ -1,0 +1,180 @@
+"""``steradian serve`` as a person meets it: real processes, a real port, a real data directory."""
+
+import io
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import httpx
+import matplotlib.image
+import numpy as np
+import pytest
+
+MAIN = [sys.executable, "-c", "from steradian.cli import main; main()"]
+WAIT = {"Prefer": "wait=60"}
+EQUI = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 60}
+
+
+class Service:
+    """A running ``steradian serve`` on a free port."""
+
+    def __init__(self, folder):
+        command = [*MAIN, "serve", "--port", "0", "--data", str(folder)]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        line = self.process.stdout.readline()
+        assert "simulated scanner" in line
+        self.http = httpx.Client(base_url=line.partition(" at ")[2].split()[0], timeout=90)
+
+    def make(self, path, **body):
+        answer = self.http.post(path, json=body, headers=WAIT)
+        assert answer.status_code in (200, 201), answer.text
+        return answer.json()
+
+    def get(self, path):
+        return self.http.get(path).raise_for_status().json()
+
+    def tree(self):
+        """Processes it started, and those they started."""
+        found = [self.process.pid]
+        parents = {int(p.name): parent_of(p) for p in Path("/proc").iterdir() if p.name.isdecimal()}
+        for pid in found:
+            found += [child for child, parent in parents.items() if parent == pid]
+        return found[1:]
+
+    def end(self, number=signal.SIGINT):
+        self.process.send_signal(number)
+        code = self.process.wait(12)
+        self.close()
+        return code
+
+    def close(self):
+        self.process.kill()
+        self.process.wait()
+        self.process.stdout.close()
+        self.http.close()
+
+
+@pytest.fixture
+def start(tmp_path):
+    """Starts the service on one data directory; whatever the test leaves running is killed."""
+    started = []
+
+    def start():
+        started.append(Service(tmp_path))
+        return started[-1]
+
+    yield start
+    for service in started:
+        service.close()
+
+
+def parent_of(folder):
+    try:
+        fields = (folder / "stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return None
+    return None if fields[0] == "Z" else int(fields[1])
+
+
+def wait_for(condition, seconds):
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, "it did not happen in time"
+        time.sleep(0.05)
+
+
+def answers(service):
+    try:
+        return service.http.get("/").status_code == 200
+    except httpx.TransportError:
+        return False
+
+
+def are_gone(pids):
+    return all(parent_of(Path(f"/proc/{pid}")) is None for pid in pids)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)  # the first reconstruction on a machine compiles its kernels
+def test_the_whole_walk_an_end_and_a_second_start(tmp_path, start):
+    service = start()
+
+    # The walk: mask, plan, scan, reconstruction, projection, without polling.
+    mask = service.make("/masks", **EQUI)
+    plan = service.make("/plans", mask_id=mask["id"], samples=256)
+    scan = service.make("/scans", plan_id=plan["id"])
+    assert (scan["state"], scan["simulated"]) == ("complete", True)
+    assert scan["summary"] == {"points": 69, "stored": 69, "fired": 69}
+    reconstruction = service.make("/reconstructions", scan_id=scan["id"], parameters={"modes": 32})
+    assert (reconstruction["state"], reconstruction["error"]) == ("succeeded", None)
+    assert reconstruction["report"]["provenance"]["mask_id"] == mask["id"]
+    here = f"/reconstructions/{reconstruction['id']}"
+    for axis in "xyz":
+        picture = service.http.get(f"{here}/mip?axis={axis}")
+        assert picture.headers["content-type"] == "image/png"
+        assert matplotlib.image.imread(io.BytesIO(picture.content)).ndim == 3
+    values = np.load(io.BytesIO(service.http.get(f"{here}/volume").content))
+    assert (values.shape, values.dtype) == ((32, 32, 256), np.float32)
+    assert values.any()
+    file = service.http.get(f"/scans/{scan['id']}/file")
+    with h5py.File(io.BytesIO(file.content), "r") as content:
+        assert content["alines/samples"].shape == (69, 256)
+    part = service.http.get(f"/scans/{scan['id']}/file", headers={"Range": "bytes=0-7"})
+    assert (part.status_code, part.content) == (206, b"\x89HDF\r\n\x1a\n")
+
+    # A second service on the same directory is refused in one clear line.
+    second = subprocess.run([*MAIN, "serve", "--port", "0", "--data", str(tmp_path)], capture_output=True, text=True)
+    assert second.returncode == 4
+    assert f"in use by process {service.process.pid}" in second.stderr
+    assert "Traceback" not in second.stderr
+
+    # Ctrl-C in the middle of a scan and with a job queued: every process ends, nothing is lost.
+    slow = service.make("/plans", mask_id=mask["id"], samples=256, pulse_rate=1, averages=10)
+    running = service.http.post("/scans", json={"plan_id": slow["id"]}).json()
+    wait_for(lambda: service.get(f"/scans/{running['id']}")["state"] == "running", 10)
+    queued = service.http.post("/reconstructions", json={"scan_id": scan["id"], "parameters": {"modes": 24}})
+    assert queued.status_code == 202
+    processes = service.tree()
+    assert len(processes) >= 4, "API, acquisition, simulator, worker"
+    assert service.end() == 0
+    wait_for(lambda: are_gone(processes), 1)
+
+    # The second start.
+    service = start()
+    for kind, made in {"masks": mask, "plans": plan, "scans": scan, "reconstructions": reconstruction}.items():
+        assert made in service.get(f"/{kind}")["items"]
+    done = service.http.get(f"/reconstructions/{queued.json()['id']}", headers=WAIT).json()
+    assert (done["state"], done["attempt"]) == ("succeeded", 1)
+    assert service.get(f"/scans/{running['id']}")["state"] == "interrupted", "the laser never starts by itself"
+    service.http.put(f"/scans/{running['id']}/desired-state", json={"state": "stopped"}).raise_for_status()
+    wait_for(lambda: service.get(f"/scans/{running['id']}")["state"] == "partial", 5)
+    assert service.get(f"/scans/{running['id']}")["summary"]["stored"] > 0
+    wait_for(lambda: httpx.get(str(service.http.base_url.join("/readyz"))).status_code == 200, 10)
+
+    # A child that is killed is started again; a killed supervisor takes every process with it.
+    processes = service.tree()
+    api = next(pid for pid in processes if b"steradian.api" in Path(f"/proc/{pid}/cmdline").read_bytes())
+    os.kill(api, signal.SIGKILL)
+    wait_for(lambda: api not in service.tree(), 2)
+    wait_for(lambda: answers(service), 20)
+    assert service.get("/scans")["items"]
+    processes = service.tree()
+    assert service.end(signal.SIGKILL) == -signal.SIGKILL
+    wait_for(lambda: are_gone(processes), 10)
+
+
+def test_a_port_in_use_is_named(tmp_path):
+    import socket
+
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        result = subprocess.run(
+            [*MAIN, "serve", "--port", port, "--data", str(tmp_path)], capture_output=True, text=True
+        )
+    assert result.returncode == 2
+    assert f"127.0.0.1:{port}" in result.stderr
+    assert "Traceback" not in result.stderr

@@ -1,0 +1,31 @@
+from pathlib import Path
+
+import pytest
+
+from steradian.errors import InvalidInput
+from steradian.settings import Settings
+
+
+def test_a_variable_sets_what_is_not_given(monkeypatch):
+    monkeypatch.setenv("STERADIAN_PORT", "9000")
+    monkeypatch.setenv("STERADIAN_WORKERS", "3")
+    settings = Settings.create(data=Path("here"), workers=2, host=None)
+    assert (settings.port, settings.workers, settings.host) == (9000, 2, "127.0.0.1")
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "allowed"),
+    [("port", 70_000, "at most 65535"), ("workers", -1, "at least 0"), ("simulator_speed", 0, "> 0")],
+)
+def test_a_setting_out_of_range_is_named_with_its_range(field, value, allowed):
+    with pytest.raises(InvalidInput, match=f"{field} is {value}; allowed: .*{allowed}"):
+        Settings.create(data=Path("here"), **{field: value})
+
+
+def test_a_child_process_reads_the_very_same_settings(monkeypatch):
+    settings = Settings.create(data=Path("here"), port=1234, scanner="/dev/ttyUSB3", simulator_speed=7.5)
+    for name, value in settings.environment().items():
+        if name.startswith("STERADIAN_"):
+            monkeypatch.setenv(name, value)
+    assert Settings.create() == settings
+    assert not settings.simulated
