@@ -1,0 +1,73 @@
+"""The program ``steradian``: its commands, and how an error ends it."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+
+from steradian import __version__
+from steradian.cli import benchmark, demo, mask, plan, reconstruct, scan, serve
+from steradian.cli.console import complain
+from steradian.errors import Cancelled, Conflict, DamagedFile, InvalidInput, NotFound, ScanFailed, SteradianError
+
+EXIT_CODES: dict[type[SteradianError], int] = {
+    InvalidInput: 2,
+    NotFound: 3,
+    DamagedFile: 3,
+    Conflict: 4,
+    ScanFailed: 5,
+    Cancelled: 130,
+}
+"""Exit code of each kind of error; 1 for any other, 0 for success."""
+
+app = typer.Typer(
+    name="steradian",
+    help="""Sparse photoacoustic tomography: design a mask, scan it, reconstruct the volume.
+
+    Lengths and times take a unit (13.56mm, 60um, 8ns); a bare number is in metres or seconds.
+
+    Exit codes: 0 done, 2 bad input, 3 file missing or damaged, 4 in conflict with what exists, 5 scanner failed,
+    130 stopped, 1 anything else.""",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
+)
+app.add_typer(mask.app, name="mask")
+app.command("plan")(plan.plan)
+app.command("scan")(scan.scan)
+app.command("reconstruct")(reconstruct.reconstruct)
+app.add_typer(benchmark.app, name="benchmark")
+app.command("demo")(demo.demo)
+app.command("serve")(serve.serve)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"steradian {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version and end.", callback=_show_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Options before the command."""
+
+
+def main() -> None:
+    """Run the program; known errors are one clear line on standard error and an exit code."""
+    try:
+        app()
+    except SteradianError as error:
+        complain(str(error))
+        sys.exit(next((code for kind, code in EXIT_CODES.items() if isinstance(error, kind)), 1))
+    except KeyboardInterrupt:
+        complain("stopped")
+        sys.exit(130)
+    except OSError as error:
+        complain(f"{error.filename or 'input/output'}: {error.strerror or error}")
+        sys.exit(1)

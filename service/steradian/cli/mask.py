@@ -1,0 +1,268 @@
+"""``steradian mask``: where to sense."""
+
+from __future__ import annotations
+
+from math import degrees
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from steradian.cli.console import length, show_figures
+from steradian.errors import InvalidInput
+from steradian.masks import (
+    Mask,
+    PointOfInterest,
+    ScannerGrid,
+    Weighting,
+    combined_mask,
+    convenient_counts,
+    equi_steradian_mask,
+    equiangular_mask,
+    grid_mask,
+    hexagonal_mask,
+    nearest_points,
+    poisson_disc_mask,
+    random_mask,
+    read_mask,
+    reweighted,
+    subset_mask,
+    write_mask,
+)
+
+app = typer.Typer(
+    help="""Choose where on the sensor plane to sense; writes a mask file.
+
+    The name of the file decides its kind: .json keeps everything, .csv and .npy hold x, y and weight of each point.
+    Positions count from the centre of the aperture.""",
+    no_args_is_help=True,
+)
+
+Aperture = Annotated[float, typer.Option(parser=length, help="Side of the square aperture, e.g. 13.56mm.")]
+Depth = Annotated[
+    float, typer.Option(parser=length, help="Distance of the point of interest from the sensor, e.g. 3.6mm.")
+]
+OffsetX = Annotated[float, typer.Option(parser=length, help="Point of interest along x from the centre, e.g. 2mm.")]
+OffsetY = Annotated[float, typer.Option(parser=length, help="The same along y.")]
+Output = Annotated[Path, typer.Option("--output", "-o", help="The mask file to write (.json, .csv or .npy).")]
+Plot = Annotated[Path | None, typer.Option(help="Also draw points, spacing, view and sharpness, e.g. mask.png.")]
+Weights = Annotated[
+    Weighting,
+    typer.Option("--weights", help="analytic: from the arrangement; voronoi: each point's own cell; uniform."),
+]
+SnapInterval = Annotated[
+    float | None, typer.Option(parser=length, help="The scanner stops only on a grid of this interval, e.g. 60um.")
+]
+SnapCount = Annotated[int | None, typer.Option(help="Places of that grid on each axis, e.g. 226.")]
+Seed = Annotated[int, typer.Option(help="The same seed gives the same points.")]
+FILE = Path("mask.json")
+
+
+@app.command("equi-steradian")
+def equi_steradian(
+    aperture: Aperture,
+    depth: Depth,
+    count: Annotated[int, typer.Option(help="Wanted number of points; rounded up to a convenient one.")],
+    offset_x: OffsetX = 0.0,
+    offset_y: OffsetY = 0.0,
+    snap_interval: SnapInterval = None,
+    snap_count: SnapCount = None,
+    weights: Weights = "analytic",
+    output: Output = FILE,
+    plot: Plot = None,
+) -> None:
+    """Points that each cover the same solid angle seen from a point of interest.
+
+    Few points are then enough: dense below the point of interest, sparse towards the rim.
+    """
+    offset, grid = (offset_x, offset_y), _grid(snap_interval, snap_count)
+    mask = equi_steradian_mask(aperture, depth, count, offset=offset, grid=grid, weighting=weights)
+    below, above = convenient_counts(aperture, depth, count, offset)
+    note = "as asked" if above == count else f"asked {count}; convenient are {below} and {above}"
+    _keep(mask, output, plot, f"{mask.count} ({note})")
+
+
+@app.command("equiangular")
+def equiangular(
+    aperture: Annotated[float, typer.Option(parser=length, help="Length of the line of sensors, e.g. 13.56mm.")],
+    depth: Depth,
+    count: Annotated[int, typer.Option(help="Number of sensors.")],
+    offset_x: OffsetX = 0.0,
+    snap_interval: SnapInterval = None,
+    snap_count: SnapCount = None,
+    weights: Weights = "analytic",
+    output: Output = FILE,
+    plot: Plot = None,
+) -> None:
+    """Sensors on a line at equal angles seen from a point of interest, for 2-D images."""
+    grid = _grid(snap_interval, snap_count)
+    _keep(equiangular_mask(aperture, depth, count, offset=offset_x, grid=grid, weighting=weights), output, plot)
+
+
+@app.command("grid")
+def grid(
+    aperture: Aperture,
+    count: Annotated[int, typer.Option(help="Points on each axis.")],
+    interval: Annotated[float, typer.Option(parser=length, help="Distance between neighbours, e.g. 300um.")],
+    centred: Annotated[bool, typer.Option(help="Make an even grid symmetric to the centre.")] = False,
+    weights: Weights = "analytic",
+    output: Output = FILE,
+    plot: Plot = None,
+) -> None:
+    """Points on a square grid."""
+    mask = grid_mask(aperture, count, interval, centred=centred, weighting=weights)
+    _keep(mask, output, plot, f"{mask.count} ({count} × {count})")
+
+
+@app.command("hexagonal")
+def hexagonal(
+    aperture: Aperture,
+    interval: Annotated[float, typer.Option(parser=length, help="Distance between neighbours, e.g. 300um.")],
+    weights: Weights = "analytic",
+    output: Output = FILE,
+    plot: Plot = None,
+) -> None:
+    """Points on a hexagonal lattice over the whole aperture: the fewest for an even spacing."""
+    _keep(hexagonal_mask(aperture, interval, weighting=weights), output, plot)
+
+
+@app.command("random")
+def random(
+    aperture: Aperture,
+    count: Annotated[int, typer.Option(help="Number of points.")],
+    seed: Seed = 0,
+    weights: Weights = "voronoi",
+    output: Output = FILE,
+    plot: Plot = None,
+) -> None:
+    """Independent random points over the whole aperture."""
+    _keep(random_mask(aperture, count, seed=seed, weighting=weights), output, plot)
+
+
+@app.command("poisson-disc")
+def poisson_disc(
+    aperture: Aperture,
+    spacing: Annotated[float, typer.Option(parser=length, help="Least distance between points, e.g. 250um.")],
+    seed: Seed = 0,
+    weights: Weights = "analytic",
+    output: Output = FILE,
+    plot: Plot = None,
+) -> None:
+    """Random points that keep a distance from each other, as many as fit."""
+    _keep(poisson_disc_mask(aperture, spacing, seed=seed, weighting=weights), output, plot)
+
+
+@app.command("combined")
+def combined(
+    aperture: Aperture,
+    point: Annotated[
+        list[str],
+        typer.Option(help="A point of interest as x,y,depth,count, e.g. 2mm,-1mm,3.6mm,800; give several."),
+    ],
+    snap_interval: SnapInterval = None,
+    snap_count: SnapCount = None,
+    weights: Weights = "analytic",
+    output: Output = FILE,
+    plot: Plot = None,
+) -> None:
+    """Several points of interest: every place is sensed as densely as the most demanding of them asks."""
+    points = [_point_of_interest(text) for text in point]
+    grid = _grid(snap_interval, snap_count)
+    _keep(combined_mask(aperture, points, grid=grid, weighting=weights), output, plot)
+
+
+@app.command("points")
+def points(
+    file: Annotated[Path, typer.Argument(help="Points as .csv (x_mm, y_mm, perhaps weight), .npy (metres) or .json.")],
+    aperture: Annotated[
+        float | None, typer.Option(parser=length, help="Side of the square aperture; not needed for .json.")
+    ] = None,
+    weights: Annotated[
+        Weighting, typer.Option("--weights", help="analytic: those in the file, equal if none; voronoi; uniform.")
+    ] = "analytic",
+    output: Output = FILE,
+    plot: Plot = None,
+) -> None:
+    """Take points from a file."""
+    mask = read_mask(file, aperture)
+    _keep(mask if weights == "analytic" else reweighted(mask, weights), output, plot)
+
+
+@app.command("subset")
+def subset(
+    file: Annotated[Path, typer.Argument(help="The mask to take points from, e.g. that of a dense scan (.json).")],
+    like: Annotated[Path | None, typer.Option(help="Keep the points nearest to those of this other mask.")] = None,
+    every: Annotated[int | None, typer.Option(help="Keep every so many-th point in the mask's order.")] = None,
+    weights: Weights = "voronoi",
+    output: Output = FILE,
+    plot: Plot = None,
+) -> None:
+    """Points of an existing mask, but not all: what a sparser scan would have seen."""
+    mask = read_mask(file)
+    if (like is None) == (every is None):
+        raise InvalidInput("subset", "both or neither of --like and --every", "one of them")
+    if every is not None and every < 1:
+        raise InvalidInput("every", every, "at least 1")
+    indices = nearest_points(mask, read_mask(like)) if like else tuple(range(0, mask.count, every or 1))
+    _keep(subset_mask(mask, indices, weighting=weights), output, plot, f"{len(indices)} of {mask.count}")
+
+
+@app.command("show")
+def show(
+    file: Annotated[Path, typer.Argument(help="A mask file (.json).")],
+    plot: Plot = None,
+) -> None:
+    """Tell what a mask promises."""
+    mask = read_mask(file)
+    _draw(mask, plot)
+    show_figures("Mask", _figures(mask, f"{mask.count}") | ({"picture": plot} if plot else {}))
+
+
+def _grid(interval: float | None, count: int | None) -> ScannerGrid | None:
+    if (interval is None) != (count is None):
+        raise InvalidInput("snap", "only one of --snap-interval and --snap-count", "both or neither")
+    return None if interval is None else ScannerGrid.create(count=count, interval=interval)
+
+
+def _point_of_interest(text: str) -> PointOfInterest:
+    parts = text.split(",")
+    if len(parts) != 4 or not parts[3].strip().isdigit():
+        raise InvalidInput("point", text, "x,y,depth,count such as 2mm,-1mm,3.6mm,800")
+    x, y, depth = (length(part) for part in parts[:3])
+    return PointOfInterest.create(offset=(x, y), depth=depth, count=int(parts[3]))
+
+
+def _keep(mask: Mask, output: Path, plot: Path | None, points: str = "") -> None:
+    write_mask(mask, output)
+    _draw(mask, plot)
+    figures = _figures(mask, points or f"{mask.count}") | {"file": output}
+    show_figures("Mask", figures | ({"picture": plot} if plot else {}))
+
+
+def _draw(mask: Mask, plot: Path | None) -> None:
+    if plot is not None:
+        from steradian.masks.picture import draw_mask
+
+        draw_mask(mask, plot)
+
+
+def _figures(mask: Mask, points: str) -> dict[str, object]:
+    """Collect what the mask promises for the table."""
+    from steradian.masks.promises import promises
+
+    seen = promises(mask)
+    figures: dict[str, object] = {
+        "points": points,
+        "aperture": f"{1e3 * mask.aperture:g} mm",
+        "spacing": f"{1e6 * seen.finest:.0f} to {1e6 * seen.coarsest:.0f} µm",
+        "weight ratio": f"{mask.weight_ratio:.2f}",
+    }
+    if seen.opening_angle is not None and seen.largest_angle is not None:
+        figures |= {
+            "opening angle": f"{degrees(seen.opening_angle):.0f}°",
+            "largest angle of incidence": f"{degrees(seen.largest_angle):.0f}°,"
+            f" there the film loses about {seen.attenuation_db:.1f} dB at 1 MHz",
+        }
+    if seen.evenness is not None:
+        figures["solid angle per point"] = f"varies by {100 * seen.evenness:.1f} %"
+    return figures | {"id": mask.id}

@@ -1,0 +1,113 @@
+"""``steradian plan``: in what order and how fast."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from steradian.cli.console import console, duration, frequency, length, show_figures
+from steradian.cli.files import read_value, write_value
+from steradian.errors import InvalidInput
+from steradian.masks import Mask
+from steradian.plans import Link, Motion, Preview, ScannerLimits, ScanPlan, VisitOrder, preview
+
+
+def plan(
+    mask: Annotated[Path, typer.Argument(help="A mask file, made by 'steradian mask'.")],
+    pulse_rate: Annotated[float, typer.Option(parser=frequency, help="Laser pulses per second.")] = 50.0,
+    averages: Annotated[int, typer.Option(help="Pulses averaged into one A-line.")] = 1,
+    samples: Annotated[int, typer.Option(help="Samples of an A-line.")] = 1024,
+    sampling_interval: Annotated[float, typer.Option(parser=duration, help="Time between samples, e.g. 8ns.")] = 8e-9,
+    sound_speed: Annotated[float, typer.Option(help="Assumed speed of sound in m/s.")] = 1500.0,
+    order: Annotated[
+        VisitOrder,
+        typer.Option(
+            help="Order of the points. shortest: little travel; progressive: every stop leaves a usable sparse scan;"
+            " wavelength: seldom retuned, needs --wavelengths."
+        ),
+    ] = VisitOrder.SNAKE,
+    wavelengths: Annotated[
+        Path | None, typer.Option(help="Bias wavelength of each point in nm: a .csv or .txt column or .npy.")
+    ] = None,
+    settling: Annotated[float, typer.Option(parser=duration, help="Time the beam needs to rest after a move.")] = 4e-4,
+    speed: Annotated[float, typer.Option(help="Speed of the beam on the film in m/s.")] = 5.0,
+    field: Annotated[float, typer.Option(parser=length, help="Side of the scanner's square field.")] = 20e-3,
+    baud: Annotated[
+        int, typer.Option(help="Baud rate of the serial line; 0 for a line that never limits.")
+    ] = 12_000_000,
+    resolution: Annotated[
+        float | None, typer.Option(parser=length, help="Wanted lateral resolution, to warn of aliasing.")
+    ] = None,
+    output: Annotated[Path, typer.Option("--output", "-o", help="The plan file to write (JSON).")] = Path("plan.json"),
+    plot: Annotated[Path | None, typer.Option(help="Also draw the way and where the time goes, e.g. plan.png.")] = None,
+) -> None:
+    """Turn a mask into a plan and tell what it will cost before a pulse is fired.
+
+    Errors refuse the plan (exit code 2, nothing written); warnings do not.
+    """
+    made = ScanPlan.create(
+        mask=read_value(Mask, mask),
+        pulse_rate=pulse_rate,
+        averages=averages,
+        samples=samples,
+        sampling_interval=sampling_interval,
+        sound_speed=sound_speed,
+        order=order,
+        wavelengths=None if wavelengths is None else _read_wavelengths(wavelengths),
+        scanner=ScannerLimits.create(x=(-field / 2, field / 2), y=(-field / 2, field / 2)),
+        motion=Motion.create(speed=speed, settling=settling),
+        link=Link.serial(baud) if baud else Link.create(byte_rate=None),
+    )
+    output.parent.mkdir(parents=True, exist_ok=True)
+    cost = preview(made, free_bytes=shutil.disk_usage(output.parent).free, resolution=resolution)
+    if plot is not None:
+        from steradian.plans.picture import draw_plan
+
+        draw_plan(made, plot, cost)
+    _show(made, cost, output, plot)
+    if cost.is_refused:
+        raise InvalidInput("plan", "refused", "one without the errors listed")
+    write_value(made, output)
+
+
+def _show(made: ScanPlan, cost: Preview, output: Path, plot: Path | None) -> None:
+    parts = ", ".join(f"{part} {seconds:.3g}" for part, seconds in cost.seconds.items() if seconds)
+    figures: dict[str, object] = {
+        "points": made.mask.count,
+        "time": f"{cost.total_seconds:.1f} s, limited by the {cost.limiting}",
+        "seconds by itself": parts,
+        "travel": f"{1e3 * cost.travel:.0f} mm ({made.order})",
+        "scan file": f"{cost.bytes / 1e6:.1f} MB",
+        "records reach": f"{1e3 * made.recording_depth:.2f} mm",
+        "id": made.id,
+    }
+    if cost.retunings:
+        figures["retunings"] = cost.retunings
+    if len(made.passes) > 1:
+        figures["usable after"] = ", ".join(f"{end:,}" for end in made.passes) + " points"
+    figures["file"] = "not written" if cost.is_refused else output
+    show_figures("Plan", figures | ({"picture": plot} if plot else {}))
+    for finding in cost.findings:
+        colour = "red" if finding.severity == "error" else "yellow"
+        allowed = f" (allowed: {finding.allowed})" if finding.allowed else ""
+        console().print(f"[{colour}]{finding.severity}[/] {finding.field}: {finding.message}{allowed}")
+
+
+def _read_wavelengths(path: Path) -> list[float]:
+    """Wavelengths in metres from a file in nm."""
+    import numpy as np
+
+    from steradian.errors import DamagedFile, NotFound
+
+    if not path.is_file():
+        raise NotFound("file", str(path))
+    try:
+        values = (
+            np.load(path, allow_pickle=False) if path.suffix == ".npy" else np.loadtxt(path, delimiter=",", ndmin=1)
+        )
+        return [float(value) * 1e-9 for value in np.asarray(values, dtype=np.float64).ravel()]
+    except ValueError as error:
+        raise DamagedFile(f"{path} is not a column of numbers: {error}") from error

@@ -1,0 +1,60 @@
+"""``steradian serve`` and ``steradian worker``: the service and a worker of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from steradian.cli.console import console
+
+DATA = Path("data")
+
+
+def serve(
+    host: Annotated[str | None, typer.Option(help="Address to listen on. [default: 127.0.0.1]")] = None,
+    port: Annotated[int | None, typer.Option(help="Port to listen on; 0 takes a free one. [default: 8000]")] = None,
+    data: Annotated[Path | None, typer.Option(help="Folder for everything the service keeps. [default: data]")] = None,
+    workers: Annotated[int | None, typer.Option(help="Reconstructions at a time. [default: 1]")] = None,
+    scanner: Annotated[
+        str | None,
+        typer.Option(help="Port of the scanner (/dev/ttyUSB0, socket://host:port). [default: simulated]"),
+    ] = None,
+    simulator_speed: Annotated[
+        float | None, typer.Option(help="How much faster than real time a simulated scan runs. [default: 20]")
+    ] = None,
+) -> None:
+    """Serve the HTTP API, run scans and reconstruct, until Ctrl-C ends every process.
+
+    Each option may also be given as a variable, STERADIAN_PORT for example. A second start with the same folder
+    finds everything of the first again; queued reconstructions go on.
+    """
+    import logging
+    import os
+    import signal
+    import threading
+
+    from steradian import supervisor
+    from steradian.settings import PREFIX, Settings
+
+    given = {"host": host, "port": port, "workers": workers, "scanner": scanner, "simulator_speed": simulator_speed}
+    folder = data if data is not None or f"{PREFIX}DATA" in os.environ else DATA
+    settings = Settings.create(data=folder, **given)
+    logging.basicConfig(level=settings.log_level, format="%(asctime)s %(levelname)s supervisor %(message)s")
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: stop.set())
+    mode = "a simulated scanner" if settings.simulated else f"the scanner at {settings.scanner}"
+    supervisor.serve(
+        settings, lambda line: console().print(line, soft_wrap=True), stop, on_ready=f"Steradian with {mode}"
+    )
+
+
+def worker(
+    slot: Annotated[int, typer.Argument(help="Number of the worker; no two on one data folder may share it.")] = 0,
+) -> None:
+    """Take reconstructions from the queue of the data folder that STERADIAN_DATA names."""
+    from steradian.reconstructions.worker import main
+
+    main(slot)

@@ -1,0 +1,148 @@
+"""The commands, run as a person runs them: real processes, real files, real exit codes."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from steradian.quality import correlation
+from steradian.reconstructions.volume_file import read_volume
+from steradian.scans.recording import open_recording
+
+DATA = Path(__file__).parents[2] / "data"
+
+
+def run(*arguments, cwd, code=0):
+    """Run ``steradian …`` and check its exit code; returns both outputs."""
+    done = subprocess.run(
+        [sys.executable, "-m", "steradian", *map(str, arguments)], cwd=cwd, capture_output=True, text=True, timeout=100
+    )
+    assert done.returncode == code, done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+    return done.stdout + done.stderr
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory):
+    """Mask, plan, scan and reconstruction, one command after the other."""
+    folder = tmp_path_factory.mktemp("walk")
+    run("mask", "equi-steradian", "--aperture", "6mm", "--depth", "2mm", "--count", "100", cwd=folder)
+    run("plan", "mask.json", "--samples", "512", cwd=folder)
+    run("scan", "plan.json", "--simulator-speed", "50", cwd=folder)
+    run("reconstruct", "scan.h5", "--modes", "32", "--output", "out", cwd=folder)
+    return folder
+
+
+def test_each_command_leaves_its_file(walk):
+    """Mask, plan, scan file, volume, projections and report lie where the commands say."""
+    assert {path.name for path in walk.iterdir()} == {"mask.json", "plan.json", "scan.h5", "out"}
+    assert {path.name for path in (walk / "out").iterdir()} == {
+        "volume.h5",
+        "mip-x.png",
+        "mip-y.png",
+        "mip-z.png",
+        "report.json",
+    }
+    assert (walk / "out" / "mip-z.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_the_identifiers_link_volume_scan_plan_and_mask(walk):
+    """A volume's provenance names the plan and the mask that the commands printed."""
+    with h5py.File(walk / "out" / "volume.h5") as file:
+        provenance = json.loads(file.attrs["provenance"])
+    recording = open_recording(walk / "scan.h5")
+    assert provenance == recording.provenance
+    assert provenance["simulated"] == "True"
+
+
+def test_kwave_data_are_reconstructed_like_the_truth(tmp_path):
+    """Data of another project's simulation give the true projection (correlation 0.971 with every second sensor)."""
+    run("reconstruct", DATA / "yarn_kwave_slice.npz", "--output", "yarn", cwd=tmp_path)
+    volume = read_volume(tmp_path / "yarn" / "volume.h5")
+    assert volume.values.shape == (64, 64, 256)
+    with np.load(DATA / "yarn_kwave_slice.npz") as data:
+        assert correlation(volume.mip("z"), data["p0_mip"]) > 0.965
+
+
+def test_a_killed_scan_leaves_what_it_acknowledged(walk, tmp_path):
+    """Kill -9 in the middle of a scan: the file opens, and holds a part of the scan that can be reconstructed."""
+    plan = walk / "plan.json"
+    command = [sys.executable, "-m", "steradian", "scan", plan, "--simulator-speed", "1", "--output", "part.h5"]
+    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        stored = _wait_for_alines(tmp_path / "part.h5", 10)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    finally:
+        process.kill()
+        process.wait()
+    recording = open_recording(tmp_path / "part.h5")
+    assert stored <= len(recording.traces) < recording.planned
+    run("reconstruct", "part.h5", "--modes", "32", cwd=tmp_path)
+
+
+def test_ctrl_c_ends_a_scan_with_its_file_kept(walk, tmp_path):
+    """Ctrl-C is no crash: exit code 130, no traceback, the A-lines so far are in the file."""
+    command = [sys.executable, "-m", "steradian", "scan", walk / "plan.json", "--simulator-speed", "1"]
+    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    _wait_for_alines(tmp_path / "scan.h5", 5)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert "Traceback" not in errors
+    assert len(open_recording(tmp_path / "scan.h5").traces) >= 5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["mask", "equi-steradian", "--aperture", "6mm", "--depth=-2mm", "--count", "99"], 2, ["depth", "> 0"]),
+        (["mask", "grid", "--aperture", "6mm", "--count", "41", "--interval", "1mm"], 2, ["interval", "at most"]),
+        (["mask", "grid", "--aperture", "six", "--count", "41", "--interval", "1mm"], 2, ["six"]),
+        (["plan", "none.json"], 3, ["none.json"]),
+        (["plan", "text.json"], 3, ["text.json", "JSON"]),
+        (["scan", "none.json"], 3, ["none.json"]),
+        (["reconstruct", "none.h5"], 3, ["none.h5"]),
+        (["reconstruct", "text.json"], 3, ["neither"]),
+        (["reconstruct", "truncated.h5"], 3, ["truncated.h5"]),
+        (["reconstruct", "nan.npz"], 2, ["traces", "nan"]),
+        (["reconstruct", "shape.npz"], 3, ["shape (8, 4, 5)"]),
+    ],
+)
+def test_bad_input_is_one_clear_line(walk, tmp_path, arguments, code, words):
+    """Bad input ends with its own exit code and a line that names what and the allowed range, never a traceback."""
+    (tmp_path / "text.json").write_text("no json")
+    (tmp_path / "truncated.h5").write_bytes((walk / "scan.h5").read_bytes()[:5000])
+    np.savez(tmp_path / "nan.npz", p=np.full((64, 4, 4), np.nan, np.float32), dt=2e-8, dx=1e-4, c=1500.0)
+    np.savez(tmp_path / "shape.npz", p=np.zeros((8, 4, 5), np.float32), dt=2e-8, dx=1e-4, c=1500.0)
+    said = run(*arguments, cwd=tmp_path, code=code)
+    for word in words:
+        assert word in said
+
+
+def test_help_of_every_command_speaks_of_the_task():
+    """Each command's help says what it does."""
+    for command in (["mask"], ["mask", "equi-steradian"], ["plan"], ["scan"], ["reconstruct"], ["demo"], ["serve"]):
+        said = run(*command, "--help", cwd=os.getcwd())
+        assert "Usage" in said
+        assert len(said) > 200
+
+
+def _wait_for_alines(path, count):
+    """Wait until a running scan's file holds ``count`` A-lines; returns how many there are."""
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline:
+        if path.is_file():
+            with h5py.File(path, "r") as file:
+                stored = int(np.sum(file["alines/status"][:]))
+            if stored >= count:
+                return stored
+        time.sleep(0.05)
+    raise AssertionError(f"{path} does not grow")
