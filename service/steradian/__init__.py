@@ -13,7 +13,14 @@ if TYPE_CHECKING:
     from steradian import quality
     from steradian.errors import InvalidInput, SteradianError
     from steradian.imaging import ReconstructionPlan, Volume, reconstruct
-    from steradian.masks import Mask, custom_mask, equi_steradian_mask, grid_mask
+    from steradian.masks import (
+        Mask,
+        custom_mask,
+        equi_steradian_mask,
+        equiangular_mask,
+        grid_mask,
+        hexagonal_mask,
+    )
     from steradian.plans import ScanPlan
 
 __version__ = "0.1.0"
@@ -27,7 +34,9 @@ _HOMES = {
     "Volume": "steradian.imaging",
     "custom_mask": "steradian.masks",
     "equi_steradian_mask": "steradian.masks",
+    "equiangular_mask": "steradian.masks",
     "grid_mask": "steradian.masks",
+    "hexagonal_mask": "steradian.masks",
     "reconstruct": "steradian.imaging",
 }
 
@@ -40,7 +49,9 @@ __all__ = [
     "Volume",
     "custom_mask",
     "equi_steradian_mask",
+    "equiangular_mask",
     "grid_mask",
+    "hexagonal_mask",
     "quality",
     "reconstruct",
 ]

@@ -52,6 +52,16 @@ def accuracy(json_file: JsonFile = None) -> None:
     _publish("accuracy", rows, json_file)
 
 
+@app.command()
+def masks(json_file: JsonFile = None) -> None:
+    """Time masks and orders of visit, with the length of the way and the evenness of the solid angles."""
+    from steradian.benchmarks.masks import masks as measure
+
+    with progress_bar() as progress:
+        rows = measure(progress=progress)
+    _publish("masks", rows, json_file)
+
+
 def _publish(name: str, rows: list[Row], path: Path | None) -> None:
     """Print rows as a table and write them, with what they were measured on, to ``path``."""
     columns = list(dict.fromkeys(key for row in rows for key in row))

@@ -80,7 +80,7 @@ def _show(made: ScanPlan, cost: Preview, output: Path, plot: Path | None) -> Non
         "time": f"{cost.total_seconds:.1f} s, limited by the {cost.limiting}",
         "seconds by itself": parts,
         "travel": f"{1e3 * cost.travel:.0f} mm ({made.order})",
-        "scan file": f"{cost.bytes / 1e6:.1f} MB",
+        "A-lines": f"{cost.bytes / 1e6:.1f} MB",
         "records reach": f"{1e3 * made.recording_depth:.2f} mm",
         "id": made.id,
     }

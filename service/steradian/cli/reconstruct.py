@@ -3,30 +3,47 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from steradian.cli.console import length, progress_bar, show_figures
+from steradian.cli.console import duration, frequency, length, progress_bar, show_figures
+
+CONDITIONING, DISPLAY = "What is done to the A-lines before", "What is done to the pictures"
+
+
+def _option(kind: str, text: str, panel: str | None = None, parser: Any = None) -> Any:
+    return typer.Option(help=text, rich_help_panel=panel, parser=parser, metavar=kind or None)
 
 
 def reconstruct(
     file: Annotated[Path, typer.Argument(help="A scan file, or a k-Wave recording (.npz with p, dt and dx).")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")] = Path("reconstruction"),
     method: Annotated[
-        str, typer.Option(help="nedner, ner, linear or interpolated; nedner uses NER where the sensors allow it.")
+        str, typer.Option(help="nedner (NER where the sensors allow it), ner, linear, nearest or interpolated.")
     ] = "nedner",
     modes: Annotated[int | None, typer.Option(help="Lateral modes per axis; default: as the scan suggests.")] = None,
     upsampling: Annotated[int, typer.Option(help="Sinc interpolation of the finished image, times.")] = 1,
     sound_speed: Annotated[float | None, typer.Option(help="Speed of sound in m/s; default: the scan's.")] = None,
-    first_depth: Annotated[
-        float | None, typer.Option(parser=length, metavar="LENGTH", help="Compute only from here on.")
-    ] = None,
-    last_depth: Annotated[
-        float | None, typer.Option(parser=length, metavar="LENGTH", help="Compute only to here.")
-    ] = None,
+    first_depth: Annotated[float | None, _option("LENGTH", "Compute only from here on.", parser=length)] = None,
+    last_depth: Annotated[float | None, _option("LENGTH", "Compute only to here.", parser=length)] = None,
     weights: Annotated[str, typer.Option(help="mask (its own), uniform or voronoi.")] = "mask",
     tolerance: Annotated[float, typer.Option(help="Wanted relative error of the transforms.")] = 1e-4,
+    window: Annotated[str, typer.Option(help="kaiser-bessel or semicircle.")] = "kaiser-bessel",
+    time_padding: Annotated[float, typer.Option(help="Extend the record with zeros, times.")] = 1.0,
+    lateral_padding: Annotated[float, typer.Option(help="Extend the aperture with zeros, times.")] = 1.0,
+    zero_first: Annotated[int, _option("", "Samples to zero (laser pick-up).", CONDITIONING)] = 0,
+    remove_offset: Annotated[bool, _option("", "Subtract each A-line's mean.", CONDITIONING)] = False,
+    remove_common: Annotated[
+        str | None, _option("", "Subtract the median or mean of all A-lines (parasitic signal).", CONDITIONING)
+    ] = None,
+    low_cut: Annotated[float, _option("FREQUENCY", "Lowest that passes, 500kHz.", CONDITIONING, frequency)] = 0.0,
+    high_cut: Annotated[float, _option("FREQUENCY", "Highest that passes, 20MHz.", CONDITIONING, frequency)] = 0.0,
+    rim: Annotated[float, _option("LENGTH", "Fade out over this width at the rim.", CONDITIONING, length)] = 0.0,
+    delay: Annotated[float, _option("TIME", "From laser pulse to first sample.", CONDITIONING, duration)] = 0.0,
+    gain: Annotated[float, _option("", "Time-gain compensation in dB per mm of depth.", DISPLAY)] = 0.0,
+    envelope: Annotated[bool, _option("", "Show the envelope along the depth.", DISPLAY)] = False,
+    log_range: Annotated[float | None, _option("", "Show decibels, down to this many.", DISPLAY)] = None,
 ) -> None:
     """Reconstruct the initial pressure and write the volume, its projections and a report into a folder."""
     from steradian.reconstructions.job import reconstruct_scan
@@ -37,9 +54,21 @@ def reconstruct(
         modes=modes,
         upsampling=upsampling,
         sound_speed=sound_speed,
-        depth_range=None if first_depth is None and last_depth is None else (first_depth or 0.0, last_depth or 1.0),
+        depth_range=None if first_depth is None and last_depth is None else (first_depth, last_depth),
         weights=weights,
         tolerance=tolerance,
+        window=window,
+        time_padding=time_padding,
+        lateral_padding=lateral_padding,
+        conditioning={
+            "zero_first": zero_first,
+            "remove_offset": remove_offset,
+            "remove_common": remove_common,
+            "band": (low_cut, high_cut) if low_cut or high_cut else None,
+            "rim": rim,
+            "delay": delay,
+        },
+        display={"gain_db_per_mm": gain, "envelope": envelope, "log_range_db": log_range},
     )
     with progress_bar() as progress:
         report = reconstruct_scan(file, output, parameters, progress=progress)

@@ -10,16 +10,15 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from steradian.compiled import compiled
 from steradian.imaging.fft import fft
 from steradian.imaging.simd import collect, distribute, load2, load4, load16, splat2, splat4, splat16, store
 
 PAD = 24  # cells repeated at either end of the spectrum, so that no stencil has to wrap
-_jit: Any = njit(cache=True, nogil=True, fastmath=True, boundscheck=False, error_model="numpy")
 
 
-@_jit
+@compiled
 def _load(
     source: Any, rows: Any, imaginary: Any, samples: int, centre: int, length: int, window: Any, factors: Any,
     x: Any, xo: int, tmp: Any,
@@ -47,7 +46,7 @@ def _load(
         x[o] = 0
 
 
-@_jit
+@compiled
 def _stencils(
     square: float, band: float, ratio: float, turns: float, width: int, nearest: int, taps_of: Any, sine: Any,
     cosine: Any, index: Any, fraction: Any, phase: Any, gain: Any, taps: Any, pitch: int,
@@ -89,7 +88,7 @@ def _stencils(
     return count
 
 
-@_jit
+@compiled
 def _gather(
     x: Any, xo: int, length: int, h: Any, size: int, lane: int, count: int, width: int, index: Any, phase: Any,
     gain: Any, taps: Any, pitch: int,
@@ -120,7 +119,7 @@ def _gather(
         store(h, l * 32 + lane + 16, zero)
 
 
-@_jit
+@compiled
 def _gather_pairs(
     x: Any, xo: int, length: int, h: Any, size: int, lane: int, count: int, width: int, index: Any, phase: Any,
     gain: Any, taps: Any, pitch: int,
@@ -151,7 +150,7 @@ def _gather_pairs(
         store(h, l * 32 + lane + 16, zero)
 
 
-@_jit
+@compiled
 def columns(
     first: int, last: int, source: Any, source_rows: Any, source_imaginary: Any, factors: Any, squares: Any, edges: Any,
     target: Any, target_rows: Any, target_imaginary: Any, samples: int, centre: int, length: int, window: Any,

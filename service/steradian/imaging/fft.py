@@ -11,15 +11,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from steradian.compiled import compiled
 from steradian.imaging.simd import load16, splat16, store
 
 CELL = 32
-_jit: Any = njit(cache=True, nogil=True, fastmath=True, boundscheck=False, error_model="numpy")
 
 
-@_jit
+@compiled
 def _pass2(x: Any, xo: int, y: Any, yo: int, re: int, im: int, m: int, s: int, tw: Any, to: int) -> None:
     for p in range(m):
         wr, wi = splat16(tw[to + 2 * p]), splat16(tw[to + 2 * p + 1])
@@ -37,7 +36,7 @@ def _pass2(x: Any, xo: int, y: Any, yo: int, re: int, im: int, m: int, s: int, t
             store(y, j + im, dr * wi + di * wr)
 
 
-@_jit
+@compiled
 def _pass3(x: Any, xo: int, y: Any, yo: int, re: int, im: int, m: int, s: int, tw: Any, to: int) -> None:
     half, sine = splat16(x.dtype.type(0.5)), splat16(x.dtype.type(0.8660254037844386))
     for p in range(m):
@@ -64,7 +63,7 @@ def _pass3(x: Any, xo: int, y: Any, yo: int, re: int, im: int, m: int, s: int, t
             store(y, j + im, cr * w2i + ci * w2r)
 
 
-@_jit
+@compiled
 def _pass4(x: Any, xo: int, y: Any, yo: int, re: int, im: int, m: int, s: int, tw: Any, to: int) -> None:
     k = s * m * 32
     for p in range(m):
@@ -95,7 +94,7 @@ def _pass4(x: Any, xo: int, y: Any, yo: int, re: int, im: int, m: int, s: int, t
             store(y, j + im, br * w3i + bi * w3r)
 
 
-@_jit
+@compiled
 def _pass5(x: Any, xo: int, y: Any, yo: int, re: int, im: int, m: int, s: int, tw: Any, to: int) -> None:
     c1, c2 = splat16(x.dtype.type(0.30901699437494745)), splat16(x.dtype.type(-0.8090169943749475))
     s1, s2 = splat16(x.dtype.type(0.9510565162951535)), splat16(x.dtype.type(0.5877852522924731))
@@ -140,14 +139,14 @@ def _pass5(x: Any, xo: int, y: Any, yo: int, re: int, im: int, m: int, s: int, t
             store(y, j + im, gr * wi + gi * wr)
 
 
-@_jit
+@compiled
 def _turn(y: Any, j: int, re: int, im: int, ar: Any, ai: Any, tw: Any, o: int) -> None:
     wr, wi = splat16(tw[o]), splat16(tw[o + 1])
     store(y, j + re, ar * wr - ai * wi)
     store(y, j + im, ar * wi + ai * wr)
 
 
-@_jit
+@compiled
 def _pass8(x: Any, xo: int, y: Any, yo: int, re: int, im: int, m: int, s: int, tw: Any, to: int) -> None:
     k, t = s * m * 32, s * 32
     root = splat16(x.dtype.type(0.7071067811865476))
@@ -185,7 +184,7 @@ def _pass8(x: Any, xo: int, y: Any, yo: int, re: int, im: int, m: int, s: int, t
             _turn(y, j + 7 * t, re, im, e3r - dr, e3i - di, tw, o + 12)
 
 
-@_jit
+@compiled
 def _generic(
     x: Any,
     xo: int,
@@ -247,7 +246,7 @@ def _generic(
                     _turn(y, j + (r - b) * t, re, im, gr - hi, gi + hr, tw, o + 2 * (r - b))
 
 
-@_jit
+@compiled
 def fft(
     a: Any,
     ao: int,

@@ -7,19 +7,17 @@ addition of two vectors, and each transform is on whole cells (paper, NED-NUFFT,
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from steradian.compiled import compiled
 from steradian.imaging.fft import fft
 from steradian.imaging.simd import load16, splat16, store
 
-_jit: Any = njit(cache=True, nogil=True, fastmath=True, boundscheck=False, error_model="numpy")
-_exact: Any = njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
 
-
-@_exact
+@partial(compiled, fast=False)
 def pack(
     traces: Any, samples: int, order: Any, scale: Any, start: int, count: int, packed: Any, bits: Any, mask: int
 ) -> bool:
@@ -44,7 +42,7 @@ def pack(
     return bool(largest != mask)
 
 
-@_jit
+@compiled
 def _spread_row(row: Any, line: int, packed: Any, starts: Any, first: Any, wx: Any, wy: Any, nx: int, ny: int) -> bool:
     """Add all sensors whose stencil meets grid line ``line``; False if there is none. wy has an even number of taps."""
     ax, ay = wx.shape[1], wy.shape[1]
@@ -72,7 +70,7 @@ def _spread_row(row: Any, line: int, packed: Any, starts: Any, first: Any, wx: A
     return hit
 
 
-@_jit
+@compiled
 def _place_row(row: Any, line: int, packed: Any, starts: Any, cells: Any, sensors: Any, weights: Any, ny: int) -> bool:
     """Add the (cell, sensor, weight) entries of grid line ``line``; False if there is none."""
     first, last = starts[line], starts[line + 1]
@@ -86,7 +84,7 @@ def _place_row(row: Any, line: int, packed: Any, starts: Any, cells: Any, sensor
     return True
 
 
-@_jit
+@compiled
 def _separate(p: Any, po: int, q: Any, qo: int, row: Any, at: int, im_at: int, count: int) -> None:
     """Write Â and B̂ at one mode from C there (p) and at the opposite mode (q); the factor 2 is left in."""
     ar, ai, br, bi = load16(p, po), load16(p, po + 16), load16(q, qo), load16(q, qo + 16)
@@ -105,7 +103,7 @@ def _separate(p: Any, po: int, q: Any, qo: int, row: Any, at: int, im_at: int, c
                 row[im_at + n] = q[qo + n - 16] - p[po + n - 16]
 
 
-@_jit
+@compiled
 def forward(
     packed: Any, separable: bool, starts: Any, first: Any, sensors: Any, wx: Any, wy: Any, nx: int, ny: int,
     xs: Any, xs_opposite: Any, edge_xs: Any, edge_xs_opposite: Any, ys: Any, ys_opposite: Any, edge_rows: Any,

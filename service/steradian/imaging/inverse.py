@@ -10,15 +10,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from steradian.compiled import compiled
 from steradian.imaging.fft import fft
 from steradian.imaging.simd import load16, splat16, store
 
-_jit: Any = njit(cache=True, nogil=True, fastmath=True, boundscheck=False, error_model="numpy")
 
-
-@_jit
+@compiled
 def _join(source: Any, at: int, stride: int, count: int, p: Any, po: int, q: Any, qo: int) -> None:
     """C = Â + iB̂ at one mode into p and at the opposite mode into q."""
     if count < 32:
@@ -38,7 +36,7 @@ def _join(source: Any, at: int, stride: int, count: int, p: Any, po: int, q: Any
     store(q, qo + 16, br - ai)
 
 
-@_jit
+@compiled
 def _halve(a: Any, i: int, j: int) -> None:
     """Split the Nyquist cell i between i and j."""
     half = splat16(a.dtype.type(0.5))
@@ -48,7 +46,7 @@ def _halve(a: Any, i: int, j: int) -> None:
         store(a, j + o, v)
 
 
-@_jit
+@compiled
 def backward(
     source: Any, stride: int, start: int, count: int, modes_x: int, modes_y: int, nx: int, ny: int,
     first_x: int, out_x: int, first_y: int, out_y: int, fx: Any, fy: Any, flag: Any,

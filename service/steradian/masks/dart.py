@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-import numba
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
+
+from steradian.compiled import compiled
+
+exact = partial(compiled, fast=False)
+"""Compile a loop that keeps to the order of sums, so that results are the same everywhere."""
 
 TRIES = 30
 """Darts thrown around a point before it is given up."""
@@ -23,7 +29,7 @@ def throw_darts(spacing: float, seed: int) -> NDArray[np.float64]:
     return found
 
 
-@numba.njit(cache=True)
+@exact
 def _uniform(state: NDArray[np.uint64]) -> float:
     """Draw the next number in [0, 1) of a xorshift* generator, which is the same on every machine."""
     value = state[0]
@@ -34,7 +40,7 @@ def _uniform(state: NDArray[np.uint64]) -> float:
     return float((value * np.uint64(2685821657736338717)) >> np.uint64(11)) / 9007199254740992.0
 
 
-@numba.njit(cache=True)
+@exact
 def _fill(spacing: float, seed: int) -> NDArray[np.float64]:
     cells = max(1, int(np.ceil(np.sqrt(2.0) / spacing)))  # a cell of side spacing/√2 holds at most one point
     grid = np.full((cells, cells), -1, np.int32)
@@ -66,7 +72,7 @@ def _fill(spacing: float, seed: int) -> NDArray[np.float64]:
     return points[:count].copy()
 
 
-@numba.njit(cache=True)
+@exact
 def _is_free(
     x: float, y: float, spacing: float, cells: int, grid: NDArray[np.int32], points: NDArray[np.float64]
 ) -> bool:

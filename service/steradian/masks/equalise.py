@@ -7,7 +7,7 @@ it most. Moving the slices a little, none of them far, mends that.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import cos, pi
 from typing import Any
@@ -17,6 +17,12 @@ from numpy.typing import NDArray
 
 from steradian.masks.slices import Slices
 
+OVERHANG = 0.25
+"""Part of the last slice that lies beyond the rim.
+
+By the paper's text it ends on the rim (0); its ratio of weights, 9.7, is that of points on the rim itself (0.5), and
+then the way through all points is longer. Between the two the ratio is 9.4.
+"""
 INNER = 36
 """So many slices around the pole are moved; farther out doublings are rare and the cells equal to some per cent."""
 ROUNDS = 12
@@ -37,10 +43,7 @@ SAMPLES = 4
 
 
 def equalise(slices: Slices, rim: float) -> Slices:
-    """Move the slices until the cells within the rim cover equal solid angles; the last slice goes onto the rim.
-
-    With its outermost points on the rim, a mask sees the whole opening angle: the paper's ratios of weights, 9.7 in
-    3-D and 17 in 2-D, are those of points at the rim.
+    """Move the slices until the cells within the rim cover equal solid angles.
 
     Parameters
     ----------
@@ -55,7 +58,7 @@ def equalise(slices: Slices, rim: float) -> Slices:
     :data:`REACH`, so every fifth column of the Jacobian comes from one evaluation.
     """
     counts = np.array(slices.counts)
-    angles = _onto_the_rim(counts, rim)
+    angles = _up_to_the_rim(slices.counts, rim)
     free = min(len(counts) - 2, INNER)
     cells = _Cells.around(slices, min(len(counts), free + 2 * REACH))
     share = counts[: free + 1] * 1.0
@@ -121,13 +124,17 @@ def _moved(angles: NDArray[np.float64], move: NDArray[np.floating[Any]]) -> NDAr
     return moved
 
 
-def _onto_the_rim(counts: NDArray[np.int64], rim: float) -> NDArray[np.float64]:
-    """Cut equal units so that half of the last slice lies within the rim; mid angles of the slices."""
+def unit_angle(counts: Sequence[int], rim: float) -> float:
+    """Tell the solid angle in steradians of each point of slices that fill a cap, overhang included."""
+    return 2 * pi * (1 - cos(rim)) / (sum(counts) - OVERHANG * counts[-1])
+
+
+def _up_to_the_rim(counts: Sequence[int], rim: float) -> NDArray[np.float64]:
+    """Cut equal units so that the last slice overhangs the rim; mid angles of the slices."""
     units = np.concatenate([[0], np.cumsum(counts)])
-    unit = (1 - cos(rim)) / (units[-1] - counts[-1] / 2)
-    border = np.arccos(np.maximum(1 - unit * units, -1.0))
+    border = np.arccos(np.maximum(1 - unit_angle(counts, rim) / (2 * pi) * units, -1.0))
     angles: NDArray[np.float64] = (border[:-1] + border[1:]) / 2
-    angles[0], angles[-1] = 0.0, rim
+    angles[0] = 0.0
     return angles
 
 

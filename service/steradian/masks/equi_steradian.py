@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import atan, ceil, cos, pi
+from math import atan, ceil
 from typing import Literal, Self
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from steradian.errors import InvalidInput
-from steradian.masks.equalise import equalise
+from steradian.masks.equalise import equalise, unit_angle
 from steradian.masks.mask import Mask
 from steradian.masks.slices import Slices, convenient_below, convenient_slices
 from steradian.masks.snapping import ScannerGrid
@@ -101,7 +101,7 @@ class EquiSteradian(Value):
 
     def _pattern(self, slices: Slices) -> Pattern:
         positions = equalise(slices, self._rim).project(self.depth)
-        unit = 2 * pi * (1 - cos(self._rim)) / (slices.total - slices.counts[-1] / 2)
+        unit = unit_angle(slices.counts, self._rim)
         if self._is_offset:
             positions = positions + np.asarray(self.offset)
             positions = positions[np.abs(positions).max(axis=1) <= self.aperture / 2]
@@ -189,7 +189,7 @@ def equi_steradian_mask(
     Returns
     -------
     Mask
-        Innermost points first, the last slice on the rim; weights sum to X².
+        Innermost points first, the last slice at the rim; weights sum to X².
 
     Raises
     ------

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import heapq
+from functools import partial
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from steradian.compiled import compiled
 
-@numba.njit(cache=True)
+exact = partial(compiled, fast=False)
+"""Compile a loop that keeps to the order of sums, so that results are the same everywhere."""
+
+
+@exact
 def eliminate(
     starts: NDArray[np.int64], neighbours: NDArray[np.int64], crowding: NDArray[np.float64], wanted: int
 ) -> NDArray[np.bool_]:

@@ -32,6 +32,8 @@ class Preview:
     seconds
         Time each part needs by itself: ``laser`` (pulses), ``mover`` (moves and settling), ``tuning`` (of the bias
         wavelength), ``link`` (bytes over the line), ``disk`` (writes).
+    laser_seconds
+        ``seconds["laser"]``.
     total_seconds
         Time of the scan: the parts overlap, and a point waits for the next pulse of a laser that runs freely.
     limiting
@@ -41,23 +43,19 @@ class Preview:
     retunings
         How often the bias wavelength changes.
     bytes
-        Size of the scan file.
+        Size of the A-lines' samples; the scan file is a few per cent larger.
     findings
         Remarks; an error refuses the scan.
     """
 
     seconds: dict[Part, float]
+    laser_seconds: float
     total_seconds: float
     limiting: Part
     travel: float
     retunings: int
     bytes: int
     findings: tuple[Finding, ...]
-
-    @property
-    def laser_seconds(self) -> float:
-        """Time of the laser pulses alone."""
-        return self.seconds["laser"]
 
     @property
     def is_refused(self) -> bool:
@@ -94,23 +92,25 @@ def preview(
     moving, tuning = moving_seconds(plan), tuning_seconds(plan)
     waits = np.maximum(np.ceil((moving + tuning) * plan.pulse_rate - 1e-9), 1)
     loop = float(waits.sum() + alines * (plan.averages - 1)) * period
-    size = alines * (plan.samples * BYTES_PER_SAMPLE + BYTES_PER_ALINE)
+    size = alines * plan.samples * BYTES_PER_SAMPLE
+    file_size = size + alines * BYTES_PER_ALINE
     seconds: dict[Part, float] = {
         "laser": alines * plan.averages * period,
         "mover": float(moving.sum()),
         "tuning": float(tuning.sum()),
         "link": plan.link.seconds_of(alines, plan.samples),
-        "disk": size / disk_rate,
+        "disk": file_size / disk_rate,
     }
     way = travel(plan.mask.film_positions, plan.visit)
     return Preview(
         seconds=seconds,
+        laser_seconds=seconds["laser"],
         total_seconds=max(loop, seconds["link"], seconds["disk"]),
         limiting=_limiting(seconds, loop),
         travel=way,
         retunings=int((tuning > 0).sum()),
         bytes=size,
-        findings=find(plan, alines_per_second=alines / loop, bytes_=size, free=free_bytes, resolution=resolution),
+        findings=find(plan, alines_per_second=alines / loop, bytes_=file_size, free=free_bytes, resolution=resolution),
     )
 
 

@@ -8,19 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from steradian.plans.curves import hilbert
+from steradian.plans.moves import apart, exact, length, or_opt, reverse, turn, two_opt
 
 NEIGHBOURS = 8
 BUDGET = 400_000_000
-"""Elementary steps of one optimisation, about a second's work."""
+"""Elementary steps until no move gains, about a second's work; usually far fewer are needed."""
+KICKS = 2_000
+"""So often, at most, the finished way is disturbed in one place and mended, and the change kept if that was a gain …"""
+KICKS_PER_POINT = 2
+"""… and at most so often for each point."""
 LONGEST = 50_000
 """No move turns round more points than this."""
 BOTH = 60_000
-"""Up to so many points, two beginnings are improved and the better kept; beyond, only the quicker one."""
+"""Up to so many points, two beginnings are improved and the better kept; beyond, only the shorter one is."""
 
 
 def shortest(positions: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -34,10 +38,11 @@ def shortest(positions: NDArray[np.float64]) -> NDArray[np.int64]:
     if len(positions) < 4:
         return hilbert(positions)
     neighbours, curve = nearest(positions, NEIGHBOURS), hilbert(positions)
-    starts = [curve]
-    if len(positions) <= BOTH:
-        starts.append(_nearest_neighbour(positions, neighbours, curve))
-    tours = [_improve(positions, neighbours, start, BUDGET, LONGEST) for start in starts]
+    starts = [_nearest_neighbour(positions, neighbours, curve), curve]
+    if len(positions) > BOTH:
+        starts = [min(starts, key=lambda tour: _open_length(positions, tour))]
+    kicks = min(KICKS, KICKS_PER_POINT * len(positions))
+    tours = [_improve(positions, neighbours, start, BUDGET, LONGEST, kicks) for start in starts]
     best: NDArray[np.int64] = min(tours, key=lambda tour: _open_length(positions, tour))
     return best
 
@@ -77,12 +82,7 @@ def _open_length(positions: NDArray[np.float64], tour: NDArray[np.int64]) -> flo
     return float(np.linalg.norm(np.diff(positions[tour], axis=0), axis=1).sum())
 
 
-@numba.njit(cache=True)
-def _apart(positions: NDArray[np.float64], a: int, b: int) -> float:
-    return float(np.hypot(positions[a, 0] - positions[b, 0], positions[a, 1] - positions[b, 1]))
-
-
-@numba.njit(cache=True)
+@exact
 def _nearest_neighbour(
     positions: NDArray[np.float64], neighbours: NDArray[np.int32], curve: NDArray[np.int64]
 ) -> NDArray[np.int64]:
@@ -110,12 +110,12 @@ def _nearest_neighbour(
         if chosen < 0:
             for _ in range(64):
                 if left >= 0:
-                    distance = _apart(positions, here, left)
+                    distance = apart(positions, here, left)
                     if distance < least:
                         chosen, least = left, distance
                     left = before[left]
                 if right >= 0:
-                    distance = _apart(positions, here, right)
+                    distance = apart(positions, here, right)
                     if distance < least:
                         chosen, least = right, distance
                     right = after[right]
@@ -123,184 +123,107 @@ def _nearest_neighbour(
     return tour
 
 
-@numba.njit(cache=True)
-def _length(positions: NDArray[np.float64], a: int, b: int) -> float:
-    """Distance of two points; the helper node after the last, which joins the tour's open ends, is near to all."""
-    if a == len(positions) or b == len(positions):
-        return 0.0
-    return _apart(positions, a, b)
-
-
-@numba.njit(cache=True)
-def _reverse(tour: NDArray[np.int64], place: NDArray[np.int64], first: int, last: int) -> int:
-    """Turn round the part of a closed tour from place ``first`` to ``last``; return its length."""
-    size = len(tour)
-    inside = (last - first) % size + 1
-    for _ in range(inside // 2):
-        a, b = tour[first], tour[last]
-        tour[first], place[b] = b, first
-        tour[last], place[a] = a, last
-        first, last = first + 1, last - 1
-        if first == size:
-            first = 0
-        if last < 0:
-            last = size - 1
-    return inside
-
-
-@numba.njit(cache=True)
-def _two_opt(
+@exact
+def _settle(
     positions: NDArray[np.float64],
     neighbours: NDArray[np.int32],
     tour: NDArray[np.int64],
     place: NDArray[np.int64],
-    a: int,
+    log: NDArray[np.int64],
+    gained: NDArray[np.float64],
+    waiting: NDArray[np.int64],
+    filled: int,
+    queued: NDArray[np.bool_],
+    budget: int,
     longest: int,
-) -> int:
-    """Try to replace an edge at ``a`` and another by two shorter ones; return the steps taken, 0 for no gain."""
-    size = len(tour)
-    for direction in (1, -1):
-        b = tour[(place[a] + direction) % size]
-        old = _length(positions, a, b)
-        for c in neighbours[a]:
-            first = _apart(positions, a, c)
-            if first >= old:
-                break
-            d = tour[(place[c] + direction) % size]
-            gain = old + _length(positions, c, d) - first - _length(positions, b, d)
-            if gain > 1e-12:
-                start, end = (place[b], place[c]) if direction == 1 else (place[c], place[b])
-                inside = (end - start) % size + 1
-                if 2 * inside > size:  # turning round the rest makes the same closed tour
-                    start, end, inside = (end + 1) % size, (start - 1) % size, size - inside
-                if inside <= longest:
-                    return 1 + int(_reverse(tour, place, start, end))
-    return 0
-
-
-@numba.njit(cache=True)
-def _or_opt(
-    positions: NDArray[np.float64],
-    neighbours: NDArray[np.int32],
-    tour: NDArray[np.int64],
-    place: NDArray[np.int64],
-    a: int,
-    longest: int,
-) -> int:
-    """Try to move a piece of up to three points, ending with ``a``, between ``a``'s neighbour c and one beside it."""
-    size = len(tour)
-    for direction in (1, -1):
-        for length in range(1, 4):
-            # the piece runs from a back to z; p and n are what it lies between
-            z = tour[(place[a] - direction * (length - 1)) % size]
-            n = tour[(place[a] + direction) % size]
-            p = tour[(place[z] - direction) % size]
-            removed = _length(positions, p, z) + _length(positions, a, n) - _length(positions, p, n)
-            if removed <= 1e-12:
-                continue
-            for c in neighbours[a]:
-                near = _apart(positions, a, c)
-                if near >= removed:
-                    break
-                ahead = (direction * (place[c] - place[a])) % size  # places from a to c, going away from the piece
-                if ahead == 0 or ahead > size - length:
-                    continue  # c is in the piece
-                for side in (1, -1):
-                    e = tour[(place[c] + side * direction) % size]
-                    if e == a or e == z:
-                        continue
-                    gain = removed + _length(positions, c, e) - near - _length(positions, z, e)
-                    if gain <= 1e-12:
-                        continue
-                    steps = _move_piece(tour, place, z, a, n, p, c, e, direction, side, longest)
-                    if steps:
-                        return int(steps)
-    return 0
-
-
-@numba.njit(cache=True)
-def _move_piece(
-    tour: NDArray[np.int64],
-    place: NDArray[np.int64],
-    z: int,
-    a: int,
-    n: int,
-    p: int,
-    c: int,
-    e: int,
-    direction: int,
-    side: int,
-    longest: int,
-) -> int:
-    """Move z…a between c and e by turning parts round; return the steps, 0 if that would be too many.
-
-    Seen in ``direction``: p z…a n … (c e | e c) becomes p n … c a…z e or p n … e z…a c.
-    """
-    size = len(tour)
-    far = e if side == 1 else c  # the one of c, e that comes later
-    near = c if side == 1 else e
-    ahead = (direction * (place[near] - place[a])) % size
-    behind = (direction * (place[z] - place[far])) % size
-    if min(ahead, behind) > longest:
-        return 0
-    if ahead <= behind:
-        # turn round z … near, then n … near (now first) back
-        _turn(tour, place, z, near, direction)
-        _turn(tour, place, near, n, direction)
-        if side == -1:  # the piece must lie z…a before c, and it lies a…z
-            _turn(tour, place, a, z, direction)
-        return 1 + 2 * int(ahead)
-    _turn(tour, place, far, a, direction)
-    _turn(tour, place, p, far, direction)
-    if side == -1:
-        _turn(tour, place, a, z, direction)
-    return 1 + 2 * int(behind)
-
-
-@numba.njit(cache=True)
-def _turn(tour: NDArray[np.int64], place: NDArray[np.int64], first: int, last: int, direction: int) -> None:
-    """Turn round the part from point ``first`` to point ``last``, as seen in ``direction``."""
-    if direction == 1:
-        _reverse(tour, place, place[first], place[last])
-    else:
-        _reverse(tour, place, place[last], place[first])
-
-
-@numba.njit(cache=True)
-def _improve(
-    positions: NDArray[np.float64], neighbours: NDArray[np.int32], start: NDArray[np.int64], budget: int, longest: int
-) -> NDArray[np.int64]:
-    """Apply gaining moves until there are none or the budget is spent."""
-    count = len(start)
-    size = count + 1
-    tour, place = np.empty(size, np.int64), np.empty(size, np.int64)
-    tour[:count], tour[count] = start, count
-    for step in range(size):
-        place[tour[step]] = step
-
-    waiting, queued = np.empty(size, np.int64), np.ones(count, np.bool_)
-    waiting[:count] = start
-    head, filled = 0, count
-    while filled and budget > 0:
+) -> None:
+    """Apply gaining moves at the ``filled`` points in ``waiting`` and where they lead, until there are none."""
+    size, head = len(tour), 0
+    while filled:
         a = waiting[head]
         head = (head + 1) % size
         filled -= 1
         queued[a] = False
+        if budget < 0:
+            continue
         here = place[a]
         around = (tour[here - 1], tour[(here + 1) % size])
-        steps = _two_opt(positions, neighbours, tour, place, a, longest)
+        steps = two_opt(positions, neighbours, tour, place, log, gained, a, longest)
         if not steps:
-            steps = _or_opt(positions, neighbours, tour, place, a, longest)
+            steps = or_opt(positions, neighbours, tour, place, log, gained, a, longest)
         budget -= 40 + steps
         if steps:  # all points at the ends of edges that changed, and more, have another look
             here = place[a]
             for point in (a, around[0], around[1], tour[here - 1], tour[(here + 1) % size]):
                 for beside in range(-1, 2):
                     again = tour[(place[point] + beside) % size]
-                    if again < count and not queued[again]:
+                    if again < size - 1 and not queued[again]:
                         queued[again] = True
                         waiting[(head + filled) % size] = again
                         filled += 1
+
+
+@exact
+def _kick(
+    positions: NDArray[np.float64],
+    tour: NDArray[np.int64],
+    place: NDArray[np.int64],
+    log: NDArray[np.int64],
+    gained: NDArray[np.float64],
+    waiting: NDArray[np.int64],
+    queued: NDArray[np.bool_],
+) -> int:
+    """Exchange two neighbouring parts of up to 30 points at a place by chance; return how many ends are waiting."""
+    size = len(tour)
+    span = min(30, (size - 2) // 2)
+    first = np.random.randint(0, size)  # noqa: NPY002 - numba's own generator, seeded by the caller
+    one, two = np.random.randint(1, span + 1), np.random.randint(1, span + 1)  # noqa: NPY002
+    middle, last = (first + one - 1) % size, (first + one + two - 1) % size
+    p, a, b = tour[first - 1], tour[first], tour[middle]
+    c, d, n = tour[(middle + 1) % size], tour[last], tour[(last + 1) % size]
+    gained[0] += length(positions, p, a) + length(positions, b, c) + length(positions, d, n)
+    gained[0] -= length(positions, p, c) + length(positions, d, a) + length(positions, b, n)
+    turn(tour, place, log, a, d, 1)
+    turn(tour, place, log, d, c, 1)
+    turn(tour, place, log, b, a, 1)
+    filled = 0
+    for point in (p, a, b, c, d, n):
+        if point < size - 1 and not queued[point]:
+            queued[point] = True
+            waiting[filled] = point
+            filled += 1
+    return filled
+
+
+@exact
+def _improve(
+    positions: NDArray[np.float64],
+    neighbours: NDArray[np.int32],
+    start: NDArray[np.int64],
+    budget: int,
+    longest: int,
+    kicks: int,
+) -> NDArray[np.int64]:
+    """Apply gaining moves until there are none, then kick and mend."""
+    count = len(start)
+    size = count + 1
+    tour, place = np.empty(size, np.int64), np.empty(size, np.int64)
+    tour[:count], tour[count] = start, count
+    for step in range(size):
+        place[tour[step]] = step
+    waiting, queued = np.empty(size, np.int64), np.ones(count, np.bool_)
+    waiting[:count] = start
+    log, gained = np.zeros((1000, 2), np.int64), np.zeros(1)
+    _settle(positions, neighbours, tour, place, log, gained, waiting, count, queued, budget, longest)
+    np.random.seed(1)  # noqa: NPY002
+    for _ in range(kicks if count >= 8 else 0):
+        log[0, 0], gained[0] = 0, 0.0
+        filled = _kick(positions, tour, place, log, gained, waiting, queued)
+        _settle(positions, neighbours, tour, place, log, gained, waiting, filled, queued, 100_000, 1000)
+        if gained[0] < 0 and log[0, 0] < len(log):
+            for entry in range(log[0, 0], 0, -1):
+                first, last = log[entry, 0], log[entry, 1]
+                reverse(tour, place, log, first, last)
     first = place[count]
     found = np.empty(count, np.int64)
     for step in range(count):

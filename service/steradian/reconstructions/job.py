@@ -13,6 +13,7 @@ import numpy as np
 
 from steradian.errors import InvalidInput
 from steradian.imaging import Volume, reconstruct
+from steradian.imaging.conditioning import Conditioning
 from steradian.progress import IsCancelled, Progress
 from steradian.reconstructions.parameters import DEFAULT_SPACING, ReconstructionParameters
 from steradian.reconstructions.volume_file import write_volume
@@ -88,8 +89,9 @@ def reconstruct_scan(
     with report.timed("draw"):
         from steradian.reconstructions.pictures import draw_mip
 
+        shown = chosen.display.apply(volume)
         for axis in "xyz":
-            draw_mip(volume, axis, output / f"mip-{axis}.png")
+            draw_mip(shown, axis, output / f"mip-{axis}.png", chosen.display)
     _write_report(output / "report.json", report)
     return report
 
@@ -102,8 +104,13 @@ def reconstruct_recording(
     cancelled: IsCancelled | None = None,
 ) -> Volume:
     """Reconstruct a recording in memory; see :func:`reconstruct_scan`."""
+    traces = recording.traces * np.asarray(recording.scale, dtype=np.float32).reshape(-1, 1)
+    if parameters.conditioning != Conditioning():
+        traces = parameters.conditioning.apply(
+            traces, recording.positions, sampling_interval=recording.sampling_interval, aperture=recording.aperture
+        )
     return reconstruct(
-        recording.traces * np.asarray(recording.scale, dtype=np.float32).reshape(-1, 1),
+        traces,
         recording.positions,
         sampling_interval=recording.sampling_interval,
         sound_speed=_sound_speed(recording, parameters),
@@ -111,10 +118,13 @@ def reconstruct_recording(
         modes=_modes(recording, parameters),
         weights=_weights(recording, parameters),
         upsampling=parameters.upsampling,
-        depth_range=parameters.depth_range,
+        depth_range=_depth_range(recording, parameters),
         method=parameters.method,
         tolerance=parameters.tolerance,
-        time_zero=recording.time_zero,
+        window=parameters.window,
+        time_zero=recording.time_zero + parameters.conditioning.delay,
+        time_padding=parameters.time_padding,
+        lateral_padding=parameters.lateral_padding,
         progress=progress,
         cancelled=cancelled,
     )
@@ -129,6 +139,14 @@ def _sound_speed(recording: Recording, parameters: ReconstructionParameters) -> 
 
 def _modes(recording: Recording, parameters: ReconstructionParameters) -> int:
     return parameters.modes or recording.grid or max(2, round(recording.aperture / DEFAULT_SPACING))
+
+
+def _depth_range(recording: Recording, parameters: ReconstructionParameters) -> tuple[float, float] | None:
+    if parameters.depth_range is None:
+        return None
+    first, last = parameters.depth_range
+    end = (recording.traces.shape[1] - 1) * recording.sampling_interval * _sound_speed(recording, parameters)
+    return first or 0.0, end if last is None else last
 
 
 def _weights(recording: Recording, parameters: ReconstructionParameters) -> np.ndarray | str | None:

@@ -9,21 +9,35 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from steradian.imaging import Volume
+from steradian.imaging.conditioning import Display
 
 PLANES = {"x": ("y", "z"), "y": ("x", "z"), "z": ("x", "y")}
 """The two axes that a projection along the third one shows, across and up (depth points down)."""
 
+LINEAR = Display()
 LONG_SIDE = 6.5
 ROUND_LENGTHS = (0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50)
 
 
-def draw_mip(volume: Volume, axis: str, path: Path) -> None:
+def draw_mip(volume: Volume, axis: str, path: Path, display: Display = LINEAR) -> None:
     """Draw the projection along ``axis`` into a PNG, under a temporary name first.
 
     Negative values, which a limited view and the record's finite band leave, are shown black.
+
+    Parameters
+    ----------
+    volume
+        The image, with ``display`` applied.
+    axis
+        The axis to project along.
+    path
+        Where to.
+    display
+        What was applied: whether values are decibels, and down to how many.
     """
     across, up = PLANES[axis]
-    image = np.clip(volume.mip(axis), 0, None).T
+    lowest = -display.log_range_db if display.log_range_db else 0.0
+    image = np.clip(volume.mip(axis), lowest, None).T
     horizontal, vertical = (1e3 * getattr(volume.axes, name) for name in (across, up))
     dx, dy = horizontal[1] - horizontal[0], vertical[1] - vertical[0]
     extent = (horizontal[0] - dx / 2, horizontal[-1] + dx / 2, vertical[-1] + dy / 2, vertical[0] - dy / 2)
@@ -33,13 +47,14 @@ def draw_mip(volume: Volume, axis: str, path: Path) -> None:
         figsize=(max(2.5, width * scale) + 1.6, max(2.0, height * scale) + 1.1), dpi=110, layout="constrained"
     )
     axes = figure.add_subplot()
-    shown = axes.imshow(image, cmap="inferno", extent=extent, vmin=0, interpolation="nearest")
+    shown = axes.imshow(image, cmap="inferno", extent=extent, vmin=lowest, interpolation="nearest")
     if up == "y":
         axes.invert_yaxis()  # y points up, depth z points down from the sensor plane
     axes.set_xlabel(f"{across} (mm)")
     axes.set_ylabel(f"{up} (mm)" if up == "y" else "z, depth (mm)")
     axes.set_title(f"Maximum-intensity projection along {axis}", fontsize=10)
-    figure.colorbar(shown, ax=axes, label="initial pressure (arb. u.)", shrink=0.8)
+    label = "initial pressure (dB of its maximum)" if lowest else "initial pressure (arb. u.)"
+    figure.colorbar(shown, ax=axes, label=label, shrink=0.8)
     _scale_bar(axes, width, height, up == "y")
     draft = path.with_name(path.name + ".new")
     figure.savefig(draft, format="png")

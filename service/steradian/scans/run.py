@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import fabry_perot
-from steradian.errors import Cancelled, ScanFailed
+from steradian.errors import Cancelled, Conflict, InvalidInput, ScanFailed
 from steradian.plans import ScanPlan
 from steradian.progress import IsCancelled, Progress
 from steradian.scans.store import AlineStore, create_scan_file
@@ -50,36 +50,42 @@ def run_scan(
     ------
     Conflict
         When ``path`` exists.
+    InvalidInput
+        When the scanner cannot do what the plan asks; no file is made.
     Cancelled
         When ``cancelled`` said so; the laser is off and the file holds what was measured.
     ScanFailed
         When the scanner or its link gave up; likewise.
     """
+    if path.exists():
+        raise Conflict(f"{path} exists; choose another name or remove it")
     try:
         with fabry_perot.connect(scanner_url) as scanner:
+            _upload(plan, scanner)
             model = scanner.capabilities
             create_scan_file(path, plan, scan_id=scan_id, scanner=model.serial, simulated=model.simulated)
             with AlineStore(path) as store:
-                _acquire(plan, scanner, store, progress, cancelled)
+                _acquire(scanner, store, progress, cancelled)
                 return ScanSummary(path, plan.mask.count, scanner.status.shots, store.stored)
+    except fabry_perot.PlanInvalid as error:
+        raise InvalidInput(error.field, error.value, error.allowed) from error
     except fabry_perot.ScannerError as error:
         raise ScanFailed(str(error)) from error
 
 
-def _acquire(
-    plan: ScanPlan,
-    scanner: fabry_perot.Scanner,
-    store: AlineStore,
-    progress: Progress | None,
-    cancelled: IsCancelled | None,
-) -> None:
+def _upload(plan: ScanPlan, scanner: fabry_perot.Scanner) -> None:
     scanner.upload(
-        plan.mask.positions[plan.visit],
+        plan.mask.film_positions[plan.visit],
         samples=plan.samples,
         sampling_interval=plan.sampling_interval,
         pulse_rate=plan.pulse_rate,
         averages=plan.averages,
     )
+
+
+def _acquire(
+    scanner: fabry_perot.Scanner, store: AlineStore, progress: Progress | None, cancelled: IsCancelled | None
+) -> None:
     scanner.start(scanner.arm())
     while not _take_alines(scanner, store, progress, cancelled):
         scanner.resume()  # this process was held up for longer than the laser's lease: nothing is lost

@@ -20,8 +20,8 @@ MASK = equi_steradian_mask(APERTURE, DEPTH, 1600)
 def test_the_papers_mask_opens_by_the_papers_angle():
     """The largest angle of incidence is 62° (paper, section 4.2), the opening twice that."""
     seen = promises(MASK)
-    assert degrees(seen.largest_angle) == pytest.approx(62, abs=0.1)
-    assert degrees(seen.opening_angle) == pytest.approx(124, abs=0.3)
+    assert degrees(seen.largest_angle) == pytest.approx(62, abs=0.5)
+    assert degrees(seen.opening_angle) == pytest.approx(124, abs=1)
     assert seen.attenuation_db == pytest.approx(5, abs=0.1)
     assert seen.evenness < 0.06
     assert seen.weight_ratio == MASK.weight_ratio

@@ -78,7 +78,7 @@ def test_the_line_carries_what_was_measured(baud, samples, lines):
 
 def test_records_that_end_too_early_warn_or_refuse():
     """Too short for the farthest sensor: a warning; for the point of interest itself: an error. Both say how long."""
-    farthest = np.hypot(13.56e-3 / 2, 3.6e-3)
+    farthest = np.hypot(np.linalg.norm(MASK.positions, axis=1).max(), 3.6e-3)
     need = int(np.ceil(farthest / 1500 / 8e-9)) + 1
     finding = only(ScanPlan.create(mask=MASK, samples=need - 1), "warning", "samples")
     assert finding.allowed == f"at least {need}"
@@ -99,7 +99,7 @@ def test_a_spacing_too_wide_for_the_resolution_warns():
 def test_a_disk_too_small_refuses_and_a_tight_one_warns():
     """The hard need refuses, a margin of a fifth warns."""
     plan = ScanPlan.create(mask=MASK)
-    need = preview(plan).bytes
+    need = preview(plan).bytes + 40 * MASK.count
     assert only(plan, "error", "disk", free_bytes=need - 1)
     assert only(plan, "warning", "disk", free_bytes=need + 1)
     assert preview(plan, free_bytes=2 * need).findings == ()

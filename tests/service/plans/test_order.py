@@ -19,7 +19,7 @@ def way(positions, order):
     return travel(positions, visit_order(positions, order))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     order=st.sampled_from(SELF_CONTAINED),
     count=st.integers(1, 300),
