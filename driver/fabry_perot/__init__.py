@@ -5,7 +5,9 @@ The *device* is the scanner's firmware side (:mod:`fabry_perot.device`), the *dr
 """
 
 from fabry_perot.aline import ALine
+from fabry_perot.asynchronous import AsyncScanner, connect_async
 from fabry_perot.capabilities import Capabilities
+from fabry_perot.connecting import Found, connect, discover
 from fabry_perot.errors import (
     DeviceError,
     DeviceFault,
@@ -22,15 +24,19 @@ from fabry_perot.errors import (
     ScanAborted,
     ScannerError,
 )
-from fabry_perot.scanner import Scanner, connect
+from fabry_perot.host import Recovery, ScanReport
+from fabry_perot.scanner import Scanner
+from fabry_perot.tuning import TuningCurve, TuningDrift, TuningMap
 
 __all__ = [
     "ALine",
+    "AsyncScanner",
     "Capabilities",
     "DeviceError",
     "DeviceFault",
     "DeviceRestarted",
     "EmergencyStopped",
+    "Found",
     "LeaseLapsed",
     "LinkError",
     "LinkLost",
@@ -38,9 +44,16 @@ __all__ = [
     "PlanInvalid",
     "PortBusy",
     "PortUnavailable",
+    "Recovery",
     "Refused",
     "ScanAborted",
+    "ScanReport",
     "Scanner",
     "ScannerError",
+    "TuningCurve",
+    "TuningDrift",
+    "TuningMap",
     "connect",
+    "connect_async",
+    "discover",
 ]

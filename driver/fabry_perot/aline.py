@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fabry_perot.encoding import Encoding, decode
 from fabry_perot.errors import FrameError
 from fabry_perot.framing import crc32c
 from fabry_perot.messages import LAYOUT, ALineMeta, unpack
@@ -63,8 +64,8 @@ class ALine:
     quality: int
 
     @classmethod
-    def from_blob(cls, number: int, point: int, blob: bytes) -> ALine:
-        """Return the A-line in ``blob`` (meta ‖ int16 samples).
+    def from_blob(cls, number: int, point: int, blob: bytes, encoding: int = 0) -> ALine:
+        """Return the A-line in ``blob`` (meta ‖ encoded samples).
 
         Raises
         ------
@@ -73,20 +74,21 @@ class ALine:
         """
         meta = unpack(ALineMeta, blob, tail=True)
         data = blob[_META:]
-        if len(data) != 2 * meta.samples or crc32c(data) != meta.crc:
-            raise FrameError(f"A-line {number}: samples do not match their length or checksum")
+        samples = decode(data, encoding, meta.samples)
+        if crc32c(data if encoding == Encoding.INT16 else samples.astype("<i2", copy=False).tobytes()) != meta.crc:
+            raise FrameError(f"A-line {number}: samples do not match their checksum")
         return cls(
-            number=number,
-            point=point,
-            samples=np.frombuffer(data, "<i2").astype(np.int16, copy=False),
-            scale=meta.scale,
-            sampling_interval=meta.interval * 1e-12,
-            fire_time_s=meta.fire_time * 1e-6,
-            shot=meta.shot,
-            averages=meta.averages,
-            energy=meta.energy * 1e-4,
-            wavelength_m=meta.wavelength * 1e-12,
-            time_zero_offset_s=meta.time_zero * 1e-10,
-            dc_v=meta.dc * 1e-3,
-            quality=meta.quality,
+            number,
+            point,
+            samples,
+            meta.scale,
+            meta.interval * 1e-12,
+            meta.fire_time * 1e-6,
+            meta.shot,
+            meta.averages,
+            meta.energy * 1e-4,
+            meta.wavelength * 1e-12,
+            meta.time_zero * 1e-10,
+            meta.dc * 1e-3,
+            meta.quality,
         )

@@ -8,17 +8,19 @@ The device sends one CBOR map. Ranges are ``[lowest, highest]``:
 - ``clock_rate``: device seconds per host second, 1 on hardware
 - ``line_rate``: bytes per second the line carries, 0 when nothing paces it
 - ``lease_cap_us``: longest lease granted, in µs
+- ``tuning_us``: time one step of TUNE_SCAN takes; ``parameters``: map of what SET changes to its range; both optional
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from fabry_perot.encoding import NAMES, Encoding
 from fabry_perot.errors import FrameError, PlanInvalid
 from fabry_perot.framing import encoded_size
 
@@ -56,6 +58,14 @@ class Capabilities:
         Bytes per second the line carries; 0 when nothing paces it.
     lease_cap
         Longest laser lease the device grants, in s of device time.
+    encodings
+        Encodings of A-lines it can send.
+    beams
+        Points interrogated at a time.
+    tuning_time
+        Seconds one step of a wavelength sweep takes.
+    parameters
+        What :meth:`fabry_perot.Scanner.set` changes, with its range.
     """
 
     model: str
@@ -72,13 +82,17 @@ class Capabilities:
     clock_rate: float
     line_rate: int
     lease_cap: float
+    encodings: tuple[int, ...] = (0,)
+    beams: int = 1
+    tuning_time: float = 0.0
+    parameters: Mapping[str, Range] = field(default_factory=dict)
 
     @classmethod
     def from_map(cls, data: Mapping[str, Any]) -> Capabilities:
         """Return the capabilities in a device's CBOR map; a map that lacks one raises FrameError."""
 
-        def span(name: str, unit: float) -> Range:
-            low, high = data[name]
+        def span(pair: Any, unit: float = 1.0) -> Range:
+            low, high = pair
             return float(low) * unit, float(high) * unit
 
         try:
@@ -86,19 +100,23 @@ class Capabilities:
                 model=str(data["model"]),
                 serial=str(data["serial"]),
                 simulated=bool(data["simulated"]),
-                x=span("x_nm", 1e-9),
-                y=span("y_nm", 1e-9),
+                x=span(data["x_nm"], 1e-9),
+                y=span(data["y_nm"], 1e-9),
                 samples=(int(data["samples"][0]), int(data["samples"][1])),
-                sampling_interval=span("interval_ps", 1e-12),
-                pulse_rate=span("pulse_rate_mhz", 1e-3),
+                sampling_interval=span(data["interval_ps"], 1e-12),
+                pulse_rate=span(data["pulse_rate_mhz"], 1e-3),
                 averages=(int(data["averages"][0]), int(data["averages"][1])),
-                wavelength=span("wavelength_pm", 1e-12),
+                wavelength=span(data["wavelength_pm"], 1e-12),
                 adc_bits=int(data["adc_bits"]),
                 clock_rate=float(data["clock_rate"]),
                 line_rate=int(data["line_rate"]),
                 lease_cap=float(data["lease_cap_us"]) * 1e-6,
+                encodings=tuple(int(value) for value in data["encodings"]),
+                beams=int(data["beams"]),
+                tuning_time=float(data.get("tuning_us", 0)) * 1e-6,
+                parameters={str(name): span(pair) for name, pair in data.get("parameters", {}).items()},
             )
-        except (KeyError, TypeError, ValueError, IndexError) as error:
+        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
             raise FrameError(f"capabilities lack or garble {error}") from error
 
     def alines_per_second(self, samples: int) -> float:
@@ -106,6 +124,32 @@ class Capabilities:
         if not self.line_rate:
             return float("inf")
         return 0.9 * self.line_rate / encoded_size(_ALINE_OVERHEAD + 2 * samples)
+
+    def encoding(self, name: str) -> int:
+        """Return the number of an encoding by name; ``"auto"`` packs A-lines when the line is the bottleneck.
+
+        Raises
+        ------
+        PlanInvalid
+            The scanner does not have it.
+        """
+        if name == "auto":
+            packs = self.line_rate > 0 and Encoding.DELTA_RICE in self.encodings
+            return Encoding.DELTA_RICE if packs else Encoding.INT16
+        if name not in NAMES or NAMES[name] not in self.encodings:
+            allowed = ["auto", *(word for word, value in NAMES.items() if value in self.encodings)]
+            raise PlanInvalid("encoding", name, " | ".join(allowed))
+        return NAMES[name]
+
+    def wavelengths(self, given: ArrayLike, count: int) -> NDArray[np.float64]:
+        """Return interrogation wavelengths (m), one or (``count``,), 0 for the device's own map; PlanInvalid if not."""
+        values = np.asarray(given, dtype=np.float64)
+        low, high = self.wavelength
+        if values.ndim and values.shape != (count,):
+            raise PlanInvalid("wavelength", f"shape {values.shape}", f"one value or ({count},), in m")
+        if not np.all((values == 0) | ((values > low - 1e-15) & (values < high + 1e-15))):
+            raise PlanInvalid("wavelength", f"{values.min():g} … {values.max():g} m", f"0, or {low:g} … {high:g} m")
+        return values
 
     def check(
         self,
@@ -115,6 +159,7 @@ class Capabilities:
         sampling_interval: float,
         pulse_rate: float,
         averages: int,
+        encoding: str = "auto",
     ) -> None:
         """Raise :class:`PlanInvalid` when the scanner cannot do this.
 
@@ -122,7 +167,7 @@ class Capabilities:
         ----------
         points
             (M, 2) positions on the film, in m.
-        samples, sampling_interval, pulse_rate, averages
+        samples, sampling_interval, pulse_rate, averages, encoding
             As in :meth:`fabry_perot.Scanner.upload`.
         """
         if points.ndim != 2 or points.shape[1] != 2 or len(points) == 0:
@@ -133,6 +178,7 @@ class Capabilities:
         _inside("sampling_interval", sampling_interval, self.sampling_interval, " s")
         _inside("pulse_rate", pulse_rate, self.pulse_rate, " Hz")
         _inside("averages", averages, self.averages, "")
+        self.encoding(encoding)
         for axis, (name, (low, high)) in enumerate((("x", self.x), ("y", self.y))):
             values = points[:, axis]
             if values.min() < low - 1e-9 or values.max() > high + 1e-9:

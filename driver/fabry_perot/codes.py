@@ -9,6 +9,8 @@ PROTOCOL = 1
 
 LASER_ARMED, LASER_EMITTING, SHUTTER_OPEN, INTERLOCK_CLOSED, KEY_ON = 1, 2, 4, 8, 16
 """Bits of ``Status.laser``."""
+FAULT_INTERLOCK = 1
+"""Fault code: the interlock opened while the laser was armed."""
 SATURATED, MISTUNED, MISFIRE, PARTIAL_AVERAGE = 1, 2, 4, 8
 """Bits of ``ALineMeta.quality``."""
 ALL_FRAGMENTS = 0xFF

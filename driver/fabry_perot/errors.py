@@ -142,6 +142,9 @@ class DeviceRestarted(DeviceError):
 
     code = "device-restarted"
 
+    def __init__(self, message: str = "the scanner restarted; A-lines it had not delivered are gone") -> None:
+        super().__init__(message)
+
 
 class DeviceFault(DeviceError):
     """The device reports a latched hardware fault."""

@@ -115,3 +115,23 @@ class Instrument(Protocol):
     def position(self) -> tuple[int, int]:
         """Return x, y in nm on the film."""
         ...
+
+    def interlock_closed(self) -> bool:
+        """Return whether the enclosure's interlock is closed; open, the laser cannot emit."""
+        ...
+
+    def parameters(self) -> dict[str, int]:
+        """Return what SET changes, by name."""
+        ...
+
+    def configure(self, name: str, value: int) -> None:
+        """Change a parameter; name and range were checked against the capabilities."""
+        ...
+
+    def tune(self, x: int, y: int, wavelengths: NDArray[np.int64], now: int) -> tuple[list[int], int]:
+        """Sweep the interrogation wavelength (pm) at a point: the DC levels in mV, and when the sweep ends."""
+        ...
+
+    def laser_shots(self) -> int:
+        """Return the laser's own count of shots, which survives a reboot of the device."""
+        ...

@@ -10,6 +10,7 @@ quantities are in SI units, z points from the sensor plane z = 0 into the object
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,7 +49,17 @@ class Balls:
             raise ValueError("sigmas must be > 0 m")
 
 
-def pressure(balls: Balls, positions: ArrayLike, times: ArrayLike, sound_speed: float) -> NDArray[np.float32]:
+Directivity = Callable[[Array], Array]
+"""Response of a detector to sound from the angle of a given cosine to its axis; any shape in, the same out."""
+
+
+def pressure(
+    balls: Balls,
+    positions: ArrayLike,
+    times: ArrayLike,
+    sound_speed: float,
+    directivity: Directivity | None = None,
+) -> NDArray[np.float32]:
     """Return the pressure the balls cause at points of space.
 
     Parameters
@@ -61,6 +72,8 @@ def pressure(balls: Balls, positions: ArrayLike, times: ArrayLike, sound_speed: 
         (N_t,) s after the laser pulse; fastest when equally spaced.
     sound_speed
         In m/s.
+    directivity
+        Weighs each ball by the angle under which the film sees it; ``None``: an ideal point detector.
 
     Returns
     -------
@@ -75,10 +88,14 @@ def pressure(balls: Balls, positions: ArrayLike, times: ArrayLike, sound_speed: 
     uniform = step > 0 and bool(np.all(np.abs(np.diff(t) - step) < 1e-6 * step))
     for first in range(0, len(where), rows):
         block = where[first : first + rows]
+        weights = np.ones((len(block), len(balls.sigmas)))
+        if directivity is not None:
+            across = np.abs(block[:, 2:] - balls.centres[:, 2])
+            weights = directivity(across / np.maximum(_distances(balls, block), 1e-12))
         if uniform:
-            result[first : first + rows] = _windowed(balls, block, t[0], step, len(t), sound_speed)
+            result[first : first + rows] = _windowed(balls, block, t[0], step, len(t), sound_speed, weights)
         else:
-            result[first : first + rows] = _dense(balls, block, t, sound_speed)
+            result[first : first + rows] = _dense(balls, block, t, sound_speed, weights)
     return result
 
 
@@ -97,7 +114,9 @@ def _distances(balls: Balls, where: Array) -> Array:
     return distances
 
 
-def _windowed(balls: Balls, where: Array, start: float, step: float, samples: int, sound_speed: float) -> Array:
+def _windowed(
+    balls: Balls, where: Array, start: float, step: float, samples: int, sound_speed: float, weights: Array
+) -> Array:
     """Return (P, N_t) pressure, evaluating only samples near each ball's arrival.
 
     With u = R − ct on a grid of spacing d around the nearest sample, exp(−u²/2s²) factors into one exponential per
@@ -110,7 +129,7 @@ def _windowed(balls: Balls, where: Array, start: float, step: float, samples: in
     centre = np.rint((distance / sound_speed - start) / step)
     u0 = distance - sound_speed * (start + centre * step)
     variance = balls.sigmas**2
-    amplitude = np.where(near, 0.0, balls.amplitudes / (2 * np.maximum(distance, 1e-12)))
+    amplitude = np.where(near, 0.0, weights * balls.amplitudes / (2 * np.maximum(distance, 1e-12)))
     amplitude *= np.exp(-(u0**2) / (2 * variance))
     ratio = np.exp(u0 * d / variance)
     k = np.arange(-half, half + 1)
@@ -134,21 +153,22 @@ def _windowed(balls: Balls, where: Array, start: float, step: float, samples: in
     for p in np.flatnonzero(near.any(axis=1)):
         some = near[p]
         close = Balls(balls.centres[some], balls.sigmas[some], balls.amplitudes[some])
-        sums[p] += _dense(close, where[p : p + 1], times, sound_speed)[0]
+        sums[p] += _dense(close, where[p : p + 1], times, sound_speed, weights[p : p + 1, some])[0]
     return sums
 
 
-def _dense(balls: Balls, where: Array, times: Array, sound_speed: float) -> Array:
+def _dense(balls: Balls, where: Array, times: Array, sound_speed: float, weights: Array | None = None) -> Array:
     """Return (P, N_t) pressure from the full formula, with its limit at R → 0."""
     ct = sound_speed * times
     total = np.zeros((len(where), len(times)))
-    for distances, row in zip(_distances(balls, where), total, strict=True):
+    amplitudes = balls.amplitudes * (np.ones((len(where), 1)) if weights is None else weights)
+    for distances, strengths, row in zip(_distances(balls, where), amplitudes, total, strict=True):
         r = distances[:, None]
         s2 = balls.sigmas[:, None] ** 2
         safe = np.maximum(r, 1e-6 * np.sqrt(s2))
         out = (safe - ct) * np.exp(-((safe - ct) ** 2) / (2 * s2))
         back = (safe + ct) * np.exp(-((safe + ct) ** 2) / (2 * s2))
-        row += np.sum(balls.amplitudes[:, None] * (out + back) / (2 * safe), axis=0)
+        row += np.sum(strengths[:, None] * (out + back) / (2 * safe), axis=0)
     return total
 
 

@@ -2,34 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fabry_perot.aline import ALine
-from fabry_perot.capabilities import Capabilities
+from fabry_perot.attention import Attention
 from fabry_perot.clock import Clock
-from fabry_perot.codes import AbortLevel, Operation
-from fabry_perot.errors import NoAnswer, PlanInvalid, ScannerError
-from fabry_perot.host import HostTiming, Plan
-from fabry_perot.messages import Status
+from fabry_perot.codes import Operation
+from fabry_perot.controls import Controls
+from fabry_perot.errors import PlanInvalid, ScannerError
+from fabry_perot.host import HostTiming, Keeper, Plan, Recovery, ScanReport
 from fabry_perot.session import STEP, Session
-from fabry_perot.states import RUNNING, DeviceState
+from fabry_perot.states import RUNNING, DeviceState, HoldCause
 from fabry_perot.streaming import stop_reason
-from fabry_perot.transport import Transport, open_transport
+from fabry_perot.transport import Transport
 
 _LIVE = RUNNING | {DeviceState.ARMED}
-_LEVELS = {
-    "pause": AbortLevel.PAUSE,
-    "laser-off": AbortLevel.LASER_OFF,
-    "emergency-stop": AbortLevel.EMERGENCY_STOP,
-}
 
 
-class Scanner:
+class Scanner(Controls):
     """A connected scanner; use :func:`connect` and a ``with`` block.
 
     The I/O runs in one background thread. The laser stays on only while the application consumes A-lines: waiting
@@ -43,12 +38,26 @@ class Scanner:
         Host time.
     timing
         Time limits.
+    recovery
+        How long a scan is carried over interruptions; ``None``: not at all.
+    reopen
+        Opens the port again after it was lost.
     """
 
-    def __init__(self, transport: Transport, clock: Clock | None = None, timing: HostTiming | None = None) -> None:
-        self._session = Session(transport, clock, timing)
-        self._host = self._session.host
-        self._points = 0
+    def __init__(
+        self,
+        transport: Transport,
+        clock: Clock | None = None,
+        timing: HostTiming | None = None,
+        recovery: Recovery | None = None,
+        reopen: Callable[[], Transport] | None = None,
+    ) -> None:
+        policy = recovery or Recovery(patience=0.0, restarts=False)
+        super().__init__(Session(transport, clock, timing, reopen, policy.patience), policy)
+        self._policy = recovery
+        self._plan: Plan | None = None
+        self._acknowledged = self._first = 0
+        self._attention = Attention(self._host.timing.ttl)
 
     def __enter__(self) -> Self:
         return self
@@ -58,27 +67,6 @@ class Scanner:
     ) -> None:
         self.close()
 
-    @property
-    def capabilities(self) -> Capabilities:
-        """Limits and identity."""
-        capabilities = self._host.capabilities
-        if capabilities is None:
-            raise NoAnswer("not connected")
-        return capabilities
-
-    @property
-    def state(self) -> str:
-        """The device's state in lower case, for example ``"scanning"``."""
-        return self._host.device_state.name.lower()
-
-    @property
-    def status(self) -> Status:
-        """The device's last STATUS."""
-        status = self._host.status
-        if status is None:
-            raise NoAnswer("not connected")
-        return status
-
     def upload(
         self,
         points: ArrayLike,
@@ -87,8 +75,10 @@ class Scanner:
         sampling_interval: float,
         pulse_rate: float,
         averages: int = 1,
-        wavelength: float = 0.0,
+        wavelength: ArrayLike = 0.0,
+        encoding: str = "auto",
         resume: bool = False,
+        start: int = 0,
     ) -> None:
         """Upload a plan.
 
@@ -105,11 +95,17 @@ class Scanner:
         averages
             Shots per point.
         wavelength
-            Interrogation wavelength in m; 0 for the device's own map.
+            Interrogation wavelength in m, one or one per point (:class:`fabry_perot.TuningMap` has them); 0 for the
+            device's own map.
+        encoding
+            How A-lines travel: ``"int16"``, ``"delta-rice"`` (packed, lossless), or ``"auto"``.
         resume
             Continue the very same plan if the device still holds it (after a crash of the host, say): A-lines never
             acknowledged come again, none is fired twice. Without it a new plan begins and the device discards what it
             held.
+        start
+            First point to measure; A-lines of those before it are stored already, and A-lines keep their numbers. For
+            a scan whose scanner and host both went down.
 
         Raises
         ------
@@ -123,6 +119,7 @@ class Scanner:
             sampling_interval=sampling_interval,
             pulse_rate=pulse_rate,
             averages=averages,
+            encoding=encoding,
         )
         plan = Plan.from_metres(
             where,
@@ -130,21 +127,32 @@ class Scanner:
             sampling_interval=sampling_interval,
             pulse_rate=pulse_rate,
             averages=averages,
-            wavelength=wavelength,
+            wavelength=self.capabilities.wavelengths(wavelength, len(where)),
+            encoding=self.capabilities.encoding(encoding),
         )
+        if not 0 <= start < plan.length:
+            raise PlanInvalid("start", start, f"0 … {plan.length - 1}")
+        self._keep_nothing()
         if not resume:
-            self._session.call(lambda now: self._host.upload(plan, now))
+            self._session.call(lambda now: self._host.upload(plan, now, start))
         else:
             self._session.wait(self._plan_known, 2.0)
             with self._session.changed:
-                adopted = self._host.adopt(plan, self._session.now())
+                adopted = self._host.adopt(plan, self._session.now(), start)
             if not adopted:
                 raise PlanInvalid("resume", f"plan {plan.uid:08x}", "the plan the scanner holds")
             self._session.flush()
-        self._points = plan.length
+        self._begin(plan)
         self._session.wait(self._uploaded, 10.0)
         if self._host.device_state is DeviceState.SAFE_HOLD:
             self._session.request(Operation.RELEASE)
+
+    def _begin(self, plan: Plan) -> None:
+        """Start the account of a scan."""
+        assembly = self._host.assembly
+        self._plan, self._acknowledged = plan, assembly.delivered if assembly else 0
+        self._first = self._acknowledged
+        self._keeper = Keeper(self._host, self._policy or Recovery(patience=0.0, restarts=False))
 
     def _plan_known(self) -> bool:
         return not self.status.plan or self._host.plan_status is not None
@@ -164,13 +172,19 @@ class Scanner:
         """Start scanning; from now on the lease must be kept alive by consuming :meth:`alines`."""
         with self._session.changed:
             fields = self._host.lease_fields()
-        self._session.request(Operation.START, token=token, **fields)
+        answer = self._session.request(Operation.START, token=token, **fields)
+        with self._session.changed:
+            now = self._session.now()
+            self._attention.reset(now)
+            if self._plan is not None:
+                self._keeper.engage(self._plan, int(answer.get("laser_shots", 0)), now)
 
     def alines(self) -> Iterator[list[ALine]]:
         """Yield lists of A-lines in order of their number, as they arrive, until the plan is done.
 
         Each comes exactly once. Store a batch durably, then :meth:`acknowledge` its last A-line: the device keeps
-        everything that was not acknowledged and stops firing when its ring is full.
+        everything that was not acknowledged and stops firing when its ring is full. An interruption of the line or a
+        restart of the device is recovered from within the limits of :class:`fabry_perot.Recovery`, see :meth:`report`.
 
         Raises
         ------
@@ -182,24 +196,50 @@ class Scanner:
         """
         while True:
             with self._session.changed:
-                now = self._session.now()
-                self._host.renew(now)
-                batch = self._host.take()
+                self._awake()
+                batch = self._next_batch()
+                if batch is None:
+                    break
                 if not batch:
-                    if self._finished():
-                        break
-                    error = stop_reason(self._host, now)
-                    if error is not None:
-                        raise error
                     self._session.changed.wait(STEP)
             self._session.flush()
             if batch:
                 yield batch
+        self._keep_nothing()
         self._settle()
+
+    def _next_batch(self) -> list[ALine] | None:
+        """Return what has arrived, ``None`` when the plan is done; raises why nothing more will come."""
+        now, host = self._session.now(), self._host
+        host.renew(now)
+        if not self._dozed_off():
+            self._keeper.poll(now)
+        batch = host.take()
+        if batch:
+            return batch
+        if self._finished():
+            return None
+        kept = self._policy is not None and self._keeper.engaged
+        patience = int(self._policy.patience * 1e6) if kept and self._policy else host.timing.patience
+        error = stop_reason(host, now, patience)
+        if error is None or (kept and self._keeper.minding and not self._dozed_off()):
+            return []
+        self._keeper.release()
+        raise error
+
+    def _dozed_off(self) -> bool:
+        """Whether the lease lapsed because the application did not come for its data."""
+        status = self._host.status
+        return self._attention.lost and status is not None and status.cause == HoldCause.LEASE
+
+    def _awake(self) -> None:
+        """Notice when the application itself slept through the lease: then only it may resume."""
+        status = self._host.status
+        self._attention.seen(self._session.now(), running=status is not None and status.state in RUNNING)
 
     def _finished(self) -> bool:
         assembly = self._host.assembly
-        return assembly is None or assembly.delivered >= self._points
+        return assembly is None or self._plan is None or assembly.delivered >= self._plan.length
 
     def _settle(self) -> None:
         """Give the device a moment to confirm what was acknowledged."""
@@ -215,12 +255,10 @@ class Scanner:
     def acknowledge(self, aline: ALine) -> None:
         """Declare ``aline`` and all before it durably stored; the device frees them, and the lease is renewed."""
         with self._session.changed:
+            self._awake()
+            self._acknowledged = max(self._acknowledged, aline.number + 1)
             self._host.acknowledge(aline.number, self._session.now())
         self._session.flush()
-
-    def pause(self) -> None:
-        """Stop firing; :meth:`resume` continues with the next point. :meth:`alines` goes on waiting."""
-        self._session.request(Operation.PAUSE)
 
     def resume(self) -> None:
         """Arm anew and continue after a pause, a lapsed lease or an abort."""
@@ -228,45 +266,27 @@ class Scanner:
             self._session.request(Operation.RELEASE)
         self.start(self.arm())
 
-    def disarm(self) -> None:
-        """Withdraw the arm token, or end a scan with its plan and data kept."""
-        self._session.request(Operation.DISARM)
-
-    def park(self) -> None:
-        """Close the shutter and go to the rest position; not while scanning."""
-        self._session.request(Operation.PARK)
-
-    def clear_fault(self) -> None:
-        """Clear a latched fault or emergency stop; the laser stays off."""
-        self._session.request(Operation.CLEAR_FAULT)
-
-    def abort(self, level: str = "laser-off") -> None:
-        """Stop at once: ``"pause"``, ``"laser-off"`` or ``"emergency-stop"`` (latched). Works in every state."""
-        if level not in _LEVELS:
-            raise PlanInvalid("level", level, " | ".join(_LEVELS))
-        with self._session.changed:
-            self._host.abort(_LEVELS[level], self._session.now())
-        self._session.flush()
-        self._session.wait(lambda: not self._host.aborting, 5.0)
-
-    def statistics(self) -> dict[str, Any]:
-        """Return counters of both sides: device values as in STATUS, host values prefixed ``host_``."""
-        answer = self._session.request(Operation.GET)
-        counters, assembly = self._host.deframer.counters, self._host.assembly
-        answer |= {
-            "host_good_frames": counters.good,
-            "host_bad_frames": counters.bad,
-            "host_foreign_frames": self._host.foreign_frames,
-            "host_bytes": counters.bytes_in,
-            "host_gone": self._host.gone,
-        }
-        if assembly is not None:
-            answer |= {
-                "host_repairs": assembly.repairs,
-                "host_duplicates": assembly.duplicates,
-                "host_damaged": assembly.damaged,
-            }
-        return answer
+    def report(self) -> ScanReport:
+        """Return the account of the present scan, with the device's counters as they stand now."""
+        plan, host, ledger = self._plan, self._host, self._keeper.ledger
+        if plan is None or host.assembly is None:
+            raise PlanInvalid("report", "no scan", "a scan that was uploaded and started")
+        device = self._session.request(Operation.GET)
+        first = ledger.first if ledger.first is not None else device["laser_shots"]
+        return ScanReport(
+            points=plan.length,
+            fired=device["laser_shots"] - first,
+            stored=self._acknowledged - self._first,
+            held=max(0, device["produced"] - self._acknowledged),
+            refired=tuple(ledger.refired),
+            averages=int(plan.points["averages"].max()),
+            wasted=ledger.wasted(device["shots_wasted"]),
+            resumes=self._keeper.resumes,
+            restarts=self._keeper.restarts,
+            reconnects=self._session.reconnects,
+            repaired=host.assembly.repairs,
+            bad_frames=host.deframer.counters.bad,
+        )
 
     def close(self) -> None:
         """Switch the laser off if it is on, and release the port."""
@@ -277,23 +297,3 @@ class Scanner:
             return
         finally:
             self._session.close()
-
-
-def connect(url: str, *, baudrate: int = 3_000_000, timing: HostTiming | None = None) -> Scanner:
-    """Open a port, begin a session and read the capabilities.
-
-    Parameters
-    ----------
-    url
-        A device path or pyserial URL, for example ``/dev/ttyUSB0`` or ``socket://127.0.0.1:4001``.
-    baudrate
-        Baud rate of a UART.
-    timing
-        Time limits of the host's side.
-
-    Raises
-    ------
-    PortBusy, PortUnavailable, NoAnswer, ProtocolMismatch
-        There is no scanner to talk to.
-    """
-    return Scanner(open_transport(url, baudrate), timing=timing)

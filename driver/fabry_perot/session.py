@@ -30,6 +30,8 @@ class Session:
         Host time.
     timing
         Time limits.
+    reopen, patience
+        How to open a lost port anew, and for how many seconds to try.
 
     Raises
     ------
@@ -37,17 +39,29 @@ class Session:
         No session came about; the port is released.
     """
 
-    def __init__(self, transport: Transport, clock: Clock | None = None, timing: HostTiming | None = None) -> None:
+    def __init__(
+        self,
+        transport: Transport,
+        clock: Clock | None = None,
+        timing: HostTiming | None = None,
+        reopen: Callable[[], Transport] | None = None,
+        patience: float = 0.0,
+    ) -> None:
         self.clock = clock or RealClock()
         self.host = Host(secrets.randbits(32), timing)
         self.changed = threading.Condition()
-        self._pump = Pump(transport, self.host, self.clock, self.changed)
+        self._pump = Pump(transport, self.host, self.clock, self.changed, reopen, patience)
         try:
             self._pump.start()
             self.wait(lambda: self.host.capabilities is not None and self.host.status is not None, _PATIENCE)
         except BaseException:
             self._pump.stop()
             raise
+
+    @property
+    def reconnects(self) -> int:
+        """How often the port was opened anew."""
+        return self._pump.reconnects
 
     def now(self) -> int:
         """Return the host's time in µs."""

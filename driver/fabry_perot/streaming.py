@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import secrets
 import threading
+from collections.abc import Callable
 
 from fabry_perot.clock import Clock
 from fabry_perot.errors import (
@@ -10,6 +12,8 @@ from fabry_perot.errors import (
     EmergencyStopped,
     LeaseLapsed,
     LinkLost,
+    PortBusy,
+    PortUnavailable,
     ScanAborted,
     ScannerError,
 )
@@ -17,9 +21,12 @@ from fabry_perot.host import Host
 from fabry_perot.states import DeviceState, HoldCause
 from fabry_perot.transport import Transport
 
+FIRST_WAIT, LONGEST_WAIT = 0.05, 1.0
+"""Seconds between attempts to open a lost port anew: the first wait, and what doubling it ends at."""
+
 
 class Pump:
-    """Moves bytes between a transport and a host in one background thread.
+    """Moves bytes between a transport and a host in one background thread; opens a lost port anew.
 
     Parameters
     ----------
@@ -27,12 +34,27 @@ class Pump:
         What it connects.
     changed
         Guards the host; notified whenever bytes were taken in.
+    reopen
+        Opens the port again; ``None``: a lost port is the end.
+    patience
+        Seconds for which that is tried.
     """
 
-    def __init__(self, transport: Transport, host: Host, clock: Clock, changed: threading.Condition) -> None:
+    def __init__(
+        self,
+        transport: Transport,
+        host: Host,
+        clock: Clock,
+        changed: threading.Condition,
+        reopen: Callable[[], Transport] | None = None,
+        patience: float = 0.0,
+    ) -> None:
         self._transport, self._host, self._clock, self._changed = transport, host, clock, changed
+        self._reopen, self._patience = reopen, patience
+        self.reconnects = 0
         self._writing = threading.Lock()
         self._stopping = threading.Event()
+        self._broken: LinkLost | None = None
         self._thread = threading.Thread(target=self._run, name="fabry-perot-io", daemon=True)
 
     def start(self) -> None:
@@ -53,25 +75,23 @@ class Pump:
         with self._writing:
             with self._changed:
                 data = self._host.pull()
-            if not data:
+            if not data or self._broken:
                 return
             try:
                 self._transport.write(data)
             except LinkLost as error:
-                self._fail(error)
-
-    def _fail(self, error: ScannerError) -> None:
-        with self._changed:
-            self._host.fail(error)
-            self._changed.notify_all()
+                self._broken = error  # the reading thread sees to it
 
     def _run(self) -> None:
         while not self._stopping.is_set():
             try:
+                if self._broken:
+                    raise self._broken
                 data = self._transport.read()
             except LinkLost as error:
-                self._fail(error)
-                return
+                if not self._replug(error):
+                    return
+                continue
             with self._changed:
                 now = self._clock.now()
                 if data:
@@ -81,16 +101,42 @@ class Pump:
                     self._host.poll(now)
             self.flush()
 
+    def _replug(self, error: LinkLost) -> bool:
+        """Wait for the port to come back, less and less often; return whether it did."""
+        with self._changed:
+            self._host.link_lost()
+            self._changed.notify_all()
+        self._transport.close()
+        deadline, wait = self._clock.now() + int(self._patience * 1e6), FIRST_WAIT
+        while self._reopen is not None and self._clock.now() < deadline and not self._stopping.wait(wait):
+            wait = min(2 * wait, LONGEST_WAIT)
+            try:
+                transport = self._reopen()
+            except (PortUnavailable, PortBusy):
+                continue
+            with self._writing:
+                self._transport, self._broken = transport, None
+            with self._changed:
+                self.reconnects += 1
+                self._host.reopen(secrets.randbits(32), self._clock.now())
+            return True
+        with self._changed:
+            self._host.fail(error)
+            self._changed.notify_all()
+        return False
 
-def stop_reason(host: Host, now: int) -> ScannerError | None:
+
+def stop_reason(host: Host, now: int, patience: int) -> ScannerError | None:
     """Return why no more A-lines will come by themselves, or ``None`` while they may.
+
+    ``patience`` is for how many µs a silent line is waited for.
 
     A-lines the device still holds come first, also when the laser is off already.
     """
     if host.failure is not None:
         return host.failure
     status, assembly = host.status, host.assembly
-    if host.silent_for(now) > host.timing.patience:
+    if host.silent_for(now) > patience:
         return LinkLost("the scanner has gone silent")
     if status is None or assembly is None or status.state != host.device_state:
         return None

@@ -25,7 +25,7 @@ def compiled(function: Callable[..., Any], *, fast: bool = True) -> Any:
     fast
         Allow sums to be reordered and assume finite numbers.
     """
-    options = {"nogil": True, "fastmath": fast, "boundscheck": False, "error_model": "numpy"}
+    options: dict[str, Any] = {"nogil": True, "fastmath": fast, "boundscheck": False, "error_model": "numpy"}
     try:
         return njit(cache=True, **options)(function)
     except RuntimeError:  # Numba found no place to cache

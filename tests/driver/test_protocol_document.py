@@ -7,30 +7,38 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from driver_reference import rice
 
 from fabry_perot.codes import Operation, Result, Type
+from fabry_perot.device import DeviceTiming
+from fabry_perot.encoding import Encoding, encode
 from fabry_perot.errors import FrameError
 from fabry_perot.framing import Deframer, Frame, crc32c, encode_frame
+from fabry_perot.host import HostTiming
 from fabry_perot.messages import (
     LAYOUT,
     MISSING,
     PLAN_HEAD,
     POINT,
+    REPLY_HEAD,
     REQUEST_HEAD,
     Abort,
     ALineAck,
+    ALineGone,
     ALineHead,
     ALineMeta,
+    Fault,
     Hello,
     HelloAck,
     Lease,
     PlanStatus,
     Status,
     pack,
+    pack_body,
     unpack,
     unpack_body,
 )
-from fabry_perot.states import DeviceState
+from fabry_perot.states import TRANSITIONS, DeviceState, Event
 
 DOCUMENT = (Path(__file__).parents[2] / "driver" / "PROTOCOL.md").read_text()
 VECTORS = dict(re.findall(r"^([A-Z_ ]+) \(.*\):\n\n    ([0-9a-f ]+)$", DOCUMENT, re.MULTILINE))
@@ -45,6 +53,19 @@ def point() -> bytes:
 
 
 META = ALineMeta(7_020_000, 1_550_000, 12, crc32c(SAMPLES), 0.25, 8000, 3, 1, 10_012, 1200, 0, 0, 0)
+STATUS = Status(
+    7_020_000, 0xB007, 5, 31, 0, 0, 400, PLAN, 12, 12, 11, 10, 12, 0, 7_020_000, 7_420_000, -1_500_000, 250_000, 0
+)
+PLAN_NEW = {
+    "plan": PLAN,
+    "length": 20,
+    "samples": 1024,
+    "interval_ps": 8000,
+    "pulse_rate_mhz": 50_000,
+    "purge": True,
+    "start": 5,
+    "encoding": 1,
+}
 FRAMES = {
     "HELLO": Frame(Type.HELLO, 0, 0, 0, 1, pack(Hello(1, 1, 8192, 0x12345678))),
     "LEASE": Frame(Type.LEASE, 0, 7, 0x0102, 2, pack(Lease(0xB007, 7_000_000, 500_000))),
@@ -53,6 +74,19 @@ FRAMES = {
     "PLAN_DATA": Frame(Type.PLAN_DATA, 0, 7, 0x0102, 5, PLAN_HEAD.pack(PLAN, 0, 1) + point()),
     "ALINE_ACK": Frame(Type.ALINE_ACK, 0, 7, 0x0102, 6, pack(ALineAck(PLAN, 10, 522)) + MISSING.pack(11, 0xFF)),
     "ALINE": Frame(Type.ALINE, 0, 7, 0x0102, 7, pack(ALineHead(PLAN, 11, 11, 0, 1, 0, 0)) + pack(META) + SAMPLES),
+    "HELLO_ACK": Frame(
+        Type.HELLO_ACK,
+        0,
+        7,
+        0x0102,
+        9,
+        pack(HelloAck(0x12345678, 0xB007, 0x0102, 1, 1, 1, 1, 8192, 512, 300, 0xDEADBEEF, 0, 0, 0, 0, 0, 7_000_000)),
+    ),
+    "STATUS": Frame(Type.STATUS, 0, 7, 0x0102, 10, pack(STATUS)),
+    "REQ PLAN_NEW": Frame(Type.REQ, 0, 7, 0x0102, 11, REQUEST_HEAD.pack(4, Operation.PLAN_NEW) + pack_body(PLAN_NEW)),
+    "RSP ARM": Frame(Type.RSP, 0, 7, 0x0102, 12, REPLY_HEAD.pack(5, Operation.ARM, 0, 4) + pack_body({"token": 99})),
+    "ALINE_GONE": Frame(Type.ALINE_GONE, 0, 7, 0x0102, 13, pack(ALineGone(PLAN, 10, 2, 1))),
+    "FAULT": Frame(Type.FAULT, 2, 7, 0x0102, 14, pack(Fault(1, 1))),
     "PLAN_STATUS": Frame(Type.PLAN_STATUS, 0, 7, 0x0102, 8, pack(PlanStatus(PLAN, 1, 1, 0))),
 }
 
@@ -66,6 +100,43 @@ def test_a_golden_vector_is_what_the_code_sends_and_understands(name):
     data = bytes.fromhex(VECTORS[name])
     assert encode_frame(FRAMES[name]) == data
     assert Deframer().feed(data) == [FRAMES[name]]
+
+
+def test_the_golden_packed_samples_are_what_the_code_makes_and_understands():
+    words = re.search(r"^SAMPLES as delta-rice .*:\n\n    ([0-9a-f ]+)$", DOCUMENT, re.MULTILINE).group(1)
+    samples = np.array([0, 1, 3, 2, -5, -5, 40, 39] * 5, np.int16)[:36]
+    assert encode(samples, Encoding.DELTA_RICE) == (Encoding.DELTA_RICE, bytes.fromhex(words))
+    assert rice(bytes.fromhex(words), 36) == samples.tolist()
+
+
+def test_the_table_of_transitions_is_the_codes():
+    rows = re.findall(r"^\| ([A-Z_]+) \| ([A-Z_, ]+) \| ([A-Z_]+) \|$", DOCUMENT, re.MULTILINE)
+    table = {
+        (DeviceState[state], Event[event]): DeviceState[after]
+        for event, states, after in rows
+        for state in states.split(", ")
+    }
+    assert table == TRANSITIONS
+
+
+def test_every_capability_in_the_table_is_one_the_simulator_sends():
+    from fabry_perot.phantoms import yarn
+    from fabry_perot.simulator.instrument import PhantomInstrument
+
+    section = DOCUMENT.split("**Capabilities**")[1].split("## Device states")[0]
+    keys = {key for cell in re.findall(r"^\| ([a-z_, ]+) \|", section, re.MULTILINE) for key in cell.split(", ")}
+    assert keys - {"key"} == {*PhantomInstrument(yarn(0)).capabilities(), "lease_cap_us"}
+
+
+def test_the_time_limits_are_the_codes():
+    host, device = HostTiming(), DeviceTiming()
+    assert f"| STATUS | {device.status_period // 1000} ms and" in DOCUMENT
+    assert f"TTL {host.ttl // 1000} ms, cap {device.lease_cap // 1_000_000} s" in DOCUMENT
+    assert f"| HELLO | every {host.hello_period // 1000} ms, {host.hello_tries} times |" in DOCUMENT
+    assert f"| REQ | every {host.request_period // 1000} ms, {host.request_tries} times" in DOCUMENT
+    assert f"| ABORT | every {host.abort_period // 1000} ms" in DOCUMENT
+    assert f"without STATUS for {host.silence // 1000} ms" in DOCUMENT
+    assert f"one START within {device.arm_timeout // 1_000_000} s" in DOCUMENT
 
 
 def test_the_checksum_is_castagnolis():

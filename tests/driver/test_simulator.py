@@ -32,9 +32,13 @@ def scan(scanner, where, **changes) -> list:
     scanner.upload(where, **{**PARAMETERS, **changes})
     scanner.start(scanner.arm())
     lines = []
-    for batch in scanner.alines():
-        lines += batch
-        scanner.acknowledge(batch[-1])
+    while len(lines) < len(where):
+        try:
+            for batch in scanner.alines():
+                lines += batch
+                scanner.acknowledge(batch[-1])
+        except fabry_perot.LeaseLapsed:  # this machine was busy with something else for half a second
+            scanner.resume()
     return lines
 
 
@@ -194,20 +198,18 @@ def test_kill_9_of_the_host_turns_the_laser_off_within_500_ms_and_the_scan_can_b
     with launch() as simulator:
         host = subprocess.Popen([sys.executable, "-c", HOST, simulator.url, str(count)], stdout=subprocess.PIPE)
         numbers = [int(host.stdout.readline()) for _ in range(20)]
-        killed = time.monotonic()
         host.kill()
+        dead = simulator.command("report")["time"]
         numbers += [int(line) for line in host.stdout]
         host.wait()
         host.stdout.close()
-        time.sleep(0.7)
+        wait_until(lambda: simulator.command("drift", pm=0)["time"] > dead + 700_000, 60.0)
         with fabry_perot.connect(simulator.url) as scanner:
             status = scanner.statistics()
-            device_time_of_death = status["device_time"] * 1e-6 - (time.monotonic() - killed)
             assert scanner.state == "safe_hold"
             assert status["cause"] == HoldCause.LEASE, "off by the lease itself, not by the new session"
             assert status["last_shot"] < status["lease_until"]
-            busy = 0.15  # a busy machine holds device time back, which makes this estimate of the death too early
-            assert status["lease_until"] * 1e-6 < device_time_of_death + 0.5 + busy
+            assert status["lease_until"] < dead + 500_000
             assert scanner.statistics()["shots"] == status["shots"], "and it stays off"
 
             scanner.upload(points(count), samples=600, sampling_interval=8e-9, pulse_rate=200.0, resume=True)
@@ -232,7 +234,10 @@ def test_a_port_that_does_not_exist_is_reported_as_such(tmp_path):
 
 
 def test_a_scanner_that_dies_ends_the_stream_with_a_typed_error():
-    with launch(speed=5, tcp="127.0.0.1:0") as simulator, fabry_perot.connect(simulator.url) as scanner:
+    with (
+        launch(speed=5, tcp="127.0.0.1:0") as simulator,
+        fabry_perot.connect(simulator.url, recovery=fabry_perot.Recovery(patience=1.0)) as scanner,
+    ):
         scanner.upload(points(500), **PARAMETERS)
         scanner.start(scanner.arm())
         with pytest.raises(fabry_perot.LinkLost):  # noqa: PT012

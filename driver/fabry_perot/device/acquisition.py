@@ -7,6 +7,7 @@ from collections.abc import Callable
 from fabry_perot.device.lease import LaserLease
 from fabry_perot.device.planbuffer import PlanBuffer
 from fabry_perot.device.ring import ALineRing
+from fabry_perot.encoding import encode
 from fabry_perot.framing import crc32c
 from fabry_perot.instrument import Acquisition, Instrument, Recording
 from fabry_perot.messages import ALineMeta, pack
@@ -39,6 +40,7 @@ class Scan:
         self._instrument, self._plan, self._ring, self._lease = instrument, plan, ring, lease
         self._state, self._step = state, step
         self.acquisition = Acquisition(0, 0, 0)
+        self.encoding = 0
         self.shots = 0
         self.shots_wasted = 0
         self.last_shot = 0
@@ -101,17 +103,17 @@ class Scan:
             self.due = self._instrument.next_pulse(now + 1)
             return
         recording = self._instrument.read(index)
-        self._ring.append(index, self._blob(recording, now))
+        used, data = encode(recording.samples, self.encoding)
+        self._ring.append(index, self._meta(recording, now) + data, used)
         self._plan.position += 1
         self._fired, self._settled, self.due = 0, None, None
 
-    def _blob(self, recording: Recording, now: int) -> bytes:
-        data = recording.samples.astype("<i2", copy=False).tobytes()
+    def _meta(self, recording: Recording, now: int) -> bytes:
         meta = ALineMeta(
             fire_time=now,
             wavelength=recording.wavelength,
             shot=self.shots,
-            crc=crc32c(data),
+            crc=crc32c(recording.samples.astype("<i2", copy=False).tobytes()),
             scale=recording.scale,
             interval=self.acquisition.interval_ps,
             samples=len(recording.samples),
@@ -122,4 +124,4 @@ class Scan:
             shift=0,
             time_zero=recording.time_zero,
         )
-        return pack(meta) + data
+        return pack(meta)

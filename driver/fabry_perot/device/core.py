@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 from typing import Any
 
-from fabry_perot.codes import INTERLOCK_CLOSED, KEY_ON, LASER_ARMED, LASER_EMITTING, SHUTTER_OPEN, Type
+from fabry_perot.codes import FAULT_INTERLOCK, INTERLOCK_CLOSED, KEY_ON, LASER_ARMED, LASER_EMITTING, SHUTTER_OPEN, Type
 from fabry_perot.device.acquisition import Scan
 from fabry_perot.device.handlers import HANDLERS
 from fabry_perot.device.lease import LaserLease
@@ -71,10 +71,13 @@ class Device:
         self.state, self.cause, self.fault = DeviceState.BOOT, HoldCause.NONE, 0
         self.plan, self.ring = PlanBuffer(plan_points), ALineRing(ring)
         self.lease = LaserLease(self.timing.lease_cap)
-        self.scan = Scan(instrument, self.plan, self.ring, self.lease, lambda: self.state, self._must)
+        self.scan = Scan(instrument, self.plan, self.ring, self.lease, lambda: self.state, self.must)
         self.outbox, self.replies = Outbox(boot & 0xFF), ReplyCache()
         self.deframer = Deframer()
         self.line_payload = self.max_payload = max_payload
+        self.delayed: tuple[int, bytes] | None = None
+        """When to send which reply of a request that takes its time."""
+        self.answer_at = 0
         self.nonce: int | None = None
         self.token: int | None = None
         self.limits: dict[str, Any] = instrument.capabilities()
@@ -87,7 +90,7 @@ class Device:
         self._armed_at = self._status_at = self._fault_at = now
         self._status_due = False
         self._fault_number = 0
-        self._must(Event.SELF_TEST_PASSED)
+        self.must(Event.SELF_TEST_PASSED)
 
     def receive(self, data: bytes, now: int) -> None:
         """Take bytes from the line at device time ``now``."""
@@ -110,6 +113,11 @@ class Device:
             self.step(Event.LEASE_LAPSED)
         if self.state is DeviceState.ARMED and self.now - self._armed_at >= self.timing.arm_timeout:
             self.step(Event.ARM_EXPIRED)
+        if self.delayed is not None and self.now >= self.delayed[0]:
+            self.outbox.put(Type.RSP, self.delayed[1])
+            self.delayed = None
+        if not self.instrument.interlock_closed() and (self.state in RUNNING or self.state is DeviceState.ARMED):
+            self.raise_fault(FAULT_INTERLOCK)
         try:
             self.scan.advance(self.now)
         except InstrumentError as error:
@@ -134,6 +142,8 @@ class Device:
             due.append(self._armed_at + self.timing.arm_timeout)
         if self.fault:
             due.append(self._fault_at)
+        if self.delayed is not None:
+            due.append(self.delayed[0])
         return max(self.now, min(due))
 
     def pull(self, budget: int) -> bytes:
@@ -189,14 +199,15 @@ class Device:
             self.instrument.park()
         return True
 
-    def _must(self, event: Event) -> None:
+    def must(self, event: Event) -> None:
+        """Make a transition that the table must allow."""
         if not self.step(event):
             raise RuntimeError(f"no transition from {self.state.name} by {event.name}")
 
     def new_session(self, nonce: int) -> None:
         """Begin a session: laser off, old requests and permissions void, plan and ring kept."""
         self.step(Event.NEW_SESSION)
-        self.nonce, self.token = nonce, None
+        self.nonce, self.token, self.delayed = nonce, None, None
         self._session = self._session % 0xFFFF + 1
         self.outbox.clear()
         self.outbox.session = self._session
@@ -212,9 +223,9 @@ class Device:
         self.token = self._random.randrange(1, 1 << 32)
         return self.token
 
-    def begin(self, acquisition: Acquisition) -> None:
+    def begin(self, acquisition: Acquisition, encoding: int) -> None:
         """Take over the parameters of a new plan."""
-        self.scan.acquisition = acquisition
+        self.scan.acquisition, self.scan.encoding = acquisition, encoding
         self.instrument.begin(acquisition)
         self.plan_status_due, self.plan_refused = True, False
 
@@ -236,7 +247,7 @@ class Device:
     def laser_bits(self) -> int:
         """Return STATUS' laser bits."""
         running = self.state in RUNNING
-        bits = INTERLOCK_CLOSED | KEY_ON
+        bits = KEY_ON | (INTERLOCK_CLOSED if self.instrument.interlock_closed() else 0)
         bits |= LASER_ARMED if running or self.state is DeviceState.ARMED else 0
         bits |= SHUTTER_OPEN if running else 0
         return bits | (LASER_EMITTING if self.state is DeviceState.SCANNING else 0)
@@ -277,4 +288,6 @@ class Device:
             "bad_stuffing": counters.bad_stuffing,
             "payload": self.line_payload,
             "overhead": OVERHEAD,
+            "ring_peak": self.ring.peak,
+            "laser_shots": self.instrument.laser_shots(),
         }

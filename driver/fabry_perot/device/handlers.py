@@ -77,6 +77,8 @@ def _caps(device: Device, frame: Frame) -> None:
 def _request(device: Device, frame: Frame) -> None:
     number, operation = fixed(REQUEST_HEAD, frame.payload, tail=True)
     reply = device.replies.find(number)
+    if device.delayed is not None and device.delayed[1] == reply:
+        return  # under way: its answer comes when it is done
     if reply is None:
         body: dict[str, Any] = {}
         if device.replies.stale(number):
@@ -89,6 +91,9 @@ def _request(device: Device, frame: Frame) -> None:
         reply = REPLY_HEAD.pack(number, operation, result, device.state) + pack_body(body)
         if result is not Result.STALE_REQUEST:
             device.replies.store(number, reply)
+        if device.answer_at > device.now:
+            device.delayed, device.answer_at = (device.answer_at, reply), 0
+            return
     device.outbox.put(Type.RSP, reply)
 
 

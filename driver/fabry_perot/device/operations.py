@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from fabry_perot.codes import Operation, Result, Type
 from fabry_perot.instrument import Acquisition
 from fabry_perot.messages import ALineGone, pack
@@ -13,6 +15,8 @@ from fabry_perot.states import RUNNING, DeviceState, Event
 if TYPE_CHECKING:
     from fabry_perot.device.core import Device
 
+MAX_STEPS = 256
+"""Longest wavelength sweep."""
 Body = dict[str, Any]
 Outcome = tuple[Result, Body]
 
@@ -34,11 +38,12 @@ def _event(device: Device, event: Event) -> Outcome:
 
 
 def _get(device: Device, body: Body) -> Outcome:
-    return Result.OK, device.statistics()
+    return Result.OK, {**device.statistics(), **device.instrument.parameters()}
 
 
 def _plan_new(device: Device, body: Body) -> Outcome:
     plan, length, purge = int(body["plan"]), int(body["length"]), bool(body.get("purge", False))
+    start, encoding = int(body.get("start", 0)), int(body.get("encoding", 0))
     acquisition = Acquisition(int(body["samples"]), int(body["interval_ps"]), int(body["pulse_rate_mhz"]))
     bounds = device.limits
     for value, name in (
@@ -48,23 +53,25 @@ def _plan_new(device: Device, body: Body) -> Outcome:
     ):
         if not bounds[name][0] <= value <= bounds[name][1]:
             return Result.OUT_OF_RANGE, {"field": name}
-    if not (0 < plan <= 0xFFFFFFFF and 0 < length <= 0xFFFFFFFF):
+    if not (0 < plan <= 0xFFFFFFFF and 0 < length <= 0xFFFFFFFF and 0 <= start < length):
         return Result.OUT_OF_RANGE, {"field": "length"}
+    if encoding not in bounds["encodings"]:
+        return Result.OUT_OF_RANGE, {"field": "encoding"}
     if device.ring.fill and not purge:
         return Result.RING_NOT_EMPTY, {}
     if not device.step(Event.PLAN_NEW):
         return Result.WRONG_STATE, {}
     old, first = device.ring.plan, device.ring.acknowledged
-    purged = device.ring.clear(plan)
+    purged = device.ring.clear(plan, start)
     if purged:
         device.outbox.put(Type.ALINE_GONE, pack(ALineGone(old, first, purged, 1)))
-    device.plan.begin(plan, length)
-    device.begin(acquisition)
+    device.plan.begin(plan, length, start)
+    device.begin(acquisition, encoding)
     return Result.OK, {}
 
 
 def _arm(device: Device, body: Body) -> Outcome:
-    if not device.step(Event.ARM):
+    if device.delayed is not None or not device.step(Event.ARM):
         return Result.WRONG_STATE, {}
     return Result.OK, {"token": device.new_token()}
 
@@ -78,7 +85,8 @@ def _start(device: Device, body: Body) -> Outcome:
     device.lease.clear(device.now)  # what a scan before this one was granted is not this one's
     if not device.lease.renew(echo, ttl, device.now):
         return Result.NO_LEASE, {}
-    return _event(device, Event.START)
+    device.must(Event.START)
+    return Result.OK, {"laser_shots": device.instrument.laser_shots()}
 
 
 def _park(device: Device, body: Body) -> Outcome:
@@ -92,19 +100,50 @@ def _release(device: Device, body: Body) -> Outcome:
     return _event(device, Event.RELEASE if device.plan.loaded else Event.RELEASE_WITHOUT_PLAN)
 
 
-def _unsupported(device: Device, body: Body) -> Outcome:
-    return Result.NOT_SUPPORTED, {}
+def _set(device: Device, body: Body) -> Outcome:
+    if device.state in RUNNING or device.state is DeviceState.ARMED:
+        return Result.WRONG_STATE, {}
+    allowed = device.limits.get("parameters", {})
+    values = {str(name): int(value) for name, value in body.items()}
+    for name, value in values.items():
+        if name not in allowed:
+            return Result.NOT_SUPPORTED, {"field": name}
+        if not allowed[name][0] <= value <= allowed[name][1]:
+            return Result.OUT_OF_RANGE, {"field": name}
+    for name, value in values.items():
+        device.instrument.configure(name, value)
+    return Result.OK, device.instrument.parameters()
+
+
+def _tune_scan(device: Device, body: Body) -> Outcome:
+    bounds, steps = device.limits, int(body["steps"])
+    if device.state in RUNNING or device.state is DeviceState.ARMED or device.delayed is not None:
+        return Result.WRONG_STATE, {}
+    if not bounds.get("tuning_us"):
+        return Result.NOT_SUPPORTED, {}
+    place = {name: int(body[name]) for name in ("x", "y")}
+    sweep = {name: int(body[name]) for name in ("from_pm", "to_pm")}
+    for axis, value in place.items():
+        if not bounds[f"{axis}_nm"][0] <= value <= bounds[f"{axis}_nm"][1]:
+            return Result.OUT_OF_RANGE, {"field": f"{axis}_nm"}
+    low, high = bounds["wavelength_pm"]
+    if not (low <= sweep["from_pm"] < sweep["to_pm"] <= high and 2 <= steps <= MAX_STEPS):
+        return Result.OUT_OF_RANGE, {"field": "wavelength_pm"}
+    wavelengths = np.linspace(sweep["from_pm"], sweep["to_pm"], steps).round().astype(np.int64)
+    levels, ready = device.instrument.tune(place["x"], place["y"], wavelengths, device.now)
+    device.answer_at = ready
+    return Result.OK, {"dc_mv": levels}
 
 
 _TABLE: dict[Operation, Callable[[Device, Body], Outcome]] = {
     Operation.GET: _get,
-    Operation.SET: _unsupported,
+    Operation.SET: _set,
     Operation.PLAN_NEW: _plan_new,
     Operation.ARM: _arm,
     Operation.START: _start,
     Operation.PAUSE: lambda device, body: _event(device, Event.PAUSE),
     Operation.PARK: _park,
-    Operation.TUNE_SCAN: _unsupported,
+    Operation.TUNE_SCAN: _tune_scan,
     Operation.DISARM: lambda device, body: _event(device, Event.DISARM),
     Operation.CLEAR_FAULT: lambda device, body: _event(device, Event.CLEAR_FAULT),
     Operation.RELEASE: _release,

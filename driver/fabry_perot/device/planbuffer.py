@@ -21,11 +21,10 @@ class PlanBuffer:
         self.capacity = capacity
         self.begin(0, 0)
 
-    def begin(self, plan: int, length: int) -> None:
-        """Forget everything and expect ``length`` points of ``plan``."""
+    def begin(self, plan: int, length: int, start: int = 0) -> None:
+        """Forget everything and expect the points of ``plan``, ``length`` in all, from index ``start``."""
         self.plan, self.length = plan, length
-        self.position = 0
-        self.expected = 0
+        self.position = self.expected = start
         self._points = np.zeros(min(self.capacity, max(length, 1)), POINT)
 
     @property

@@ -21,12 +21,12 @@ class ALineRing:
         self.capacity = capacity
         self.clear(0)
 
-    def clear(self, plan: int) -> int:
-        """Start anew for ``plan`` at number 0; return how many unacknowledged A-lines that purged."""
+    def clear(self, plan: int, start: int = 0) -> int:
+        """Start anew for ``plan`` at number ``start``; return how many unacknowledged A-lines that purged."""
         purged = len(self._blobs) if hasattr(self, "_blobs") else 0
-        self.plan, self.acknowledged, self.produced, self.sent, self.limit = plan, 0, 0, 0, 0
-        self._fragment = 0
-        self._blobs: deque[tuple[int, bytes]] = deque()
+        self.plan, self._fragment, self.peak = plan, 0, 0
+        self.acknowledged = self.produced = self.sent = self.limit = start
+        self._blobs: deque[tuple[int, int, bytes]] = deque()
         self._again: deque[tuple[int, int]] = deque()
         return purged
 
@@ -40,12 +40,13 @@ class ALineRing:
         """Whether nothing more fits."""
         return len(self._blobs) >= self.capacity
 
-    def append(self, point: int, blob: bytes) -> None:
+    def append(self, point: int, blob: bytes, encoding: int = 0) -> None:
         """Hold one more A-line; a full ring raises ``OverflowError`` because nothing may be overwritten."""
         if self.full:
             raise OverflowError("the A-line ring is full")
-        self._blobs.append((point, blob))
+        self._blobs.append((point, encoding, blob))
         self.produced += 1
+        self.peak = max(self.peak, self.fill)
 
     def acknowledge(self, durable: int, limit: int, missing: list[tuple[int, int]]) -> None:
         """Free A-lines below ``durable`` and queue the missing ones again; impossible counts are ignored."""
@@ -93,9 +94,9 @@ class ALineRing:
         return payload, False
 
     def _count(self, number: int, room: int) -> int:
-        return -(-len(self._blobs[number - self.acknowledged][1]) // room)
+        return -(-len(self._blobs[number - self.acknowledged][2]) // room)
 
     def _payload(self, number: int, fragment: int, room: int) -> bytes:
-        point, blob = self._blobs[number - self.acknowledged]
-        head = ALineHead(self.plan, number, point, fragment, self._count(number, room), 0, 0)
+        point, encoding, blob = self._blobs[number - self.acknowledged]
+        head = ALineHead(self.plan, number, point, fragment, self._count(number, room), encoding, 0)
         return pack(head) + blob[fragment * room : (fragment + 1) * room]

@@ -1,7 +1,9 @@
 """The host side of the link: a state machine of bytes in, bytes out and an explicit time."""
 
 from fabry_perot.host.core import Host
+from fabry_perot.host.ledger import ScanReport
 from fabry_perot.host.plan import Plan
+from fabry_perot.host.recovery import Keeper, Recovery
 from fabry_perot.host.timing import HostTiming
 
-__all__ = ["Host", "HostTiming", "Plan"]
+__all__ = ["Host", "HostTiming", "Keeper", "Plan", "Recovery", "ScanReport"]

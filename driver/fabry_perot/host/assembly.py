@@ -56,11 +56,14 @@ class Assembly:
         number = head.number
         if head.plan != self.plan or number >= self.limit:
             return
-        if head.encoding != 0 or not head.fragment < head.fragments:
-            raise FrameError(f"A-line {number}: unknown encoding or impossible fragment")
+        if not head.fragment < head.fragments:
+            raise FrameError(f"A-line {number}: impossible fragment")
         self.horizon = max(self.horizon, number)
         if number < self.complete or number in self._lines:
             self.duplicates += 1
+            return
+        if head.fragments == 1:
+            self._finish(head, payload[_HEAD:])
             return
         parts = self._parts.setdefault(number, [None] * head.fragments)
         if len(parts) != head.fragments:
@@ -68,19 +71,29 @@ class Assembly:
         parts[head.fragment] = payload[_HEAD:]
         whole = [part for part in parts if part is not None]
         if len(whole) == len(parts):
-            self._finish(number, head.point, b"".join(whole))
+            self._finish(head, b"".join(whole))
 
-    def _finish(self, number: int, point: int, blob: bytes) -> None:
-        del self._parts[number]
+    def _finish(self, head: ALineHead, blob: bytes) -> None:
+        number = head.number
+        self._parts.pop(number, None)
         try:
-            self._lines[number] = ALine.from_blob(number, point, blob)
+            self._lines[number] = ALine.from_blob(number, head.point, blob, head.encoding)
         except FrameError:
             self.damaged += 1
             return
         self._asked.pop(number, None)
         while self.complete in self._lines and self.complete < self.limit:
             self.complete += 1
-        self.horizon = max(self.horizon, self.complete)
+        if self.horizon < self.complete:
+            self.horizon = self.complete
+
+    def restart(self) -> int:
+        """Forget what is not in order yet, because it will be recorded anew; return the first number wanted."""
+        self._lines = {number: line for number, line in self._lines.items() if number < self.complete}
+        self._parts.clear()
+        self._asked.clear()
+        self.horizon = self.complete
+        return self.complete
 
     def sent(self, number: int) -> None:
         """Learn from STATUS that the device has sent everything below ``number``."""

@@ -11,6 +11,9 @@ from fabry_perot.host.timing import HostTiming
 from fabry_perot.messages import REQUEST_HEAD, pack_body
 from fabry_perot.states import DeviceState
 
+_PATIENT = {Operation.TUNE_SCAN: 20}
+"""Operations that take their time are asked for so many times as often."""
+
 
 @dataclass(slots=True, eq=False)
 class Call:
@@ -48,8 +51,8 @@ class Calls:
 
     def start(self, operation: Operation, body: dict[str, Any], now: int) -> Call:
         """Register a request; :meth:`due` hands out its payload."""
-        self._number += 1
-        payload = REQUEST_HEAD.pack(self._number & 0xFFFF, operation) + (pack_body(body) if body else b"")
+        self._number = self._number % 0xFFFF + 1
+        payload = REQUEST_HEAD.pack(self._number, operation) + (pack_body(body) if body else b"")
         call = Call(self._number, operation, payload, now)
         self._open[call.number] = call
         return call
@@ -60,7 +63,7 @@ class Calls:
         for call in list(self._open.values()):
             if now < call.due:
                 continue
-            if call.tries >= self._timing.request_tries:
+            if call.tries >= self._timing.request_tries * _PATIENT.get(call.operation, 1):
                 self._close(call, NoAnswer(f"no reply to {call.operation.name} after {call.tries} tries"))
                 continue
             payloads.append((call.payload, call.tries > 0))

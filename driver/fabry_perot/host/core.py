@@ -7,15 +7,8 @@ from typing import Any
 from fabry_perot.aline import ALine
 from fabry_perot.capabilities import Capabilities
 from fabry_perot.codes import PROTOCOL, AbortLevel, Operation, Type
-from fabry_perot.errors import FrameError, NoAnswer, ScannerError
-from fabry_perot.framing import (
-    FLAG_RETRANSMISSION,
-    FLAG_URGENT,
-    MAX_PAYLOAD,
-    Deframer,
-    Frame,
-    encode_frame,
-)
+from fabry_perot.errors import DeviceRestarted, FrameError, LinkLost, NoAnswer, ScannerError
+from fabry_perot.framing import FLAG_RETRANSMISSION, FLAG_URGENT, MAX_PAYLOAD, Deframer, Frame, encode_frame
 from fabry_perot.host.assembly import Assembly
 from fabry_perot.host.calls import Call, Calls
 from fabry_perot.host.handlers import HANDLERS
@@ -68,6 +61,10 @@ class Host:
         self.uploader: Uploader | None = None
         self.caps_buffer = b""
         self.gone = 0
+        self.tolerant = False
+        """Whether a reboot of the device is somebody's business (:class:`~fabry_perot.host.recovery.Keeper`)."""
+        self.last_words: Status | None = None
+        """Last STATUS of a boot that ended."""
         self.foreign_frames = 0
         self.clock_rate = 1.0
         self.heard_at = 0
@@ -110,6 +107,26 @@ class Host:
         self.phase, self._hello_due, self.heard_at = HostState.HELLO, now, now
         self.poll(now)
 
+    def link_lost(self) -> None:
+        """Learn that the port is gone; :meth:`reopen` follows when it is back."""
+        self.phase = HostState.LOST
+        self._out.clear()
+
+    def reopen(self, nonce: int, now: int) -> None:
+        """Ask for a new session on a port that was opened anew; what was received so far is kept."""
+        self.nonce, self._hello_tries = nonce, 0
+        self.deframer = Deframer(counters=self.deframer.counters)
+        self.open(now)
+
+    def session_renewed(self, ack: HelloAck) -> None:
+        """Take over a new session, be it of the same boot of the device or of another one."""
+        same = self.hello is not None and self.hello.boot == ack.boot
+        self.calls.fail(LinkLost("the session was renewed meanwhile") if same else DeviceRestarted())
+        self._echo_sent, self.ack_due = -1, True
+        if not same:
+            self.last_words, self.status, self.plan_status = self.status, None, None
+            self._abort = None
+
     def receive(self, data: bytes, now: int) -> None:
         """Take bytes from the line at host time ``now``."""
         for frame in self.deframer.feed(data):
@@ -130,7 +147,7 @@ class Host:
 
     def poll(self, now: int) -> None:
         """Send what is due at host time ``now``."""
-        if self.phase is HostState.CLOSED:
+        if self.phase in (HostState.CLOSED, HostState.LOST):
             return
         if self.phase is HostState.HELLO or self.silent_for(now) > self.timing.silence:
             self._say_hello(now)
@@ -154,7 +171,7 @@ class Host:
             return
         self._hello_due = now + self.timing.hello_period
         if self.phase is HostState.HELLO:
-            if self._hello_tries >= self.timing.hello_tries:
+            if self._hello_tries >= self.timing.hello_tries and not self.tolerant:
                 self.fail(NoAnswer(f"no scanner answered after {self._hello_tries} tries"))
                 return
             self._hello_tries += 1
@@ -204,21 +221,27 @@ class Host:
         self.poll(now)
         return call
 
-    def upload(self, plan: Plan, now: int) -> Call:
-        """Replace the device's plan by ``plan``; whatever it still held of another one is given up."""
-        self.uploader = Uploader(plan, self.payload, self.timing.upload_period)
+    def upload(self, plan: Plan, now: int, start: int = 0) -> Call:
+        """Replace the device's plan by ``plan`` from point ``start``; what it still held of another is given up."""
+        self.uploader = Uploader(plan, self.payload, self.timing.upload_period, start)
         self.assembly = None
         self.phase = HostState.UPLOAD
-        return self.call(Operation.PLAN_NEW, now, **plan.request(purge=True))
+        return self.call(Operation.PLAN_NEW, now, **plan.request(purge=True, start=start))
 
-    def adopt(self, plan: Plan, now: int) -> bool:
-        """Continue with ``plan`` if it is the one the device holds, from its last acknowledged A-line."""
+    def upload_again(self, plan: Plan, now: int) -> Call:
+        """Give a rebooted device the points whose A-lines are not here."""
+        start = self.assembly.complete if self.assembly else 0
+        self.uploader = Uploader(plan, self.payload, self.timing.upload_period, start)
+        return self.call(Operation.PLAN_NEW, now, **plan.request(purge=False, start=start))
+
+    def adopt(self, plan: Plan, now: int, start: int = 0) -> bool:
+        """Continue with ``plan`` if the device holds it, from its last acknowledged A-line or from ``start``."""
         status = self.status
         if status is None or status.plan != plan.uid or self.plan_status is None:
             return False
         self.uploader = Uploader(plan, self.payload, self.timing.upload_period)
         self.uploader.receive(self.plan_status, now)
-        self.expect(plan.uid, status.acknowledged)
+        self.expect(plan.uid, max(start, status.acknowledged))
         self.poll(now)
         return True
 
@@ -236,7 +259,7 @@ class Host:
 
     def renew(self, now: int) -> None:
         """Renew the laser's lease: the consumer is alive. Repetitions without a fresh echo send nothing."""
-        if self.status is None or self.hello is None or self.device_state not in RUNNING:
+        if self.status is None or self.hello is None or self.device_state not in RUNNING or self.aborting:
             return
         if self.status.device_time <= self._echo_sent or now - self._leased_at < self.timing.lease_period // 4:
             return

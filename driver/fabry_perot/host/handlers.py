@@ -36,13 +36,22 @@ def _hello_ack(host: Host, frame: Frame, now: int) -> None:
     host.heard_at = now
     if ack.version == 0:
         host.fail(ProtocolMismatch("the scanner speaks no protocol version of this driver"))
-    elif host.hello is not None and ack.boot != host.hello.boot:
-        host.fail(DeviceRestarted("the scanner restarted; A-lines it had not delivered are gone"))
+    elif host.hello is not None and ack.boot != host.hello.boot and not host.tolerant:
+        host.fail(DeviceRestarted())
     else:
-        host.hello = ack
-        host.device_state = DeviceState(ack.state)
-        if host.phase is HostState.HELLO:
-            host.phase = HostState.CONFIG
+        _take_session(host, ack)
+
+
+def _take_session(host: Host, ack: HelloAck) -> None:
+    before, host.device_state = host.hello, DeviceState(ack.state)
+    if before is not None and (before.boot, before.session) != (ack.boot, ack.session):
+        host.session_renewed(ack)
+    host.hello = ack
+    if before is None or before.caps_crc != ack.caps_crc:
+        host.phase, host.caps_buffer = HostState.CONFIG, b""
+    elif host.phase is HostState.HELLO:
+        known = host.capabilities is not None
+        host.phase = (HostState.STREAMING if host.assembly else HostState.CONNECTED) if known else HostState.CONFIG
 
 
 def _caps_piece(host: Host, frame: Frame, now: int) -> None:
@@ -69,8 +78,8 @@ def _reply(host: Host, frame: Frame, now: int) -> None:
     host.device_state = DeviceState(state)
     if call.error is not None:
         return
-    if call.operation is Operation.PLAN_NEW and host.uploader is not None:
-        host.expect(host.uploader.plan.uid, 0)
+    if call.operation is Operation.PLAN_NEW and host.uploader is not None and host.assembly is None:
+        host.expect(host.uploader.plan.uid, host.uploader.start)
     elif call.operation is Operation.ARM:
         host.phase = HostState.ARMING
     elif call.operation is Operation.START:

@@ -26,12 +26,15 @@ class Plan:
         Sampling interval in ps.
     pulse_rate_mhz
         Pulse rate in mHz.
+    encoding
+        How A-lines travel; no part of the plan's identity.
     """
 
     points: NDArray[np.void]
     samples: int
     interval_ps: int
     pulse_rate_mhz: int
+    encoding: int = 0
 
     @classmethod
     def from_metres(
@@ -42,14 +45,15 @@ class Plan:
         sampling_interval: float,
         pulse_rate: float,
         averages: int = 1,
-        wavelength: float = 0.0,
+        wavelength: float | NDArray[np.float64] = 0.0,
+        encoding: int = 0,
     ) -> Plan:
-        """Return the plan for (M, 2) positions in m; other parameters in SI units."""
+        """Return the plan for (M, 2) positions in m; other parameters in SI units, ``wavelength`` one or (M,)."""
         records = np.zeros(len(points), POINT)
         records["x"], records["y"] = np.rint(points.T * 1e9)
         records["averages"] = averages
-        records["wavelength"] = round(wavelength * 1e12)
-        return cls(records, samples, round(sampling_interval * 1e12), round(pulse_rate * 1e3))
+        records["wavelength"] = np.rint(np.asarray(wavelength) * 1e12)
+        return cls(records, samples, round(sampling_interval * 1e12), round(pulse_rate * 1e3), encoding)
 
     @property
     def uid(self) -> int:
@@ -62,8 +66,8 @@ class Plan:
         """Number of points."""
         return len(self.points)
 
-    def request(self, *, purge: bool) -> dict[str, Any]:
-        """Return the body of PLAN_NEW; ``purge`` gives up A-lines still held from another plan."""
+    def request(self, *, purge: bool, start: int = 0) -> dict[str, Any]:
+        """Return the body of PLAN_NEW for the points from ``start``; ``purge`` gives up A-lines of another plan."""
         return {
             "plan": self.uid,
             "length": self.length,
@@ -71,6 +75,8 @@ class Plan:
             "interval_ps": self.interval_ps,
             "pulse_rate_mhz": self.pulse_rate_mhz,
             "purge": purge,
+            "start": start,
+            "encoding": self.encoding,
         }
 
     def data(self, first: int, limit: int, payload: int) -> bytes:

@@ -20,14 +20,16 @@ class Uploader:
         Largest payload of the line, in bytes.
     period
         Without progress for so many µs the upload goes back to the confirmed index.
+    start
+        First point to upload.
     """
 
-    def __init__(self, plan: Plan, payload: int, period: int) -> None:
+    def __init__(self, plan: Plan, payload: int, period: int, start: int = 0) -> None:
         self.plan = plan
-        self.confirmed = 0
+        self.start = self.confirmed = start
         self.refused = False
         self._payload, self._period = payload, period
-        self._next = self._limit = 0
+        self._next = self._limit = start
         self._moved = 0
 
     @property

@@ -8,23 +8,25 @@ import signal
 import sys
 from collections.abc import Sequence
 
+from fabry_perot.simulator.control import Control
+from fabry_perot.simulator.machine import Machine
 from fabry_perot.simulator.options import parse
-from fabry_perot.simulator.server import Server, build_device, open_endpoint
+from fabry_perot.simulator.server import Server, open_endpoint
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until SIGTERM, Ctrl-C or, if asked, the end of standard input."""
     options, exit_with_stdin = parse(arguments)
     signal.signal(signal.SIGTERM, _leave)
-    device = build_device(options)
+    machine = Machine(options)
     endpoint = open_endpoint(options)
     try:
-        server = Server(device, endpoint, options.speed, options.baud)
-        ready = {"url": endpoint.url, "pid": os.getpid(), "boot": device.boot, "link": options.link}
+        server = Server(machine, endpoint, options)
+        ready = {"url": endpoint.url, "pid": os.getpid(), "boot": machine.device.boot, "link": options.link}
         sys.stdout.write(json.dumps(ready) + "\n")
         sys.stdout.flush()
-        watched = [sys.stdin.fileno()] if exit_with_stdin else []
-        server.run(_stdin_closed if exit_with_stdin else _never, watched)
+        console = _Console(Control(server, options.seed), exit_with_stdin)
+        server.run(console.over, console.watched)
     except KeyboardInterrupt:
         return 130
     finally:
@@ -32,17 +34,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
+class _Console:
+    """Standard input and output as the control channel."""
+
+    def __init__(self, control: Control, exit_with_stdin: bool) -> None:
+        self._control = control
+        # Without the option standard input may be a terminal or long closed: it is left alone.
+        self.watched = [sys.stdin.fileno()] if exit_with_stdin else []
+
+    def over(self, readable: list[int]) -> bool:
+        """Carry out what was commanded; return whether standard input is closed."""
+        if not self.watched or self.watched[0] not in readable:
+            return False
+        data = os.read(self.watched[0], 65536)
+        for answer in self._control.feed(data):
+            sys.stdout.buffer.write(answer)
+            sys.stdout.buffer.flush()
+        return not data
+
+
 def _leave(signum: int, frame: object) -> None:
     raise SystemExit(0)
-
-
-def _never(readable: list[int]) -> bool:
-    return False
-
-
-def _stdin_closed(readable: list[int]) -> bool:
-    descriptor = sys.stdin.fileno()
-    return descriptor in readable and not os.read(descriptor, 4096)
 
 
 if __name__ == "__main__":

@@ -32,6 +32,14 @@ class Endpoint(Protocol):
         """Send what the line takes now and return how many bytes that was."""
         ...
 
+    def unplug(self) -> None:
+        """Take the line away from whoever uses it."""
+        ...
+
+    def plug(self) -> None:
+        """Bring it back."""
+        ...
+
     def close(self) -> None:
         """Give everything back."""
         ...
@@ -47,11 +55,16 @@ class PtyEndpoint:
     """
 
     def __init__(self, link: str | None = None) -> None:
+        self._link = Path(link) if link else None
+        self._master = self._slave = -1
+        self.plug()
+
+    def plug(self) -> None:
+        """Make a pseudo-terminal and link it."""
         self._master, self._slave = os.openpty()  # the open slave keeps the line up between two hosts
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.url = os.ttyname(self._slave)
-        self._link = Path(link) if link else None
         if self._link is not None:
             fresh = self._link.with_name(f"{self._link.name}.{os.getpid()}")
             if self._link.exists() and not self._link.is_symlink():
@@ -61,11 +74,11 @@ class PtyEndpoint:
 
     def descriptors(self) -> list[int]:
         """Return the master."""
-        return [self._master]
+        return [self._master] if self._master >= 0 else []
 
     def writable_descriptor(self) -> int | None:
         """Return the master."""
-        return self._master
+        return self._master if self._master >= 0 else None
 
     def read(self, limit: int) -> bytes:
         """Return what has arrived."""
@@ -81,12 +94,19 @@ class PtyEndpoint:
         except BlockingIOError:
             return 0
 
-    def close(self) -> None:
+    def unplug(self) -> None:
         """Close the pseudo-terminal and remove the link."""
+        if self._master < 0:
+            return
         os.close(self._master)
         os.close(self._slave)
+        self._master = self._slave = -1
         if self._link is not None and self._link.is_symlink() and os.readlink(self._link) == self.url:
             self._link.unlink()
+
+    def close(self) -> None:
+        """Give everything back."""
+        self.unplug()
 
 
 class TcpEndpoint:
@@ -103,6 +123,7 @@ class TcpEndpoint:
         self._listener = socket.create_server((host or "127.0.0.1", int(port)), backlog=4)
         self._listener.setblocking(False)
         self._client: socket.socket | None = None
+        self._unplugged = False
         name = self._listener.getsockname()
         self.url = f"socket://{name[0]}:{name[1]}"
 
@@ -141,6 +162,15 @@ class TcpEndpoint:
             self._drop()
             return len(data)
 
+    def unplug(self) -> None:
+        """Drop the client and turn others away."""
+        self._unplugged = True
+        self._drop()
+
+    def plug(self) -> None:
+        """Take clients again."""
+        self._unplugged = False
+
     def close(self) -> None:
         """Close everything."""
         self._drop()
@@ -151,7 +181,7 @@ class TcpEndpoint:
             client, _ = self._listener.accept()
         except OSError:
             return
-        if self._client is not None:
+        if self._client is not None or self._unplugged:
             client.close()
             return
         client.setblocking(False)

@@ -8,19 +8,25 @@ of averages and by :attr:`PhantomInstrument.scale`, rounded and clipped to 16 bi
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fabry_perot.codes import SATURATED
+from fabry_perot.codes import MISTUNED, SATURATED
 from fabry_perot.instrument import Acquisition, Recording
 from fabry_perot.messages import POINT
 from fabry_perot.phantoms import Balls, pressure
+from fabry_perot.simulator.film import LINEWIDTH, SWING, Film, Response, directivity, low_pass
 from fabry_perot.simulator.motion import Galvo, PulseTrain
 
-ENERGY_JITTER = 0.01
-"""Standard deviation of the pulse energy, relative."""
+POWER = 1000
+"""Nominal interrogation power in µW."""
+TUNING_STEP = 200
+"""Time of one step of a wavelength sweep, in µs."""
+LOG = 200_000
+"""Shots remembered."""
 FULL_SCALE = 32767
 HALF_APERTURE = 10_000_000
 """Reach of the galvo to either side, in nm."""
@@ -31,6 +37,8 @@ BLOCK = 16
 class PhantomInstrument:
     """Simulated hardware over a phantom.
 
+    By default the film is ideal: A-lines are the phantom's closed-form pressure plus noise. ``response`` makes it real.
+
     Parameters
     ----------
     balls
@@ -38,13 +46,21 @@ class PhantomInstrument:
     sound_speed
         In m/s.
     seed
-        Of noise and pulse energies.
+        Of noise, pulse energies and film.
     noise_db
-        Peak signal over rms noise of one shot, in dB.
+        Peak signal over rms thermal noise of one shot, in dB.
     clock_rate
         Device seconds per host second, as told to the host.
     line_rate
         Bytes per device second the line carries, as told to the host; 0 for unlimited.
+    response
+        The film's shortcomings; none by default.
+    energy_jitter
+        Standard deviation of the pulse energy, relative.
+    full_scale
+        The digitiser's range over the strongest signal; below 1 it clips.
+    repeat
+        Different recordings made; afterwards they come again. 0: no limit.
     """
 
     def __init__(
@@ -56,19 +72,34 @@ class PhantomInstrument:
         noise_db: float = 30.0,
         clock_rate: float = 1.0,
         line_rate: int = 0,
+        response: Response | None = None,
+        energy_jitter: float = 0.01,
+        full_scale: float = 2.0,
+        repeat: int = 0,
     ) -> None:
         self._balls, self._sound_speed, self._seed = balls, sound_speed, seed
-        peak = peak_pressure(balls, sound_speed)
-        self.scale = float(np.float32(2 * peak / FULL_SCALE))
-        """Pressure unit per count: the strongest signal uses half the range."""
-        self.noise_rms = peak * 10 ** (-noise_db / 20)
-        self._clock_rate, self._line_rate = clock_rate, line_rate
+        self._peak = peak_pressure(balls, sound_speed)
+        self.scale = float(np.float32(full_scale * self._peak / FULL_SCALE))
+        """Pressure unit per count."""
+        self.noise_rms = self._peak * 10 ** (-noise_db / 20)
+        self._clock_rate, self._line_rate, self._energy_jitter = clock_rate, line_rate, energy_jitter
+        self.response, self.film = response or Response(), Film(seed)
+        self.closed = True
+        """Whether the interlock is closed."""
+        self.epoch = 0
+        """Simulator time at which the device booted, in µs."""
+        self.shots: deque[tuple[int, int]] = deque(maxlen=LOG)
+        """Simulator time (µs) and point of the last shots: the truth that no reboot and no line can change."""
+        self._fired = 0
+        self._power = POWER
+        self._repeat, self._recordings = repeat, list[Recording]()
         self._galvo, self._laser = Galvo(), PulseTrain(seed)
         self._acquisition = Acquisition(0, 0, 0)
         self._times: NDArray[np.float64] = np.zeros(0)
         self._points: NDArray[np.void] = np.zeros(0, POINT)
+        self._first = 0
         self._lines: dict[int, NDArray[np.float32]] = {}
-        self._shots: list[int] = []
+        self._numbers: list[int] = []
 
     def capabilities(self) -> dict[str, Any]:
         """Return the limits."""
@@ -82,12 +113,14 @@ class PhantomInstrument:
             "interval_ps": [1_000, 1_000_000],
             "pulse_rate_mhz": [1_000, 10_000_000],
             "averages": [1, 1000],
-            "wavelength_pm": [1_500_000, 1_600_000],
+            "wavelength_pm": [1_545_000, 1_555_000],
             "adc_bits": 16,
             "beams": 1,
-            "encodings": [0],
+            "encodings": [0, 1],
             "clock_rate": self._clock_rate,
             "line_rate": self._line_rate,
+            "tuning_us": TUNING_STEP,
+            "parameters": {"interrogation_uw": [100, 5000]},
         }
 
     def begin(self, acquisition: Acquisition) -> None:
@@ -96,18 +129,25 @@ class PhantomInstrument:
         self._times = np.arange(acquisition.samples, dtype=np.float64) * (acquisition.interval_ps * 1e-12)
         self._laser.rate(acquisition.pulse_rate_mhz)
         self._points = np.zeros(0, POINT)
+        self._recordings.clear()
         self._lines.clear()
-        self._shots.clear()
+        self._numbers.clear()
 
     def load(self, first: int, points: NDArray[np.void]) -> None:
         """Learn the points from index ``first``."""
-        if first != len(self._points):
-            raise ValueError(f"points from {first} after {len(self._points)}")
+        if len(self._points) == 0:
+            self._first = first
+        if first != self._first + len(self._points):
+            raise ValueError(f"points from {first} after {self._first + len(self._points)}")
         self._points = np.concatenate([self._points, points])
+
+    def _point(self, index: int) -> np.void:
+        point: np.void = self._points[index - self._first]
+        return point
 
     def move(self, index: int, now: int) -> int:
         """Start to move and return when the galvo will have settled, in µs."""
-        point = self._points[index]
+        point = self._point(index)
         return self._galvo.move(int(point["x"]), int(point["y"]), now)
 
     def next_pulse(self, after: int) -> int:
@@ -116,46 +156,93 @@ class PhantomInstrument:
 
     def fire(self, index: int, shot: int, now: int) -> None:
         """Fire one shot."""
-        self._shots.append(shot)
+        self._fired += 1
+        self.shots.append((self.epoch + now, index))
+        self._numbers.append(shot)
+
+    def laser_shots(self) -> int:
+        """Return the shots fired since the simulator started."""
+        return self._fired
 
     def drop(self) -> None:
         """Forget the shots of an unfinished point."""
-        self._shots.clear()
+        self._numbers.clear()
 
     def read(self, index: int) -> Recording:
         """Return the mean of the shots fired since the last read, digitised."""
+        if not self._repeat:
+            return self._record(index)
+        if len(self._recordings) < self._repeat:
+            self._recordings.append(self._record(index))
+        self._numbers.clear()
+        return self._recordings[index % len(self._recordings)]
+
+    def _record(self, index: int) -> Recording:
         line = self._line(index).astype(np.float64)
-        total = np.zeros(len(line))
-        energies = 0.0
-        for shot in self._shots:
+        point = self._point(index)
+        x, y, wavelength = int(point["x"]), int(point["y"]), int(point["wavelength"])
+        bias = self.film.bias(x, y)
+        mistuned = bool(wavelength) and abs(wavelength - bias) > LINEWIDTH / 4
+        used = wavelength or (bias if self.response.nonlinear else 1_550_000)
+        total, energies = np.zeros(len(line)), 0.0
+        for shot in self._numbers:
             random = np.random.default_rng([self._seed, shot])
-            energy = 1 + ENERGY_JITTER * random.standard_normal()
-            total += line * energy
+            energy = 1 + self._energy_jitter * random.standard_normal()
+            total += self._signal(line * energy, x, y, used)
             total += self.noise_rms * random.standard_normal(len(line), dtype=np.float32).astype(np.float64)
             energies += energy
-        count = len(self._shots)
-        self._shots.clear()
+        count = len(self._numbers)
+        self._numbers.clear()
         counts = np.rint(total / (count * self.scale))
         clipped = np.clip(counts, -FULL_SCALE - 1, FULL_SCALE)
+        level = self.film.level(x, y, np.array([float(used)]))[0] if self.response.nonlinear else 1200
         return Recording(
             samples=clipped.astype(np.int16),
             scale=self.scale,
             energy=round(1e4 * energies / count),
-            wavelength=int(self._points[index]["wavelength"]) or 1_550_000,
-            dc=1200,
-            quality=SATURATED if np.any(counts != clipped) else 0,
+            wavelength=used,
+            dc=round(level * self._power / POWER),
+            quality=(SATURATED if np.any(counts != clipped) else 0) | (MISTUNED if mistuned else 0),
         )
+
+    def _signal(self, line: NDArray[np.float64], x: int, y: int, wavelength: int) -> NDArray[np.float64]:
+        """Return what the film makes of a pressure, in the pressure's unit."""
+        if not self.response.nonlinear:
+            return line
+        return self.film.transfer(x, y, wavelength, line * (SWING / self._peak)) * (self._peak / SWING)
 
     def _line(self, index: int) -> NDArray[np.float32]:
         """Return the noise-free A-line of a point; computes a block ahead and forgets what lies behind."""
         line = self._lines.get(index)
         if line is None:
-            block = self._points[index : index + BLOCK]
+            first = index - self._first
+            block = self._points[first : first + BLOCK]
             where = np.column_stack([block["x"], block["y"]]) * 1e-9
-            rows = pressure(self._balls, where, self._times, self._sound_speed)
+            angular = directivity if self.response.directivity else None
+            rows = pressure(self._balls, where, self._times, self._sound_speed, angular)
+            if self.response.bandwidth:
+                rows = low_pass(rows, self._acquisition.interval_ps * 1e-12)
             self._lines = dict(enumerate(rows, start=index))
             line = self._lines[index]
         return line
+
+    def tune(self, x: int, y: int, wavelengths: NDArray[np.int64], now: int) -> tuple[list[int], int]:
+        """Sweep the interrogation wavelength at a point: DC levels in mV, and when the sweep ends."""
+        settled = self._galvo.move(x, y, now)
+        levels = self.film.level(x, y, wavelengths.astype(np.float64)) * (self._power / POWER)
+        return [round(level) for level in levels.tolist()], settled + TUNING_STEP * len(levels)
+
+    def parameters(self) -> dict[str, int]:
+        """Return what SET changes."""
+        return {"interrogation_uw": self._power}
+
+    def configure(self, name: str, value: int) -> None:
+        """Change the interrogation power."""
+        self._power = value
+
+    def interlock_closed(self) -> bool:
+        """Return whether the interlock is closed."""
+        return self.closed
 
     def park(self) -> None:
         """Close the shutter: the galvo stays where it is."""

@@ -8,73 +8,78 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from typing import Any
 
 from fabry_perot.errors import PortUnavailable
 from fabry_perot.simulator.options import Options
 
 
-@dataclass(frozen=True, slots=True)
 class Simulator:
     """A running simulator.
 
     Parameters
     ----------
+    process
+        The process, with pipes to its standard input and output.
     url
         What to give to :func:`fabry_perot.connect`.
     pid
         Its process id.
     """
 
-    url: str
-    pid: int
+    def __init__(self, process: subprocess.Popen[bytes], url: str, pid: int) -> None:
+        self._process, self.url, self.pid = process, url, pid
+
+    def command(self, do: str, **fields: Any) -> dict[str, Any]:
+        """Make it suffer a fault, or report (see :mod:`fabry_perot.simulator.control`), and return its answer.
+
+        Raises
+        ------
+        ValueError
+            It did not understand.
+        """
+        assert self._process.stdin is not None  # noqa: S101
+        self._process.stdin.write(json.dumps({"do": do, **fields}).encode() + b"\n")
+        self._process.stdin.flush()
+        answer: dict[str, Any] = json.loads(_line(self._process, 30.0))
+        if "error" in answer:
+            raise ValueError(answer["error"])
+        return answer
 
 
 @contextmanager
-def launch(
-    *,
-    tcp: str | None = None,
-    link: str | None = None,
-    speed: float = 1.0,
-    seed: int = 0,
-    noise_db: float = 30.0,
-    phantom: str = "yarn",
-    sound_speed: float = 1500.0,
-    baud: int = 0,
-    ring: int = 512,
-    timeout: float = 30.0,
-) -> Iterator[Simulator]:
+def launch(*, timeout: float = 30.0, **settings: Any) -> Iterator[Simulator]:
     """Run ``python -m fabry_perot.simulator`` while the ``with`` block lasts.
 
     Parameters
     ----------
-    tcp, link, speed, seed, noise_db, phantom, sound_speed, baud, ring
-        See :class:`fabry_perot.simulator.Options`.
     timeout
         Seconds to wait until it is ready.
+    settings
+        Fields of :class:`fabry_perot.simulator.Options`: ``tcp``, ``link``, ``speed``, ``seed``, ``noise_db``, …
 
     Raises
     ------
     PortUnavailable
         It did not get ready.
     """
-    options = Options(tcp, link, speed, seed, noise_db, phantom, sound_speed, baud, ring)
+    options = Options(**settings)
     command = [sys.executable, "-m", "fabry_perot.simulator", *options.arguments(), "--exit-with-stdin"]
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0)
     try:
-        yield _ready(process, timeout)
+        ready = json.loads(_line(process, timeout))
+        yield Simulator(process, options.link or ready["url"], ready["pid"])
     finally:
         _stop(process)
 
 
-def _ready(process: subprocess.Popen[bytes], timeout: float) -> Simulator:
+def _line(process: subprocess.Popen[bytes], timeout: float) -> bytes:
     assert process.stdout is not None  # noqa: S101
     readable, _, _ = select.select([process.stdout], [], [], timeout)
     line = process.stdout.readline() if readable else b""
     if not line:
-        raise PortUnavailable(f"the simulator did not get ready within {timeout:g} s")
-    ready = json.loads(line)
-    return Simulator(url=ready["url"], pid=ready["pid"])
+        raise PortUnavailable(f"the simulator did not answer within {timeout:g} s")
+    return line
 
 
 def _stop(process: subprocess.Popen[bytes]) -> None:

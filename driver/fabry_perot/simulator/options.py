@@ -6,6 +6,18 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from fabry_perot.shapes import NAMES
+from fabry_perot.simulator.film import Response
+
+FILMS = {
+    "ideal": Response(),
+    "real": Response(nonlinear=True, bandwidth=True, directivity=True),
+    "nonlinear": Response(nonlinear=True),
+    "bandlimited": Response(bandwidth=True),
+    "directional": Response(directivity=True),
+}
+"""Films by name: all shortcomings, none, or one of them."""
+
 
 @dataclass(frozen=True, slots=True)
 class Options:
@@ -20,17 +32,30 @@ class Options:
     speed
         Device seconds per second.
     seed
-        Of noise, pulse energies and the phantom.
+        Of noise, pulse energies, film, faults and the phantom.
     noise_db
         Peak signal over rms noise of one shot, in dB; ``inf`` for none.
     phantom
-        Name of the object; ``"yarn"``.
+        Name of the object (:data:`fabry_perot.shapes.NAMES`) or path of a file with one.
     sound_speed
         Of the medium, in m/s.
     baud
         Pace the line like a UART of this baud rate in device time; 0 for unlimited.
     ring
         A-lines the device holds.
+    plan_points
+        Points the device holds.
+    film
+        One of :data:`FILMS`. The default, ``"ideal"``, records the phantom's closed-form pressure plus noise.
+    energy_jitter
+        Standard deviation of the pulse energy, relative.
+    full_scale
+        The digitiser's range over the strongest signal; below 1 it clips.
+    bit_errors, lost_frames
+        Probability that a bit is flipped, that a frame is lost; in both directions.
+    repeat
+        Compute only so many different A-lines and send them again and again, noise and all: for measuring links, whose
+        rate computing A-lines would limit. 0: every shot is its own.
     boot
         Boot id; ``None`` for a random one.
     """
@@ -44,14 +69,21 @@ class Options:
     sound_speed: float = 1500.0
     baud: int = 0
     ring: int = 512
+    plan_points: int = 8192
+    film: str = "ideal"
+    energy_jitter: float = 0.01
+    full_scale: float = 2.0
+    bit_errors: float = 0.0
+    lost_frames: float = 0.0
+    repeat: int = 0
     boot: int | None = None
 
     def arguments(self) -> list[str]:
         """Return the command-line arguments that give these settings."""
         words = ["--tcp", self.tcp] if self.tcp else ["--pty", *([self.link] if self.link else [])]
-        for name in ("speed", "seed", "noise_db", "phantom", "sound_speed", "baud", "ring", "boot"):
+        for name in self.__dataclass_fields__:
             value = getattr(self, name)
-            if value is not None:
+            if value is not None and name not in ("tcp", "link"):
                 words.append(f"--{name.replace('_', '-')}={value}")
         return words
 
@@ -60,20 +92,29 @@ def parse(arguments: Sequence[str] | None = None) -> tuple[Options, bool]:
     """Return the settings on the command line, and whether to end with standard input."""
     parser = argparse.ArgumentParser(
         prog="python -m fabry_perot.simulator",
-        description="A simulated Fabry-Perot scanner. Prints one JSON line with its URL when ready.",
+        description="A simulated Fabry-Perot scanner. Prints one JSON line with its URL when ready. With "
+        "--exit-with-stdin it takes JSON commands on standard input, see fabry_perot.simulator.control.",
     )
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--pty", nargs="?", const="", metavar="LINK", help="pseudo-terminal, linked at LINK")
     where.add_argument("--tcp", metavar="HOST:PORT", help="listen on TCP; port 0 takes any free one")
-    parser.add_argument("--speed", type=_positive, default=1.0, help="device seconds per second")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--noise-db", type=float, default=30.0, help="peak signal over rms noise; inf: none")
-    parser.add_argument("--phantom", choices=("yarn",), default="yarn")
-    parser.add_argument("--sound-speed", type=_positive, default=1500.0, help="m/s")
-    parser.add_argument("--baud", type=int, default=0, help="pace like a UART; 0: unlimited")
-    parser.add_argument("--ring", type=int, default=512, help="A-lines the device holds")
-    parser.add_argument("--boot", type=int, default=None, help="boot id; random by default")
-    parser.add_argument("--exit-with-stdin", action="store_true", help="end when standard input closes")
+    add = parser.add_argument
+    add("--speed", type=_positive, default=1.0, help="device seconds per second")
+    add("--seed", type=int, default=0)
+    add("--noise-db", type=float, default=30.0, help="peak signal over rms noise; inf: none")
+    add("--phantom", default="yarn", help=f"{', '.join(NAMES)}, or the path of an npz file")
+    add("--sound-speed", type=_positive, default=1500.0, help="m/s")
+    add("--baud", type=int, default=0, help="pace like a UART; 0: unlimited")
+    add("--ring", type=int, default=512, help="A-lines the device holds")
+    add("--plan-points", type=int, default=8192, help="points the device holds")
+    add("--film", choices=tuple(FILMS), default="ideal", help="which shortcomings the film has; ideal: none")
+    add("--energy-jitter", type=float, default=0.01, help="of the pulse energy, relative")
+    add("--full-scale", type=_positive, default=2.0, help="digitiser's range over the strongest signal")
+    add("--bit-errors", type=_share, default=0.0, help="probability of each bit to be flipped, both ways")
+    add("--lost-frames", type=_share, default=0.0, help="share of frames lost, both ways")
+    add("--repeat", type=int, default=0, help="different A-lines, sent over and over; 0: each shot its own")
+    add("--boot", type=int, default=None, help="boot id; random by default")
+    add("--exit-with-stdin", action="store_true", help="end when standard input closes")
     given = vars(parser.parse_args(arguments))
     exit_with_stdin, link = given.pop("exit_with_stdin"), given.pop("pty")
     return Options(link=link or None, **given), exit_with_stdin
@@ -83,4 +124,11 @@ def _positive(text: str) -> float:
     value = float(text)
     if not 0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"{text}: must be > 0")
+    return value
+
+
+def _share(text: str) -> float:
+    value = float(text)
+    if not 0 <= value < 1:
+        raise argparse.ArgumentTypeError(f"{text}: must be in 0 … 1")
     return value

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import secrets
 import select
 from collections.abc import Callable
 
 from fabry_perot.clock import ScaledClock
-from fabry_perot.device import Device, DeviceTiming
-from fabry_perot.framing import MAX_PAYLOAD, UART_PAYLOAD
-from fabry_perot.phantoms import yarn
+from fabry_perot.faults import BitFlips, Chain, FrameLoss
 from fabry_perot.simulator.endpoints import CHUNK, Endpoint, PtyEndpoint, TcpEndpoint
-from fabry_perot.simulator.instrument import PhantomInstrument
+from fabry_perot.simulator.machine import Machine
 from fabry_perot.simulator.options import Options
 from fabry_perot.simulator.pacing import Pacer
 
@@ -26,48 +23,35 @@ def open_endpoint(options: Options) -> Endpoint:
     return TcpEndpoint(options.tcp) if options.tcp else PtyEndpoint(options.link)
 
 
-def build_device(options: Options) -> Device:
-    """Return the simulated scanner the options ask for."""
-    line_rate = options.baud // 10
-    instrument = PhantomInstrument(
-        yarn(options.seed),
-        sound_speed=options.sound_speed,
-        seed=options.seed,
-        noise_db=options.noise_db,
-        clock_rate=options.speed,
-        line_rate=line_rate,
-    )
-    return Device(
-        instrument,
-        boot=options.boot or 1 + secrets.randbelow(0xFFFFFFFE),
-        timing=DeviceTiming().scaled(options.speed),
-        ring=options.ring,
-        max_payload=UART_PAYLOAD if options.baud else MAX_PAYLOAD,
-    )
-
-
 class Server:
-    """Runs a device on an endpoint.
+    """Runs a machine on an endpoint.
 
     Device time follows a scaled clock event by event, with a look at the line between any two events. When an A-line
     takes longer to compute than the clock allows, the clock waits: nothing is skipped or invented.
 
     Parameters
     ----------
-    device, endpoint
+    machine, endpoint
         What to run where.
-    speed
-        Device seconds per second.
-    baud
-        Pace of the line in device time; 0 for none.
+    options
+        Settings.
     """
 
-    def __init__(self, device: Device, endpoint: Endpoint, speed: float, baud: int) -> None:
-        self._device, self._endpoint, self._speed = device, endpoint, speed
-        self._clock = ScaledClock(speed)
-        self._down, self._up = Pacer(baud), Pacer(baud)
+    def __init__(self, machine: Machine, endpoint: Endpoint, options: Options) -> None:
+        self.machine, self.endpoint, self._speed = machine, endpoint, options.speed
+        self._clock = ScaledClock(options.speed)
+        self._down, self._up = Pacer(options.baud), Pacer(options.baud)
+        self.up, self.down = Chain(), Chain()
+        """Faults on the way to the device, and from it."""
+        for number, chain in enumerate((self.up, self.down)):
+            if options.bit_errors:
+                chain.filters.append(BitFlips(2 * options.seed + number, options.bit_errors))
+            if options.lost_frames:
+                chain.filters.append(FrameLoss(2 * options.seed + number, options.lost_frames))
         self._out = b""
-        self._time = 0
+        self._plug_at: int | None = None
+        self.time = 0
+        """Simulator time in µs."""
 
     def run(self, finished: Callable[[list[int]], bool], watched: list[int]) -> None:
         """Run until ``finished(readable descriptors)``; ``watched`` are waited on besides the line."""
@@ -76,32 +60,49 @@ class Server:
             self.turn()
             readable = self._wait(watched)
 
+    def unplug(self, duration: int) -> None:
+        """Take the line away for ``duration`` µs; what was on its way is lost."""
+        if self._plug_at is None:
+            self.endpoint.unplug()
+        self._out, self._plug_at = b"", self.time + duration
+
     def turn(self) -> None:
         """Take in what arrived, move device time on by one event at most, send what the line takes."""
         present = self._clock.now()
-        if present - self._time > LAG * 1e6 * self._speed:
-            due = self._device.next_due()
+        if present - self.time > LAG * 1e6 * self._speed:
+            due = self.machine.next_due(self.time)
             if due < present:
-                present = max(self._time, due)
+                present = max(self.time, due)
                 self._clock.hold(present)
-        self._time = max(self._time, min(present, self._device.next_due()))
-        data = self._endpoint.read(self._up.allowance(present, CHUNK))
+        self.time = max(self.time, min(present, self.machine.next_due(self.time)))
+        if self._plug_at is not None:
+            self._run_unplugged(self._plug_at)
+            return
+        data = self.endpoint.read(self._up.allowance(present, CHUNK))
         self._up.spend(len(data))
-        self._device.receive(data, self._time)
+        self.machine.receive(self.up(data, self.time), self.time)
         if not self._out:
-            self._out = self._device.pull(min(PULL, self._down.allowance(present, PULL)))
+            pulled = self.machine.pull(min(PULL, self._down.allowance(present, PULL)))
+            self._out = self.down(pulled, self.time)
         allowed = self._down.allowance(present, len(self._out))
         if self._out and allowed:
-            sent = self._endpoint.write(self._out[:allowed])
+            sent = self.endpoint.write(self._out[:allowed])
             self._down.spend(sent)
             self._out = self._out[sent:]
 
+    def _run_unplugged(self, plug_at: int) -> None:
+        self.machine.receive(b"", self.time)
+        self.machine.pull(PULL)  # into the void
+        if self.time >= plug_at:
+            self.endpoint.plug()
+            self._plug_at = None
+
     def _wait(self, watched: list[int]) -> list[int]:
-        left = (self._device.next_due() - self._clock.now()) / (1e6 * self._speed)
-        blocked = bool(self._out)
-        writable = self._endpoint.writable_descriptor()
-        wanted = [writable] if blocked and writable is not None and not self._down.limited else []
-        if self._down.limited or self._up.limited:
+        left = (self.machine.next_due(self.time) - self._clock.now()) / (1e6 * self._speed)
+        writable = self.endpoint.writable_descriptor()
+        wanted = [writable] if self._out and writable is not None and not self._down.limited else []
+        if self._down.limited or self._up.limited or self._plug_at is not None:
             left = min(left, 0.002)
-        readable, _, _ = select.select([*self._endpoint.descriptors(), *watched], wanted, [], max(0.0, min(left, 0.1)))
+        descriptors = [*self.endpoint.descriptors(), *watched]
+        readable, _, _ = select.select(descriptors, wanted, [], max(0.0, min(left, 0.1)))
         return readable

@@ -62,6 +62,16 @@ def masks(json_file: JsonFile = None) -> None:
     _publish("masks", rows, json_file)
 
 
+@app.command()
+def link(json_file: JsonFile = None) -> None:
+    """Time the scanner's link: A-lines decoded per second beside the raw rate, and stored durably under full load."""
+    from steradian.benchmarks.link import link as measure
+
+    with progress_bar() as progress:
+        rows = measure(progress=progress)
+    _publish("link", rows, json_file)
+
+
 def _publish(name: str, rows: list[Row], path: Path | None) -> None:
     """Print rows as a table and write them, with what they were measured on, to ``path``."""
     columns = list(dict.fromkeys(key for row in rows for key in row))

@@ -145,15 +145,15 @@ def _compare_with_truth(path: Path) -> float:
 
     volume = read_volume(path)
     truth = _true_mip(volume)
-    region = disc(volume.axes.x, volume.axes.y, DISC) & (truth >= THRESHOLD * truth.max())
+    region = disc(volume.coordinates("x"), volume.coordinates("y"), DISC) & (truth >= THRESHOLD * truth.max())
     return round(correlation(volume.mip("z"), truth, region), 4)
 
 
 def _true_mip(volume: Volume) -> Any:
     from fabry_perot.phantoms import initial_pressure, yarn
 
-    axes = volume.axes
-    return initial_pressure(yarn(PHANTOM_SEED), axes.x, axes.y, axes.z).max(axis=2)
+    coordinates = (volume.coordinates(axis) for axis in "xyz")
+    return initial_pressure(yarn(PHANTOM_SEED), *coordinates).max(axis=2)
 
 
 def _write(path: Path, report: DemoReport) -> None:

@@ -75,9 +75,9 @@ def reconstruct(
     spacing = " × ".join(f"{1e6 * step:.4g}" for step in report.spacing_m)
     figures = {
         "sensors": f"{report.sensors} of {report.planned}",
-        "volume": " × ".join(map(str, report.shape)) + f" (x, y, z), {spacing} µm",
+        "volume": " × ".join(map(str, report.shape)) + f" ({report.axes}), {spacing} µm",
         "sound speed": f"{report.sound_speed_m_s:g} m/s",
         "seconds": ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in report.seconds.items()),
-        "folder": f"{output} (volume.h5, mip-x.png, mip-y.png, mip-z.png, report.json)",
+        "folder": f"{output} ({', '.join(sorted(path.name for path in output.iterdir()))})",
     }
     show_figures("Reconstruction", figures)

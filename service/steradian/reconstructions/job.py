@@ -79,6 +79,7 @@ def reconstruct_scan(
         recording = open_recording(scan)
     with report.timed("reconstruct"):
         volume = reconstruct_recording(recording, chosen, progress=progress, cancelled=cancelled)
+    report.axes = ", ".join(volume.names)
     report.shape, report.spacing_m = volume.values.shape, tuple(map(float, volume.spacing))
     report.sensors, report.planned = len(recording.positions), recording.planned
     report.sound_speed_m_s = _sound_speed(recording, chosen)
@@ -87,10 +88,11 @@ def reconstruct_scan(
     with report.timed("write"):
         write_volume(output / "volume.h5", volume, parameters=report.parameters, provenance=recording.provenance)
     with report.timed("draw"):
-        from steradian.reconstructions.pictures import draw_mip
+        from steradian.reconstructions.pictures import PLANES, Axis, draw_mip
 
         shown = chosen.display.apply(volume)
-        for axis in "xyz":
+        axes: tuple[Axis, ...] = tuple(PLANES) if volume.dimensions == 3 else ("y",)
+        for axis in axes:
             draw_mip(shown, axis, output / f"mip-{axis}.png", chosen.display)
     _write_report(output / "report.json", report)
     return report
@@ -104,7 +106,7 @@ def reconstruct_recording(
     cancelled: IsCancelled | None = None,
 ) -> Volume:
     """Reconstruct a recording in memory; see :func:`reconstruct_scan`."""
-    traces = recording.traces * np.asarray(recording.scale, dtype=np.float32).reshape(-1, 1)
+    traces = np.multiply(recording.traces, np.asarray(recording.scale, np.float32).reshape(-1, 1), dtype=np.float32)
     if parameters.conditioning != Conditioning():
         traces = parameters.conditioning.apply(
             traces, recording.positions, sampling_interval=recording.sampling_interval, aperture=recording.aperture

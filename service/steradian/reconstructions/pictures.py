@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -11,7 +12,8 @@ from matplotlib.patches import Rectangle
 from steradian.imaging import Volume
 from steradian.imaging.conditioning import Display
 
-PLANES = {"x": ("y", "z"), "y": ("x", "z"), "z": ("x", "y")}
+Axis = Literal["x", "y", "z"]
+PLANES: dict[Axis, tuple[Axis, Axis]] = {"x": ("y", "z"), "y": ("x", "z"), "z": ("x", "y")}
 """The two axes that a projection along the third one shows, across and up (depth points down)."""
 
 LINEAR = Display()
@@ -19,7 +21,7 @@ LONG_SIDE = 6.5
 ROUND_LENGTHS = (0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50)
 
 
-def draw_mip(volume: Volume, axis: str, path: Path, display: Display = LINEAR) -> None:
+def draw_mip(volume: Volume, axis: Axis, path: Path, display: Display = LINEAR) -> None:
     """Draw the projection along ``axis`` into a PNG, under a temporary name first.
 
     Negative values, which a limited view and the record's finite band leave, are shown black.
@@ -29,7 +31,7 @@ def draw_mip(volume: Volume, axis: str, path: Path, display: Display = LINEAR) -
     volume
         The image, with ``display`` applied.
     axis
-        The axis to project along.
+        The axis to project along; of an image [x, z] from a line of sensors, ``y`` shows the image itself.
     path
         Where to.
     display
@@ -37,7 +39,8 @@ def draw_mip(volume: Volume, axis: str, path: Path, display: Display = LINEAR) -
     """
     across, up = PLANES[axis]
     lowest = -display.log_range_db if display.log_range_db else 0.0
-    image = np.clip(volume.mip(axis), lowest, None).T
+    projected = volume.mip(axis) if volume.dimensions == 3 else volume.values
+    image = np.clip(projected, lowest, None).T
     horizontal, vertical = (1e3 * getattr(volume.axes, name) for name in (across, up))
     dx, dy = horizontal[1] - horizontal[0], vertical[1] - vertical[0]
     extent = (horizontal[0] - dx / 2, horizontal[-1] + dx / 2, vertical[-1] + dy / 2, vertical[0] - dy / 2)
@@ -52,7 +55,8 @@ def draw_mip(volume: Volume, axis: str, path: Path, display: Display = LINEAR) -
         axes.invert_yaxis()  # y points up, depth z points down from the sensor plane
     axes.set_xlabel(f"{across} (mm)")
     axes.set_ylabel(f"{up} (mm)" if up == "y" else "z, depth (mm)")
-    axes.set_title(f"Maximum-intensity projection along {axis}", fontsize=10)
+    title = f"Maximum-intensity projection along {axis}" if volume.dimensions == 3 else "Image below the line"
+    axes.set_title(title, fontsize=10)
     label = "initial pressure (dB of its maximum)" if lowest else "initial pressure (arb. u.)"
     figure.colorbar(shown, ax=axes, label=label, shrink=0.8)
     _scale_bar(axes, width, height, up == "y")

@@ -5,13 +5,15 @@
     /          attributes: format, schema_version, software, parameters (JSON), provenance (JSON)
     values     (Nx, Ny, Nz) f4   attributes: axes "x, y, z", spacing_m (3,), origin_m (3,)
     mip_x, mip_y, mip_z          maximum-intensity projections along x, y and z
+
+From a line of sensors ``values`` is (Nx, Nz), its axes "x, z", and there are no projections.
 """
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import h5py
 import numpy as np
@@ -21,6 +23,7 @@ from steradian.errors import DamagedFile, NotFound
 from steradian.imaging import Axes, Volume
 
 FORMAT, VERSION = "steradian-volume", 1
+AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
 
 
 def write_volume(path: Path, volume: Volume, *, parameters: dict[str, Any], provenance: dict[str, Any]) -> None:
@@ -46,13 +49,14 @@ def write_volume(path: Path, volume: Volume, *, parameters: dict[str, Any], prov
             values = file.create_dataset("values", data=volume.values)
             values.attrs.update(
                 {
-                    "axes": "x, y, z",
+                    "axes": ", ".join(volume.names),
                     "spacing_m": np.asarray(volume.spacing, dtype=np.float64),
                     "origin_m": np.asarray(volume.origin, dtype=np.float64),
                 }
             )
-            for axis in "xyz":
-                file.create_dataset(f"mip_{axis}", data=volume.mip(axis))
+            if volume.dimensions == 3:
+                for axis in AXES:
+                    file.create_dataset(f"mip_{axis}", data=volume.mip(axis))
         draft.replace(path)
     finally:
         draft.unlink(missing_ok=True)
@@ -77,7 +81,7 @@ def read_volume(path: Path) -> Volume:
             values = file["values"]
             spacing, origin = (tuple(map(float, values.attrs[name])) for name in ("spacing_m", "origin_m"))
             lines = zip(origin, spacing, values.shape, strict=True)
-            x, y, z = (first + step * np.arange(count) for first, step, count in lines)
-            return Volume(np.asarray(values), Axes(x, y, z), spacing)
+            x, *y, z = (first + step * np.arange(count) for first, step, count in lines)
+            return Volume(np.asarray(values), Axes(x, y[0] if y else None, z), spacing)
     except (OSError, KeyError) as error:
         raise DamagedFile(f"{path} cannot be read as a volume: {error}") from error

@@ -1,7 +1,8 @@
 """Recordings simulated with k-Wave, as .npz archives.
 
-Expected arrays: ``p`` (time, y, z), the pressure on a full square grid of sensors; ``dt`` in seconds; ``dx`` in metres;
-optionally ``c`` in metres per second. k-Wave's lateral axes y and z become our x and y; its depth axis x is our z.
+Expected arrays: ``p`` (time, y, z), the pressure on a full square grid of sensors, or (time, y) on a line of them;
+``dt`` in seconds; ``dx`` in metres; optionally ``c`` in metres per second. k-Wave's lateral axes y and z become our
+x and y; its depth axis x is our z.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from steradian.scans.recording import Recording
 
 
 def read_kwave(path: Path) -> Recording:
-    """Read a k-Wave recording on a square grid of sensors.
+    """Read a k-Wave recording on a square grid or a line of sensors.
 
     Sensor j of N lies at (j − N//2)·dx; the aperture, one lateral period, is N·dx.
 
@@ -35,15 +36,15 @@ def read_kwave(path: Path) -> Recording:
             speed = float(archive["c"]) if "c" in archive.files else None
     except (OSError, ValueError, TypeError, zipfile.BadZipFile) as error:
         raise DamagedFile(f"{path} cannot be read as a k-Wave recording: {error}") from error
-    if pressure.ndim != 3 or pressure.shape[1] != pressure.shape[2]:
-        raise DamagedFile(f"{path}: p has shape {pressure.shape}; expected (time, N, N), a square grid of sensors")
-    side = pressure.shape[1]
+    if pressure.ndim not in (2, 3) or pressure.shape[1] != pressure.shape[-1]:
+        raise DamagedFile(f"{path}: p has shape {pressure.shape}; expected (time, N, N) or (time, N)")
+    side, lateral = pressure.shape[1], pressure.ndim - 1
     line = (np.arange(side) - side // 2) * pitch
-    x, y = np.meshgrid(line, line, indexing="ij")
+    grid = np.meshgrid(*[line] * lateral, indexing="ij")
     return Recording(
         traces=np.ascontiguousarray(pressure.reshape(len(pressure), -1).T),
         scale=1.0,
-        positions=np.column_stack([x.ravel(), y.ravel()]),
+        positions=np.column_stack([axis.ravel() for axis in grid]),
         weights=None,
         sampling_interval=interval,
         sound_speed=speed,
@@ -51,6 +52,6 @@ def read_kwave(path: Path) -> Recording:
         time_zero=0.0,
         grid=side,
         depth=None,
-        planned=side * side,
+        planned=side**lateral,
         provenance={"source": path.name},
     )

@@ -49,12 +49,13 @@ def _read(path: Path, file: h5py.File) -> Recording:
     if not len(stored):
         raise DamagedFile(f"{path} holds no A-line yet")
     aperture = float(mask.attrs["aperture_m"])
-    weights = np.asarray(mask["weights"], dtype=np.float64)[stored]
+    weights = np.asarray(mask["weights"], dtype=np.float64)
+    area = weights.sum()
     return Recording(
         traces=traces,
         scale=np.asarray(alines["scale"])[stored],
         positions=np.asarray(mask["positions"], dtype=np.float64)[stored],
-        weights=weights * (aperture**2 / weights.sum()),
+        weights=weights[stored] * (area / weights[stored].sum()),
         sampling_interval=float(plan.attrs["sampling_interval_s"]),
         sound_speed=float(plan.attrs["sound_speed_m_s"]),
         aperture=aperture,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +25,9 @@ class Recording:
     scale
         (M,) or scalar: pressure per unit of ``traces``.
     positions
-        (M, 2) metres, centred on the aperture.
+        (M, 2) metres, centred on the aperture; (M, 1) on a line.
     weights
-        (M,) areas in m² that sum to aperture², or ``None`` when the file states none.
+        (M,) areas in m² that sum to aperture², on a line lengths in m that sum to it; ``None`` when the file has none.
     sampling_interval, sound_speed, aperture, time_zero
         Seconds, metres per second (``None`` when the file states none), metres, seconds.
     grid
@@ -39,7 +40,7 @@ class Recording:
         Identifiers of mask, plan, scan and scanner, for the volume's own record.
     """
 
-    traces: NDArray[np.generic]
+    traces: NDArray[np.number[Any]]
     scale: NDArray[np.float32] | float
     positions: FloatArray
     weights: FloatArray | None

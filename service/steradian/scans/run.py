@@ -65,8 +65,8 @@ def run_scan(
             model = scanner.capabilities
             create_scan_file(path, plan, scan_id=scan_id, scanner=model.serial, simulated=model.simulated)
             with AlineStore(path) as store:
-                _acquire(scanner, store, progress, cancelled)
-                return ScanSummary(path, plan.mask.count, scanner.status.shots, store.stored)
+                fired = _acquire(scanner, store, progress, cancelled)
+                return ScanSummary(path, plan.mask.count, fired, store.stored)
     except fabry_perot.PlanInvalid as error:
         raise InvalidInput(error.field, error.value, error.allowed) from error
     except fabry_perot.ScannerError as error:
@@ -85,21 +85,32 @@ def _upload(plan: ScanPlan, scanner: fabry_perot.Scanner) -> None:
 
 def _acquire(
     scanner: fabry_perot.Scanner, store: AlineStore, progress: Progress | None, cancelled: IsCancelled | None
-) -> None:
+) -> int:
+    """Run the uploaded plan to its end; returns the shots fired for it."""
+    before = scanner.status.shots
     scanner.start(scanner.arm())
-    while not _take_alines(scanner, store, progress, cancelled):
-        scanner.resume()  # this process was held up for longer than the laser's lease: nothing is lost
-    store.set_fired(scanner.status.shots)
+    try:
+        while not _take_alines(scanner, store, before, progress, cancelled):
+            scanner.resume()  # this process was held up for longer than the laser's lease: nothing is lost
+    finally:
+        store.set_fired(max(0, scanner.status.shots - before))
+    fired = scanner.report().fired
+    store.set_fired(fired)
+    return fired
 
 
 def _take_alines(
-    scanner: fabry_perot.Scanner, store: AlineStore, progress: Progress | None, cancelled: IsCancelled | None
+    scanner: fabry_perot.Scanner,
+    store: AlineStore,
+    before: int,
+    progress: Progress | None,
+    cancelled: IsCancelled | None,
 ) -> bool:
     """Store and acknowledge A-lines as they come; True when the plan is done, False when the lease has lapsed."""
     try:
         for batch in scanner.alines():
             store.append(batch)
-            store.set_fired(scanner.status.shots)
+            store.set_fired(max(0, scanner.status.shots - before))
             scanner.acknowledge(batch[-1])
             if progress:
                 progress("A-lines", store.stored, store.count)

@@ -71,6 +71,23 @@ def test_kwave_data_are_reconstructed_like_the_truth(tmp_path):
         assert correlation(volume.mip("z"), data["p0_mip"]) > 0.965
 
 
+def test_a_line_of_sensors_gives_an_image_of_a_plane(tmp_path):
+    """A 2-D recording is told by its shape; the image [x, z] resembles the true tree around the point of interest."""
+    with np.load(DATA / "tree_kwave_slice.npz") as data:
+        columns = np.searchsorted(data["sensors"], data["equispaced"])
+        np.savez(tmp_path / "line.npz", p=data["traces"][columns].T, dt=data["dt"], dx=16 * data["dx"], c=data["c"])
+        dx, truth = float(data["dx"]), data["p0"].T
+    run("reconstruct", "line.npz", "--modes", "512", "--output", "tree", cwd=tmp_path)
+    image = read_volume(tmp_path / "tree" / "volume.h5")
+    assert image.names == ("x", "z")
+    assert image.spacing == pytest.approx((dx, 1.6e-8 * 1500))
+    depths = np.arange(256) * dx
+    found = np.array([np.interp(depths, image.axes.z, line) for line in image.values])
+    x, z = np.mgrid[-256:256, :256]
+    assert correlation(found, truth[256:768], x**2 + (z - 128) ** 2 < 100**2) > 0.65
+    assert (tmp_path / "tree" / "mip-y.png").is_file()
+
+
 def test_a_killed_scan_leaves_what_it_acknowledged(walk, tmp_path):
     """Kill -9 in the middle of a scan: the file opens, and holds a part of the scan that can be reconstructed."""
     plan = walk / "plan.json"

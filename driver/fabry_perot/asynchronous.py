@@ -1,0 +1,148 @@
+"""The asyncio driver: the synchronous one, each call in a thread that belongs to the scanner alone.
+
+There is no second implementation to go wrong. A batch of A-lines is awaited in that thread, which keeps the laser's
+lease only until the batch is there: an event loop that hangs afterwards drops the laser as a hung application should.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import functools
+from collections.abc import AsyncIterator, Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from types import TracebackType
+from typing import Any, ParamSpec, Self, TypeVar
+
+from fabry_perot.aline import ALine
+from fabry_perot.capabilities import Capabilities
+from fabry_perot.connecting import connect
+from fabry_perot.host import ScanReport
+from fabry_perot.messages import Status
+from fabry_perot.scanner import Scanner
+from fabry_perot.tuning import TuningCurve, TuningMap
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+class AsyncScanner:
+    """A connected scanner for asyncio; use :func:`connect_async` and an ``async with`` block.
+
+    Every method does what the one of the same name of :class:`fabry_perot.Scanner` does and raises the same errors.
+
+    Parameters
+    ----------
+    scanner
+        The synchronous driver.
+    """
+
+    def __init__(self, scanner: Scanner) -> None:
+        self._scanner = scanner
+        self._calls = ThreadPoolExecutor(2, thread_name_prefix="fabry-perot-call")
+
+    async def _run(self, function: Callable[P, T], *given: P.args, **named: P.kwargs) -> T:
+        loop = asyncio.get_running_loop()
+        return await loop.run_in_executor(self._calls, functools.partial(function, *given, **named))
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.close()
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """Limits and identity."""
+        return self._scanner.capabilities
+
+    @property
+    def state(self) -> str:
+        """The device's state in lower case."""
+        return self._scanner.state
+
+    @property
+    def status(self) -> Status:
+        """The device's last STATUS."""
+        return self._scanner.status
+
+    async def upload(self, points: Any, **parameters: Any) -> None:
+        """Upload a plan; parameters as of :meth:`fabry_perot.Scanner.upload`."""
+        await self._run(self._scanner.upload, points, **parameters)
+
+    async def arm(self) -> int:
+        """Arm the laser and return the token."""
+        return await self._run(self._scanner.arm)
+
+    async def start(self, token: int) -> None:
+        """Start scanning."""
+        await self._run(self._scanner.start, token)
+
+    async def alines(self) -> AsyncIterator[list[ALine]]:
+        """Yield lists of A-lines as they arrive, until the plan is done."""
+        batches = self._scanner.alines()
+        while (batch := await self._run(_following, batches)) is not None:
+            yield batch
+
+    async def acknowledge(self, aline: ALine) -> None:
+        """Declare ``aline`` and all before it durably stored."""
+        await self._run(self._scanner.acknowledge, aline)
+
+    async def pause(self) -> None:
+        """Stop firing until :meth:`resume`."""
+        await self._run(self._scanner.pause)
+
+    async def resume(self) -> None:
+        """Arm anew and continue."""
+        await self._run(self._scanner.resume)
+
+    async def abort(self, level: str = "laser-off") -> None:
+        """Stop at once."""
+        await self._run(self._scanner.abort, level)
+
+    async def disarm(self) -> None:
+        """Withdraw the arm token, or end a scan with its plan and data kept."""
+        await self._run(self._scanner.disarm)
+
+    async def park(self) -> None:
+        """Close the shutter and go to the rest position."""
+        await self._run(self._scanner.park)
+
+    async def clear_fault(self) -> None:
+        """Clear a latched fault or emergency stop."""
+        await self._run(self._scanner.clear_fault)
+
+    async def set(self, **parameters: int) -> dict[str, int]:
+        """Change parameters of the device."""
+        return await self._run(self._scanner.set, **parameters)
+
+    async def tune(self, x: float, y: float, **sweep: Any) -> TuningCurve:
+        """Sweep the interrogation wavelength at one point."""
+        return await self._run(self._scanner.tune, x, y, **sweep)
+
+    async def pretune(self, points: Any, *, steps: int = 101) -> TuningMap:
+        """Sweep at each point."""
+        return await self._run(self._scanner.pretune, points, steps=steps)
+
+    async def statistics(self) -> dict[str, Any]:
+        """Return counters of both sides."""
+        return await self._run(self._scanner.statistics)
+
+    async def report(self) -> ScanReport:
+        """Return the account of the present scan."""
+        return await self._run(self._scanner.report)
+
+    async def close(self) -> None:
+        """Switch the laser off if it is on, and release the port."""
+        await self._run(self._scanner.close)
+        self._calls.shutdown(wait=False)
+
+
+def _following(batches: Iterator[list[ALine]]) -> list[ALine] | None:
+    return next(batches, None)
+
+
+async def connect_async(url: str, **parameters: Any) -> AsyncScanner:
+    """Open a port, begin a session and read the capabilities; parameters as of :func:`fabry_perot.connect`."""
+    return AsyncScanner(await asyncio.to_thread(connect, url, **parameters))

@@ -1,0 +1,108 @@
+"""Finding and opening scanners."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from serial.tools import list_ports
+
+from fabry_perot.errors import PortBusy, ScannerError
+from fabry_perot.framing import fast_stuffing
+from fabry_perot.host import HostTiming, Recovery
+from fabry_perot.scanner import Scanner
+from fabry_perot.transport import Transport, open_transport
+
+_log = logging.getLogger(__name__)
+_DEFAULT = Recovery()
+
+
+def connect(
+    url: str,
+    *,
+    baudrate: int = 3_000_000,
+    timing: HostTiming | None = None,
+    recovery: Recovery | None = _DEFAULT,
+) -> Scanner:
+    """Open a port, begin a session and read the capabilities.
+
+    Parameters
+    ----------
+    url
+        A device path or pyserial URL, for example ``/dev/ttyUSB0``, ``socket://127.0.0.1:4001`` or
+        ``rfc2217://host:2217`` (a byte at a time in pyserial: some 0.2 MB/s). A path under ``/dev/serial/by-id``
+        survives unplugging and plugging in again.
+    baudrate
+        Baud rate of a UART.
+    timing
+        Time limits of the host's side.
+    recovery
+        How long a scan is carried over a lost line or a restarted device; ``None``: not at all.
+
+    Raises
+    ------
+    PortBusy, PortUnavailable, NoAnswer, ProtocolMismatch
+        There is no scanner to talk to.
+    """
+    if not fast_stuffing():
+        _log.warning("cobs runs without its C extension: frames are decoded some hundred times slower than need be")
+
+    def reopen() -> Transport:
+        return open_transport(url, baudrate)
+
+    return Scanner(reopen(), timing=timing, recovery=recovery, reopen=reopen if recovery else None)
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A port at which a scanner is, or may be.
+
+    Parameters
+    ----------
+    url
+        What to give to :func:`connect`.
+    description
+        What the operating system says of the port.
+    model, serial
+        What the scanner there says of itself; empty when it was not asked or does not answer.
+    busy
+        Whether another process holds the port, and so most likely the scanner.
+    """
+
+    url: str
+    description: str
+    model: str = ""
+    serial: str = ""
+    busy: bool = False
+
+
+def discover(urls: Iterable[str] | None = None, *, probe: bool = False) -> list[Found]:
+    """Return the ports of this computer, or what is at ``urls``.
+
+    Parameters
+    ----------
+    urls
+        Ports to look at; by default every serial port the operating system knows.
+    probe
+        Say HELLO at each of them and keep those where a scanner answers or that are busy. Off by default, because
+        bytes sent to somebody else's instrument may do anything.
+    """
+    if urls is None:
+        ports = [Found(port.device, port.description) for port in list_ports.comports()]
+    else:
+        ports = [Found(url, "") for url in urls]
+    if not probe:
+        return ports
+    return [found for port in ports if (found := _ask(port)) is not None]
+
+
+def _ask(port: Found) -> Found | None:
+    try:
+        with connect(port.url, timing=HostTiming(hello_tries=4), recovery=None) as scanner:
+            known = scanner.capabilities
+            return Found(port.url, port.description, known.model, known.serial)
+    except PortBusy:
+        return Found(port.url, port.description, busy=True)
+    except ScannerError:
+        return None

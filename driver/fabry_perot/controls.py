@@ -1,0 +1,164 @@
+"""What a connected scanner can be told besides scanning."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fabry_perot.capabilities import Capabilities
+from fabry_perot.codes import AbortLevel, Operation
+from fabry_perot.errors import NoAnswer, PlanInvalid
+from fabry_perot.host import Keeper, Recovery
+from fabry_perot.messages import Status
+from fabry_perot.session import Session
+from fabry_perot.tuning import TuningCurve, TuningMap
+
+_LEVELS = {
+    "pause": AbortLevel.PAUSE,
+    "laser-off": AbortLevel.LASER_OFF,
+    "emergency-stop": AbortLevel.EMERGENCY_STOP,
+}
+
+
+class Controls:
+    """State, parameters, tuning and stops of a scanner; the base of :class:`fabry_perot.Scanner`.
+
+    Parameters
+    ----------
+    session
+        The live session.
+    recovery
+        How long a scan is carried over interruptions.
+    """
+
+    def __init__(self, session: Session, recovery: Recovery) -> None:
+        self._session, self._host = session, session.host
+        self._keeper = Keeper(session.host, recovery)
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """Limits and identity."""
+        capabilities = self._host.capabilities
+        if capabilities is None:
+            raise NoAnswer("not connected")
+        return capabilities
+
+    @property
+    def state(self) -> str:
+        """The device's state in lower case, for example ``"scanning"``."""
+        return self._host.device_state.name.lower()
+
+    @property
+    def status(self) -> Status:
+        """The device's last STATUS; right after a restart of the device, the last one before it."""
+        status = self._host.status or self._host.last_words
+        if status is None:
+            raise NoAnswer("not connected")
+        return status
+
+    def pause(self) -> None:
+        """Stop firing; ``resume()`` continues with the next point. ``alines()`` goes on waiting."""
+        self._keep_nothing()
+        self._session.request(Operation.PAUSE)
+
+    def disarm(self) -> None:
+        """Withdraw the arm token, or end a scan with its plan and data kept."""
+        self._keep_nothing()
+        self._session.request(Operation.DISARM)
+
+    def park(self) -> None:
+        """Close the shutter and go to the rest position; not while scanning."""
+        self._session.request(Operation.PARK)
+
+    def clear_fault(self) -> None:
+        """Clear a latched fault or emergency stop; the laser stays off."""
+        self._session.request(Operation.CLEAR_FAULT)
+
+    def abort(self, level: str = "laser-off") -> None:
+        """Stop at once: ``"pause"``, ``"laser-off"`` or ``"emergency-stop"`` (latched). Works in every state."""
+        if level not in _LEVELS:
+            raise PlanInvalid("level", level, " | ".join(_LEVELS))
+        self._keep_nothing()
+        with self._session.changed:
+            self._host.abort(_LEVELS[level], self._session.now())
+        self._session.flush()
+        self._session.wait(lambda: not self._host.aborting, 5.0)
+
+    def _keep_nothing(self) -> None:
+        with self._session.changed:
+            self._keeper.release()
+
+    def set(self, **parameters: int) -> dict[str, int]:
+        """Change parameters of the device (see ``capabilities.parameters``) and return all of them.
+
+        Raises
+        ------
+        PlanInvalid
+            There is no such parameter, or the value lies outside its range.
+        """
+        allowed = self.capabilities.parameters
+        for name, value in parameters.items():
+            if name not in allowed:
+                raise PlanInvalid(name, value, " | ".join(allowed) or "nothing: this scanner has no parameters")
+            low, high = allowed[name]
+            if not low <= value <= high:
+                raise PlanInvalid(name, value, f"{low:g} … {high:g}")
+        return self._session.request(Operation.SET, **parameters)
+
+    def tune(
+        self, x: float, y: float, *, start: float | None = None, stop: float | None = None, steps: int = 101
+    ) -> TuningCurve:
+        """Sweep the interrogation wavelength at one point of the film, with the excitation laser off.
+
+        Parameters
+        ----------
+        x, y
+            Position in m.
+        start, stop
+            Range of the sweep in m; by default all the scanner can do.
+        steps
+            Wavelengths in the sweep, 2 … 256.
+        """
+        low, high = self.capabilities.wavelength
+        ends = (low if start is None else start, high if stop is None else stop)
+        request = {
+            "x": round(x * 1e9),
+            "y": round(y * 1e9),
+            "from_pm": round(ends[0] * 1e12),
+            "to_pm": round(ends[1] * 1e12),
+            "steps": steps,
+        }
+        levels = self._session.request(Operation.TUNE_SCAN, **request)["dc_mv"]
+        wavelengths = np.linspace(request["from_pm"], request["to_pm"], steps).round() * 1e-12
+        return TuningCurve(wavelengths, np.asarray(levels, dtype=np.float64) * 1e-3)
+
+    def pretune(self, points: ArrayLike, *, steps: int = 101) -> TuningMap:
+        """Sweep at each of the (M, 2) points (m) and return their bias wavelengths, sensitivities, reflectivities."""
+        where = np.asarray(points, dtype=np.float64)
+        if where.ndim != 2 or where.shape[1] != 2 or len(where) == 0:
+            raise PlanInvalid("points", f"shape {where.shape}", "(M, 2), M ≥ 1, in m")
+        return TuningMap.from_curves(where, [self.tune(x, y, steps=steps) for x, y in where.tolist()])
+
+    def statistics(self) -> dict[str, Any]:
+        """Return counters of both sides: device values as in STATUS, host values prefixed ``host_``."""
+        answer = self._session.request(Operation.GET)
+        counters, assembly = self._host.deframer.counters, self._host.assembly
+        answer |= {
+            "host_good_frames": counters.good,
+            "host_bad_frames": counters.bad,
+            "host_foreign_frames": self._host.foreign_frames,
+            "host_bytes": counters.bytes_in,
+            "host_gone": self._host.gone,
+            "host_reconnects": self._session.reconnects,
+            "host_resumes": self._keeper.resumes,
+            "host_restarts": self._keeper.restarts,
+        }
+        if assembly is not None:
+            answer |= {
+                "host_repairs": assembly.repairs,
+                "host_duplicates": assembly.duplicates,
+                "host_damaged": assembly.damaged,
+            }
+        return answer

@@ -1,0 +1,212 @@
+"""What can go wrong on a line, as composable seeded filters: ``filter(bytes, now) -> bytes``.
+
+The simulator puts them between itself and the line, tests put them between the two state machines; a filter knows
+nothing of which. Times are µs of whichever clock drives it. A filter that holds bytes back gives them up at a later
+call, so it must be called regularly, with ``b""`` when there is nothing new.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterable
+
+from fabry_perot.framing import Deframer, encode_frame
+
+Filter = Callable[[bytes, int], bytes]
+
+
+class Chain:
+    """Filters one after the other; ``filters`` may be changed while it runs."""
+
+    def __init__(self, filters: Iterable[Filter] = ()) -> None:
+        self.filters = list(filters)
+
+    def __call__(self, data: bytes, now: int) -> bytes:
+        """Pass ``data`` through all of them."""
+        for item in self.filters:
+            data = item(data, now)
+        return data
+
+
+class BitFlips:
+    """Flips bits at random.
+
+    Parameters
+    ----------
+    seed
+        Of the choice.
+    rate
+        Probability of each bit.
+    """
+
+    def __init__(self, seed: int, rate: float) -> None:
+        self._random, self._rate = random.Random(seed), rate  # noqa: S311
+        self._left = self._gap()
+
+    def _gap(self) -> int:
+        return int(self._random.expovariate(self._rate)) if self._rate > 0 else 1 << 62
+
+    def __call__(self, data: bytes, now: int) -> bytes:
+        """Return ``data`` with some bits flipped."""
+        if self._left >= 8 * len(data):
+            self._left -= 8 * len(data)
+            return data
+        out = bytearray(data)
+        while self._left < 8 * len(out):
+            out[self._left >> 3] ^= 1 << (self._left & 7)
+            self._left += 1 + self._gap()
+        self._left -= 8 * len(out)
+        return bytes(out)
+
+
+class ByteFaults:
+    """Drops, inserts or doubles a byte in one of ``every`` bytes on average."""
+
+    def __init__(self, seed: int, every: int) -> None:
+        self._random, self._every = random.Random(seed), every  # noqa: S311
+        self._left = self._gap()
+
+    def _gap(self) -> int:
+        return int(self._random.expovariate(1 / self._every))
+
+    def __call__(self, data: bytes, now: int) -> bytes:
+        """Return ``data`` with some bytes lost, added or doubled."""
+        out = b""
+        while self._left < len(data):
+            at, kind = self._left, self._random.randrange(3)
+            middle = (b"", data[at : at + 1] + self._random.randbytes(1), data[at : at + 1] * 2)[kind]
+            out, data = out + data[:at] + middle, data[at + 1 :]
+            self._left = self._gap()
+        self._left -= len(data)
+        return out + data
+
+
+class ChunkFaults:
+    """Doubles a whole piece, or lets the next one overtake it, once in ``every`` pieces on average."""
+
+    def __init__(self, seed: int, every: int) -> None:
+        self._random, self._every, self._held = random.Random(seed), every, b""  # noqa: S311
+
+    def __call__(self, data: bytes, now: int) -> bytes:
+        """Return ``data`` as it is, twice, or not until the next piece has passed."""
+        if not data:
+            return b""
+        held, self._held = self._held, b""
+        if not held and self._random.randrange(self._every) == 0:
+            if self._random.random() < 0.5:
+                return data + data
+            self._held = data
+            return b""
+        return data + held
+
+
+class Stall:
+    """Holds everything from ``start`` on and releases it at ``stop``."""
+
+    def __init__(self, start: int, stop: int) -> None:
+        self.start, self.stop, self.held = start, stop, b""
+
+    def __call__(self, data: bytes, now: int) -> bytes:
+        """Return nothing while the stall lasts, then everything."""
+        if self.start <= now < self.stop:
+            self.held += data
+            return b""
+        held, self.held = self.held, b""
+        return held + data
+
+
+class Cut:
+    """Loses everything from ``start`` until ``stop``."""
+
+    def __init__(self, start: int, stop: int) -> None:
+        self.start, self.stop = start, stop
+
+    def __call__(self, data: bytes, now: int) -> bytes:
+        """Return nothing while the line is cut."""
+        return b"" if self.start <= now < self.stop else data
+
+
+class SlowReader:
+    """Lets no more than ``rate`` bytes per second through and queues the rest."""
+
+    def __init__(self, rate: float) -> None:
+        self._rate, self._queue, self._at, self._tokens = rate, b"", 0, 0.0
+
+    def __call__(self, data: bytes, now: int) -> bytes:
+        """Return what the rate allows."""
+        self._queue += data
+        self._tokens = min(self._rate * 0.02, self._tokens + self._rate * (now - self._at) * 1e-6)
+        self._at = now
+        count = int(self._tokens)
+        out, self._queue = self._queue[:count], self._queue[count:]
+        self._tokens -= len(out)
+        return out
+
+
+class FrameLoss:
+    """Loses a share of the frames, whatever they carry."""
+
+    def __init__(self, seed: int, share: float) -> None:
+        self._random, self._share, self._pending = random.Random(seed), share, b""  # noqa: S311
+
+    def __call__(self, data: bytes, now: int) -> bytes:
+        """Return the frames that are complete and not lost."""
+        chunks = (self._pending + data).split(b"\0")
+        self._pending = chunks.pop()
+        kept = [chunk for chunk in chunks if chunk and self._random.random() >= self._share]
+        return b"".join(b"\0" + chunk + b"\0" for chunk in kept)
+
+
+class FramesOfType:
+    """Loses (or repeats) those frames of one type whose count ``which`` picks.
+
+    Parameters
+    ----------
+    kind
+        Message type.
+    which
+        Told how many of them were seen before, says whether this one is meant.
+    copies
+        How often a frame that is meant passes.
+    """
+
+    def __init__(self, kind: int, which: Callable[[int], bool], copies: int = 0) -> None:
+        self._kind, self._which, self._copies, self.seen = kind, which, copies, 0
+        self._deframer = Deframer()
+
+    def __call__(self, data: bytes, now: int) -> bytes:
+        """Return the frames that pass."""
+        out = b""
+        for frame in self._deframer.feed(data):
+            copies = 1
+            if frame.type == self._kind:
+                copies = self._copies if self._which(self.seen) else 1
+                self.seen += 1
+            out += encode_frame(frame) * copies
+        return out
+
+
+class Recorder:
+    """Lets everything pass and remembers it, at most the last ``limit`` bytes."""
+
+    def __init__(self, limit: int = 1 << 24) -> None:
+        self.data, self._limit = b"", limit
+
+    def __call__(self, data: bytes, now: int) -> bytes:
+        """Return ``data``."""
+        self.data = (self.data + data)[-self._limit :]
+        return data
+
+
+class Replay:
+    """Sends bytes of earlier once more at a given time, in front of what comes then."""
+
+    def __init__(self, data: bytes, at: int) -> None:
+        self._data, self._at = data, at
+
+    def __call__(self, data: bytes, now: int) -> bytes:
+        """Return ``data``, once with the old bytes in front."""
+        if now < self._at:
+            return data
+        old, self._data = self._data, b""
+        return old + data

@@ -1,0 +1,100 @@
+"""The account of a scan: every shot fired is stored, still held, wasted or gone with a reboot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fabry_perot.host.plan import Plan
+
+
+@dataclass(slots=True)
+class Ledger:
+    """What was fired in which boot of the device, by the laser's own counter that survives a reboot.
+
+    Parameters
+    ----------
+    first
+        The laser's counter when the scan began.
+    refired
+        Points fired, lost with a reboot before they arrived, and therefore fired again.
+    """
+
+    first: int | None = None
+    refired: list[int] = field(default_factory=list)
+    _boot: int = 0
+    _shots: int = 0
+    _start: int = 0
+    _wasted: int = 0
+    _wasted_before: int = 0
+
+    def started(self, boot: int, start: int, laser_shots: int, wasted: int) -> None:
+        """Note a START; the first one in each boot tells where its counting begins."""
+        if self.first is None:
+            self.first = laser_shots
+        if boot != self._boot:
+            self._boot, self._start, self._shots, self._wasted_before = boot, start, laser_shots, wasted
+
+    def lost(self, plan: Plan, kept: int, laser_shots: int, wasted: int) -> None:
+        """Note a reboot: A-lines below ``kept`` arrived, the laser's counter now shows ``laser_shots``.
+
+        ``wasted`` is the last that was heard of the shots discarded in the boot that ended.
+        """
+        totals = np.cumsum(np.maximum(1, plan.points["averages"][self._start :].astype(np.int64)))
+        fired = laser_shots - self._shots - (wasted - self._wasted_before)
+        count = int(np.searchsorted(totals, fired, side="right"))
+        self.refired += range(kept, max(kept, self._start + count))
+        self._wasted += laser_shots - self._shots - (int(totals[count - 1]) if count else 0)
+        self._start, self._shots, self._wasted_before = kept, laser_shots, wasted  # being told twice changes nothing
+
+    def wasted(self, now: int) -> int:
+        """Return the shots discarded in all boots; ``now`` is the device's present count."""
+        return self._wasted + now - self._wasted_before
+
+
+@dataclass(frozen=True, slots=True)
+class ScanReport:
+    """The account of one scan.
+
+    Parameters
+    ----------
+    points
+        Points of the plan.
+    fired
+        Shots the laser fired for it, over all boots of the device.
+    stored
+        A-lines the application acknowledged as durably stored.
+    held
+        A-lines recorded and not (yet) acknowledged.
+    refired
+        Indices of the points whose first recording was lost with a reboot, in order.
+    averages
+        Shots per A-line.
+    wasted
+        Shots of interrupted averages, and of points of which a reboot left nothing to count.
+    resumes, restarts, reconnects
+        Interruptions: taken up where it stood; planned again after a reboot; ports opened anew.
+    repaired
+        A-lines or fragments asked for again.
+    bad_frames
+        Frames the host dropped.
+    """
+
+    points: int
+    fired: int
+    stored: int
+    held: int
+    refired: tuple[int, ...]
+    averages: int
+    wasted: int
+    resumes: int
+    restarts: int
+    reconnects: int
+    repaired: int
+    bad_frames: int
+
+    @property
+    def balanced(self) -> bool:
+        """Whether fired = stored + held + re-fired (+ wasted), counted in shots."""
+        return self.fired == self.averages * (self.stored + self.held + len(self.refired)) + self.wasted

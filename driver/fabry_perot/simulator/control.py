@@ -1,0 +1,109 @@
+"""Faults at run time: JSON commands, one a line, each answered by one JSON line.
+
+============================================  =========================================================================
+command                                       what it does; all durations in seconds of simulator time
+============================================  =========================================================================
+``{"do": "unplug", "seconds": 1}``            takes the line away; a pseudo-terminal comes back under its link
+``{"do": "reboot", "seconds": 0.5}``          the firmware loses power; hardware and laser counter stay
+``{"do": "stall", "way": "up", "seconds": 3}``  holds bytes to (``up``) or from (``down``) the device for a time
+``{"do": "cut", "way": "up", "seconds": 1}``  loses them
+``{"do": "noise", "way": "up", "bit_errors": 1e-5, "lost_frames": 0.01}``  from now on; zeros end it
+``{"do": "interlock", "closed": false}``      opens or closes the enclosure
+``{"do": "drift", "pm": 300}``                shifts the film's resonances
+``{"do": "report"}``                          nothing
+============================================  =========================================================================
+
+Each answer holds ``time`` (simulator time, µs), ``shots`` (fired since start), ``last_shot`` (its time), ``ring_peak``,
+``boots`` and the device's ``state``; that of ``report`` also ``fired``, the (time, point) of every shot. A command that
+is not understood is answered with ``error``.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from fabry_perot.faults import BitFlips, Cut, FrameLoss, Stall
+from fabry_perot.simulator.server import Server
+
+
+class Control:
+    """Carries out commands on a running simulator.
+
+    Parameters
+    ----------
+    server
+        The simulator.
+    seed
+        Of the faults.
+    """
+
+    def __init__(self, server: Server, seed: int) -> None:
+        self._server, self._seed = server, seed
+        self._pending = b""
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Take bytes from the control channel and return the answers, one line each."""
+        lines = (self._pending + data).split(b"\n")
+        self._pending = lines.pop()
+        return [json.dumps(self._answer(line)).encode() + b"\n" for line in lines if line.strip()]
+
+    def _answer(self, line: bytes) -> dict[str, Any]:
+        try:
+            command = json.loads(line)
+            return {"did": command["do"], **getattr(self, f"_do_{command.pop('do')}")(**command)}
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            return {"error": f"{type(error).__name__}: {error}"}
+
+    def _state(self) -> dict[str, Any]:
+        machine = self._server.machine
+        log = machine.instrument.shots
+        return {
+            "time": self._server.time,
+            "shots": machine.instrument.laser_shots(),
+            "last_shot": log[-1][0] if log else 0,
+            "ring_peak": max(machine.ring_peak, machine.device.ring.peak),
+            "boots": machine.boots,
+            "state": machine.device.state.name.lower(),
+        }
+
+    def _do_report(self) -> dict[str, Any]:
+        return {**self._state(), "fired": list(self._server.machine.instrument.shots)}
+
+    def _do_unplug(self, seconds: float) -> dict[str, Any]:
+        self._server.unplug(int(seconds * 1e6))
+        return self._state()
+
+    def _do_reboot(self, seconds: float = 0.5) -> dict[str, Any]:
+        self._server.machine.reboot(self._server.time, int(seconds * 1e6))
+        return self._state()
+
+    def _do_stall(self, way: str, seconds: float) -> dict[str, Any]:
+        now = self._server.time
+        self._chain(way).append(Stall(now, now + int(seconds * 1e6)))
+        return self._state()
+
+    def _do_cut(self, way: str, seconds: float) -> dict[str, Any]:
+        now = self._server.time
+        self._chain(way).append(Cut(now, now + int(seconds * 1e6)))
+        return self._state()
+
+    def _do_noise(self, way: str, bit_errors: float = 0.0, lost_frames: float = 0.0) -> dict[str, Any]:
+        filters = self._chain(way)
+        filters[:] = [item for item in filters if not isinstance(item, BitFlips | FrameLoss)]
+        if bit_errors:
+            filters.append(BitFlips(self._seed, bit_errors))
+        if lost_frames:
+            filters.append(FrameLoss(self._seed, lost_frames))
+        return self._state()
+
+    def _do_interlock(self, closed: bool) -> dict[str, Any]:
+        self._server.machine.instrument.closed = bool(closed)
+        return self._state()
+
+    def _do_drift(self, pm: int) -> dict[str, Any]:
+        self._server.machine.instrument.film.drift = int(pm)
+        return self._state()
+
+    def _chain(self, way: str) -> list[Any]:
+        return {"up": self._server.up, "down": self._server.down}[way].filters

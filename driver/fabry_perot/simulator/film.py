@@ -1,0 +1,106 @@
+"""The simulated Fabry–Pérot film: its fringe over wavelength and place, and how it turns pressure into a signal.
+
+The reflected DC level is a Lorentzian dip, ``R₀·(1 − V/(1 + ((λ − λ₀)/½w)²))``, whose resonance λ₀ and level R₀ vary
+over the film. Sound changes the cavity's thickness and so moves λ₀; the signal is the change of the level, which is
+proportional to the pressure only while that move is small against the linewidth w.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+LINEWIDTH = 500.0
+"""Full width at half maximum of the fringe, in pm."""
+VISIBILITY = 0.6
+CENTRE, SPREAD = 1_550_000.0, 2_000.0
+"""Resonance: mean and largest deviation over the film, in pm."""
+LEVEL = 1200.0
+"""DC level off resonance at nominal interrogation power, in mV."""
+BANDWIDTH = 22e6
+"""−3 dB frequency of the film, in Hz."""
+CRITICAL = 0.85
+"""Sine of the angle beyond which the film hardly sees sound."""
+SWING = 0.15
+"""The strongest signal moves the resonance by this share of half the linewidth."""
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """Which of the film's shortcomings act on the signal.
+
+    Parameters
+    ----------
+    nonlinear
+        The fringe's curvature, and a loss of sensitivity away from the bias wavelength.
+    bandwidth
+        The film's low-pass.
+    directivity
+        Less response to sound that comes from the side.
+    """
+
+    nonlinear: bool = False
+    bandwidth: bool = False
+    directivity: bool = False
+
+
+class Film:
+    """One film.
+
+    Parameters
+    ----------
+    seed
+        Of its unevenness.
+    """
+
+    def __init__(self, seed: int) -> None:
+        random = np.random.default_rng([seed, 7])
+        self._waves = random.normal(size=(2, 6, 2)) * 500.0
+        self._phases = random.uniform(0, 2 * np.pi, (2, 6))
+        self.drift = 0
+        """Shift of all resonances since the film was made, in pm: films drift with temperature."""
+
+    def _uneven(self, kind: int, x: int, y: int) -> float:
+        angles = self._waves[kind] @ np.array([x, y]) * 1e-9 + self._phases[kind]
+        return float(np.tanh(np.sin(angles).sum() / 2))
+
+    def resonance(self, x: int, y: int) -> float:
+        """Return λ₀ in pm at x, y in nm."""
+        return CENTRE + SPREAD * self._uneven(0, x, y) + self.drift
+
+    def bias(self, x: int, y: int) -> int:
+        """Return the wavelength of the steepest slope, in pm."""
+        return round(self.resonance(x, y) + LINEWIDTH / (2 * math.sqrt(3)))
+
+    def level(self, x: int, y: int, wavelengths: Array) -> Array:
+        """Return the DC level in mV at wavelengths (S,) in pm."""
+        detuning = (wavelengths - self.resonance(x, y)) / (LINEWIDTH / 2)
+        level: Array = LEVEL * (1 + 0.1 * self._uneven(1, x, y)) * (1 - VISIBILITY / (1 + detuning**2))
+        return level
+
+    def transfer(self, x: int, y: int, wavelength: int, swing: Array) -> Array:
+        """Return the signal for moves ``swing`` of the resonance (in ½w), in units of the move at the best bias."""
+        detuning = (wavelength - self.resonance(x, y)) / (LINEWIDTH / 2)
+        steepest = 3 * np.sqrt(3) / 8  # of 1/(1 + u²), at u = 1/√3
+        signal: Array = (1 / (1 + detuning**2) - 1 / (1 + (detuning + swing) ** 2)) / steepest
+        return signal
+
+
+def low_pass(rows: NDArray[np.float32], interval: float) -> NDArray[np.float32]:
+    """Return (M, N_t) rows after the film's one-pole low-pass; ``interval`` in s."""
+    count = rows.shape[1]
+    frequency = np.fft.rfftfreq(2 * count, interval)
+    spectrum = np.fft.rfft(rows, 2 * count, axis=1) / (1 + 1j * frequency / BANDWIDTH)
+    filtered: NDArray[np.float32] = np.fft.irfft(spectrum, axis=1)[:, :count].astype(np.float32)
+    return filtered
+
+
+def directivity(cosines: Array) -> Array:
+    """Return the response to sound from the angle of a cosine: flat at first, gone at the critical angle."""
+    sine2 = 1 - np.minimum(cosines, 1.0) ** 2
+    response: Array = 1 / (1 + (sine2 / CRITICAL**2) ** 4)
+    return response

@@ -1,0 +1,82 @@
+"""The simulated scanner as a machine with a power switch: hardware that lasts, firmware that can boot anew."""
+
+from __future__ import annotations
+
+import secrets
+
+from fabry_perot.device import Device, DeviceTiming
+from fabry_perot.framing import MAX_PAYLOAD, UART_PAYLOAD
+from fabry_perot.shapes import by_name
+from fabry_perot.simulator.instrument import PhantomInstrument
+from fabry_perot.simulator.options import FILMS, Options
+
+STATUS_DUE = 100_000
+"""While the firmware is down, the machine wants to be looked at every so many µs."""
+
+
+class Machine:
+    """Hardware, and the firmware that runs on it.
+
+    All times are simulator time in µs; the firmware counts from its own boot.
+
+    Parameters
+    ----------
+    options
+        Settings.
+    """
+
+    def __init__(self, options: Options) -> None:
+        self._options = options
+        self.instrument = PhantomInstrument(
+            by_name(options.phantom, options.seed),
+            sound_speed=options.sound_speed,
+            seed=options.seed,
+            noise_db=options.noise_db,
+            clock_rate=options.speed,
+            line_rate=options.baud // 10,
+            response=FILMS[options.film],
+            energy_jitter=options.energy_jitter,
+            full_scale=options.full_scale,
+            repeat=options.repeat,
+        )
+        self._up_at: int | None = None
+        self.boots = 0
+        self.ring_peak = 0
+        self.device = self._boot(0, options.boot, cause=1)
+
+    def _boot(self, now: int, boot: int | None, cause: int) -> Device:
+        self.instrument.epoch = now
+        self.boots += 1
+        options = self._options
+        return Device(
+            self.instrument,
+            boot=boot or 1 + secrets.randbelow(0xFFFFFFFE),
+            timing=DeviceTiming().scaled(options.speed),
+            ring=options.ring,
+            plan_points=options.plan_points,
+            max_payload=UART_PAYLOAD if options.baud else MAX_PAYLOAD,
+            reset_cause=cause,
+        )
+
+    def reboot(self, now: int, duration: int) -> None:
+        """Lose power at ``now`` and be back ``duration`` µs later; what the firmware held is gone."""
+        self.ring_peak = max(self.ring_peak, self.device.ring.peak)
+        self._up_at = now + duration
+
+    def receive(self, data: bytes, now: int) -> None:
+        """Give the firmware bytes from the line, if it runs."""
+        if self._up_at is not None:
+            if now < self._up_at:
+                return
+            self.device, self._up_at = self._boot(now, None, cause=3), None
+        self.device.receive(data, now - self.instrument.epoch)
+
+    def pull(self, budget: int) -> bytes:
+        """Return what the firmware sends."""
+        return self.device.pull(budget) if self._up_at is None else b""
+
+    def next_due(self, now: int) -> int:
+        """Return when the machine has something to do next."""
+        if self._up_at is not None:
+            return min(self._up_at, now + STATUS_DUE)
+        return self.instrument.epoch + self.device.next_due()

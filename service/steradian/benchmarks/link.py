@@ -1,0 +1,266 @@
+"""How fast A-lines come in: decoding beside the bare reads of the same port, and a whole acquisition under load."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from steradian.progress import Progress
+
+Row: TypeAlias = dict[str, Any]
+SAMPLES = 1024
+_PLAN, _SESSION, _BOOT = 0xBE7C, 0x0102, 0xB007
+_STAGES = ("pty", "socket", "sustained")
+
+
+def link(*, quick: bool = False, progress: Progress | None = None) -> list[Row]:
+    """Measure the link.
+
+    Parameters
+    ----------
+    quick
+        Small versions: a check that they run, no measurement.
+    progress
+        Called before each measurement.
+
+    Returns
+    -------
+    list of dict
+        ``pty`` and ``socket``: ``raw_mb_s`` read without looking, ``decoded_mb_s`` and ``alines_s`` through the whole
+        host, ``ratio`` of the two, medians of interleaved runs. ``sustained``: ``alines_s`` from a simulated scanner
+        through the driver into a scan file, every batch synchronised to the disk, while ``loads`` reconstruction
+        processes keep all cores busy; ``ring_peak`` A-lines of ``ring`` that the device held at worst; ``lapses`` of
+        the laser's lease.
+    """
+    rows: list[Row] = []
+    for done, stage in enumerate(_STAGES):
+        if progress is not None:
+            progress(stage, done, len(_STAGES))
+        rows.append(_sustained(quick) if stage == "sustained" else _port(stage, quick))
+    if progress is not None:
+        progress("done", len(_STAGES), len(_STAGES))
+    return rows
+
+
+def _port(kind: str, quick: bool) -> Row:
+    count, repeats = (300, 1) if quick else (6_000, 5)
+    raw, decoded = [], []
+    for _ in range(repeats):
+        raw.append(_run(kind, count, decode=False))
+        decoded.append(_run(kind, count, decode=True))
+    size = len(b"".join(_frames(count)))
+    raw_s, decoded_s = float(np.median(raw)), float(np.median(decoded))
+    return {
+        "what": kind,
+        "samples": SAMPLES,
+        "raw_mb_s": size / raw_s / 1e6,
+        "decoded_mb_s": size / decoded_s / 1e6,
+        "alines_s": count / decoded_s,
+        "ratio": raw_s / decoded_s,
+    }
+
+
+def _frames(count: int) -> Iterator[bytes]:
+    """Yield the frames of ``count`` A-lines as a device would send them."""
+    from fabry_perot.codes import Type
+    from fabry_perot.framing import Frame, crc32c, encode_frame
+    from fabry_perot.messages import ALineHead, ALineMeta, pack
+
+    samples = np.random.default_rng(0).normal(0, 3000, (16, SAMPLES)).astype("<i2")
+    for number in range(count):
+        data = samples[number % 16].tobytes()
+        meta = ALineMeta(number, 1_550_000, number, crc32c(data), 1.0, 8000, SAMPLES, 1, 10_000, 1200, 0, 0, 0)
+        payload = pack(ALineHead(_PLAN, number, number, 0, 1, 0, 0)) + pack(meta) + data
+        yield encode_frame(Frame(Type.ALINE, 0, _BOOT & 0xFF, _SESSION, number & 0xFFFF, payload))
+
+
+def _run(kind: str, count: int, *, decode: bool) -> float:
+    """Return the seconds from the first byte of ``count`` A-lines to the last, read here and sent by a child."""
+    from fabry_perot.transport import open_transport
+
+    with _source(kind, count) as url:
+        transport = open_transport(url)
+        try:
+            transport.write(b"go")
+            return _decode(transport, count) if decode else _drain(transport, count)
+        finally:
+            transport.close()
+
+
+def _drain(transport: Any, count: int) -> float:
+    left = sum(map(len, _frames(count)))
+    data = b""
+    while not data:
+        data = transport.read()
+    begin = time.perf_counter()
+    while left > len(data):
+        left -= len(data)
+        data = transport.read()
+    return time.perf_counter() - begin
+
+
+def _decode(transport: Any, count: int) -> float:
+    from fabry_perot.host import Host
+    from fabry_perot.messages import HelloAck
+
+    host = Host(1)
+    host.hello = HelloAck(1, _BOOT, _SESSION, 1, 1, 5, 1, 8192, count, 0, 0, _PLAN, count, 0, 0, 0, 0)
+    host.expect(_PLAN, 0)
+    data = b""
+    while not data:
+        data = transport.read()
+    begin, delivered = time.perf_counter(), 0
+    while True:
+        host.receive(data, 0)
+        delivered += len(host.take())
+        if delivered >= count:
+            return time.perf_counter() - begin
+        host.pull()
+        data = transport.read()
+
+
+@contextmanager
+def _source(kind: str, count: int) -> Iterator[str]:
+    """Run this module as the process that sends, and yield the port to read from."""
+    command = [sys.executable, "-m", "steradian.benchmarks.link", kind, str(count)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stdin=subprocess.PIPE)
+    assert process.stdout is not None and process.stdin is not None  # noqa: PT018, S101
+    try:
+        yield process.stdout.readline().decode().strip()
+    finally:
+        process.stdin.close()
+        process.kill()
+        process.wait()
+        process.stdout.close()
+
+
+def _send(kind: str, count: int) -> None:
+    """Be the sending process: print the port, wait for the reader, write everything, stay until told to go."""
+    data = memoryview(b"".join(_frames(count)))
+    if kind == "pty":
+        master, slave = os.openpty()
+        tty.setraw(slave)
+        sys.stdout.write(os.ttyname(slave) + "\n")
+    else:
+        listener = socket.create_server(("127.0.0.1", 0))
+        sys.stdout.write("socket://{}:{}\n".format(*listener.getsockname()))
+        sys.stdout.flush()
+        connection, _ = listener.accept()
+        master = connection.fileno()
+    sys.stdout.flush()
+    os.read(master, 2)
+    while data:
+        data = data[os.write(master, data[:65536]) :]
+    sys.stdin.read()
+
+
+def _sustained(quick: bool) -> Row:
+    """Run a scan of equal points at 2,500 pulses a second into a scan file while reconstructions run beside it."""
+    import fabry_perot
+    from fabry_perot.simulator import launch
+    from steradian.masks import grid_mask
+    from steradian.plans import ScanPlan
+    from steradian.scans.store import AlineStore, create_scan_file
+
+    side, loads, ring = (12, 1, 4096) if quick else (141, 2, 4096)
+    mask = grid_mask(aperture=20e-6 * side, count=side, interval=20e-6)
+    plan = ScanPlan(mask=mask, pulse_rate=2_500.0, samples=SAMPLES, sampling_interval=8e-9)
+    folder = Path(tempfile.mkdtemp(prefix="steradian-link-"))
+    try:
+        create_scan_file(folder / "scan.h5", plan)
+        with (
+            AlineStore(folder / "scan.h5") as store,
+            launch(repeat=64, ring=ring) as simulator,
+            fabry_perot.connect(simulator.url) as scanner,
+            _reconstructions(loads),
+        ):
+            points = np.zeros((mask.count, 2))  # the mirrors' settling would be the bottleneck otherwise
+            scanner.upload(points, samples=SAMPLES, sampling_interval=8e-9, pulse_rate=2_500.0)
+            begin = time.perf_counter()
+            lapses = _acquire(scanner, store)
+            seconds = time.perf_counter() - begin
+            peak = simulator.command("report")["ring_peak"]
+            stored = store.stored
+    finally:
+        shutil.rmtree(folder)
+    return {
+        "what": "sustained",
+        "samples": SAMPLES,
+        "alines_s": stored / seconds,
+        "seconds": seconds,
+        "loads": loads,
+        "ring_peak": peak,
+        "ring": ring,
+        "lapses": lapses,
+    }
+
+
+def _acquire(scanner: Any, store: Any) -> int:
+    """Store a whole scan as ``run_scan`` does; return how often the laser's lease lapsed."""
+    import fabry_perot
+
+    lapses = 0
+    scanner.start(scanner.arm())
+    while True:
+        try:
+            for batch in scanner.alines():
+                store.append(batch)
+                scanner.acknowledge(batch[-1])
+            return lapses
+        except fabry_perot.LeaseLapsed:
+            lapses += 1
+            scanner.resume()
+
+
+@contextmanager
+def _reconstructions(count: int) -> Iterator[None]:
+    """Keep ``count`` processes reconstructing."""
+    command = [sys.executable, "-m", "steradian.benchmarks.link", "load"]
+    loads = [subprocess.Popen(command, stdout=subprocess.PIPE) for _ in range(count)]
+    try:
+        for process in loads:
+            assert process.stdout is not None  # noqa: S101
+            process.stdout.readline()
+        yield
+    finally:
+        for process in loads:
+            process.kill()
+            process.wait()
+            if process.stdout is not None:
+                process.stdout.close()
+
+
+def _load() -> None:
+    """Be a process that reconstructs until it is killed."""
+    from steradian.imaging import ReconstructionPlan
+
+    axis = (np.arange(41) - 20) * 300e-6
+    positions = np.column_stack([grid.ravel() for grid in np.meshgrid(axis, axis, indexing="ij")])
+    traces = np.random.default_rng(0).standard_normal((len(positions), 512)).astype(np.float32)
+    plan = ReconstructionPlan(
+        positions, samples=512, sampling_interval=8e-9, sound_speed=1500.0, aperture=12.3e-3, modes=123, threads=1
+    )
+    plan.run(traces)
+    sys.stdout.write("busy\n")
+    sys.stdout.flush()
+    while True:
+        plan.run(traces)
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "load":
+        _load()
+    else:
+        _send(sys.argv[1], int(sys.argv[2]))

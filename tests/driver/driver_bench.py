@@ -1,0 +1,235 @@
+"""A bench: host and device joined by an in-memory line with faults, driven by a virtual clock."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+
+from fabry_perot.clock import VirtualClock
+from fabry_perot.codes import Operation
+from fabry_perot.device import Device
+from fabry_perot.errors import NoAnswer, Refused
+from fabry_perot.faults import Chain, Filter
+from fabry_perot.host import Host, Plan
+from fabry_perot.instrument import Acquisition, Recording
+from fabry_perot.messages import POINT
+from fabry_perot.states import DeviceState
+
+STEP = 1_000
+DEVICE_EPOCH = 7_000_000
+CAPABILITIES = {
+    "model": "bench",
+    "serial": "0",
+    "simulated": True,
+    "x_nm": [-10_000_000, 10_000_000],
+    "y_nm": [-10_000_000, 10_000_000],
+    "samples": [1, 8192],
+    "interval_ps": [1, 1_000_000],
+    "pulse_rate_mhz": [1, 10_000_000],
+    "averages": [1, 100],
+    "wavelength_pm": [1_500_000, 1_600_000],
+    "adc_bits": 16,
+    "beams": 1,
+    "encodings": [0, 1],
+    "tuning_us": 1000,
+    "parameters": {"power": [0, 10]},
+    "clock_rate": 1.0,
+    "line_rate": 0,
+}
+
+
+class CountingInstrument:
+    """Records a pattern that depends on the point alone, and logs every shot."""
+
+    def __init__(self) -> None:
+        self.log: list[tuple[int, int, int]] = []
+        self.on_fire: Callable[[int], None] = lambda now: None
+        self.period = 5_000
+        self.samples = 64
+        self.loaded: int | None = None
+        self.closed = True
+        self.values = {"power": 1}
+        self.tuning = 40_000
+
+    def capabilities(self):
+        return dict(CAPABILITIES)
+
+    def begin(self, acquisition: Acquisition) -> None:
+        self.samples = acquisition.samples
+        self.period = round(1e9 / acquisition.pulse_rate_mhz)
+        self.loaded = None
+
+    def load(self, first: int, points) -> None:
+        assert first == (first if self.loaded is None else self.loaded)
+        self.loaded = first + len(points)
+
+    def move(self, index: int, now: int) -> int:
+        return now + 700
+
+    def next_pulse(self, after: int) -> int:
+        return -(-after // self.period) * self.period
+
+    def fire(self, index: int, shot: int, now: int) -> None:
+        self.log.append((now, index, shot))
+        self.on_fire(now)
+
+    def drop(self) -> None: ...
+
+    def read(self, index: int) -> Recording:
+        return Recording(samples=truth(index, self.samples), scale=0.25)
+
+    def park(self) -> None: ...
+
+    def laser_shots(self) -> int:
+        return len(self.log)
+
+    def interlock_closed(self) -> bool:
+        return self.closed
+
+    def parameters(self) -> dict[str, int]:
+        return dict(self.values)
+
+    def configure(self, name: str, value: int) -> None:
+        self.values[name] = value
+
+    def tune(self, x: int, y: int, wavelengths, now: int):
+        return [int(w % 1000) for w in wavelengths], now + self.tuning
+
+    def position(self) -> tuple[int, int]:
+        return 0, 0
+
+
+def truth(index: int, samples: int) -> np.ndarray:
+    return np.random.default_rng(index).integers(-32768, 32768, samples, dtype=np.int16)
+
+
+class Line:
+    """One direction of a line: a list of filters, each ``bytes, now -> bytes``, then a delay."""
+
+    def __init__(self, *filters: Filter, delay: int = 300) -> None:
+        self.chain, self.delay = Chain(filters), delay
+        self.filters = self.chain.filters
+        self._queue: deque[tuple[int, bytes]] = deque()
+
+    def put(self, data: bytes, now: int) -> None:
+        data = self.chain(data, now)
+        if data:
+            self._queue.append((now + self.delay, data))
+
+    def get(self, now: int) -> bytes:
+        parts = []
+        while self._queue and self._queue[0][0] <= now:
+            parts.append(self._queue.popleft()[1])
+        return b"".join(parts)
+
+
+class Bench:
+    """Host, device, line and consumer under one virtual clock."""
+
+    def __init__(self, *, ring: int = 32, plan_points: int = 8192, max_payload: int = 8192) -> None:
+        self.clock = VirtualClock()
+        self.instrument = CountingInstrument()
+        self.options = {"ring": ring, "plan_points": plan_points, "max_payload": max_payload}
+        self.device = self.boot(0xB007)
+        self.host = Host(nonce=1)
+        self.up, self.down = Line(), Line()
+        self.stored: list = []
+        self.host_alive = self.consuming = self.acknowledging = True
+        self.lease_ok: list[bool] = []
+        self.instrument.on_fire = lambda now: self.lease_ok.append(self.device.lease.permits(now))
+
+    def boot(self, boot: int) -> Device:
+        return Device(self.instrument, boot=boot, now=self.device_now, **self.options)
+
+    @property
+    def device_now(self) -> int:
+        return self.clock.now() + DEVICE_EPOCH
+
+    def turn(self) -> None:
+        """One step of 1 ms: line, host, consumer, device."""
+        self.clock.advance(STEP)
+        now = self.clock.now()
+        if self.host_alive:
+            self.host.receive(self.down.get(now), now)
+            if self.consuming:
+                self.host.renew(now)
+                batch = self.host.take()
+                self.stored += batch
+                if batch and self.acknowledging:
+                    self.host.acknowledge(batch[-1].number, now)
+            self.up.put(self.host.pull(), now)
+        else:
+            self.up.put(b"", now)
+            self.down.get(now)
+        while (due := self.device.next_due()) < self.device_now and due > self.device.now:
+            self.device.poll(due)
+        self.device.receive(self.up.get(now), self.device_now)
+        self.down.put(self.device.pull(16384), now)
+
+    def until(self, ready: Callable[[], bool], limit_ms: int = 60_000) -> int:
+        """Turn until ``ready()``; returns the ms it took and fails beyond the limit."""
+        for count in range(limit_ms):
+            if ready():
+                return count
+            self.turn()
+        raise AssertionError(f"not reached in {limit_ms} ms: {self.host.state}, {self.device.state}")
+
+    def run(self, milliseconds: int) -> None:
+        for _ in range(milliseconds):
+            self.turn()
+
+    def call(self, operation: Operation, **body):
+        call = self.host.call(operation, self.clock.now(), **body)
+        self.until(lambda: call.done)
+        return call.result()
+
+    def connect(self) -> None:
+        self.host.open(self.clock.now())
+        self.until(lambda: self.host.capabilities is not None and self.host.status is not None)
+
+    def upload(self, count: int = 50, *, samples: int = 64, averages: int = 1, rate: float = 200.0) -> Plan:
+        points = np.zeros(count, POINT)
+        points["x"] = np.arange(count) * 1000
+        points["averages"] = averages
+        plan = Plan(points, samples, 8000, round(rate * 1e3))
+        call = self.host.upload(plan, self.clock.now())
+        self.until(lambda: call.done and self.device.plan.loaded and self.device.state.name == "READY")
+        return plan
+
+    def start(self) -> None:
+        token = self.call(Operation.ARM)["token"]
+        self.call(Operation.START, token=token, **self.host.lease_fields())
+
+    def scan(self, count: int = 50, **parameters) -> None:
+        """Connect, upload, arm, start; the scan then runs by turns."""
+        self.connect()
+        self.upload(count, **parameters)
+        self.start()
+
+    def finish(self) -> None:
+        """Turn until the device is done and the host knows."""
+        self.until(lambda: self.device.state is DeviceState.DONE)
+        self.run(20)
+
+    def finish_with_resumes(self) -> None:
+        """Noise may well kill a lease: then a person resumes, as the driver's user would."""
+        for _ in range(50):
+            self.until(lambda: self.device.state in (DeviceState.DONE, DeviceState.SAFE_HOLD))
+            if self.device.state is DeviceState.DONE:
+                self.run(500)
+                return
+            try:
+                self.call(Operation.RELEASE)
+                self.start()
+            except (Refused, NoAnswer):
+                self.run(100)
+        raise AssertionError("not done after 50 resumes")
+
+    def check_exact(self, count: int) -> None:
+        """Every A-line came exactly once, in order, bit by bit; every shot lay inside a lease."""
+        assert [line.number for line in self.stored] == list(range(count))
+        for line in self.stored:
+            assert np.array_equal(line.samples, truth(line.point, len(line.samples)))
+        assert all(self.lease_ok)

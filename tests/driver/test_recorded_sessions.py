@@ -1,0 +1,70 @@
+"""A second implementation's view: a decoder written from PROTOCOL.md alone agrees with the driver on whole sessions."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+import pytest
+from driver_bench import Bench, truth
+from driver_reference import ALines, castagnoli, frames
+
+from fabry_perot import faults
+from fabry_perot.encoding import Encoding
+from fabry_perot.framing import Deframer
+from fabry_perot.host import Plan
+from fabry_perot.messages import POINT
+
+
+def record(encoding: int, *, noisy: bool) -> tuple[Bench, bytes, bytes]:
+    bench = Bench(max_payload=641)
+    up, down = faults.Recorder(), faults.Recorder()
+    if noisy:
+        bench.down.filters.append(faults.BitFlips(3, 2e-5))
+        bench.up.filters.append(faults.ByteFaults(4, 2000))
+    bench.up.filters.append(up)
+    bench.down.filters.append(down)
+    bench.connect()
+    points = np.zeros(30, POINT)
+    points["averages"] = 1
+    plan = Plan(points, 500, 8000, 200_000, encoding)
+    call = bench.host.upload(plan, bench.clock.now())
+    bench.until(lambda: call.done and bench.device.state.name == "READY")
+    bench.start()
+    bench.finish_with_resumes()
+    return bench, up.data, down.data
+
+
+@pytest.mark.parametrize("encoding", list(Encoding))
+@pytest.mark.parametrize("noisy", [False, True])
+def test_both_read_the_same_frames_and_the_same_samples(encoding, noisy):
+    bench, up, down = record(encoding, noisy=noisy)
+    for data in (up, down):
+        ours = [(f.type, f.boot, f.session, f.sequence, f.payload) for f in Deframer().feed(data + b"\0")]
+        theirs = [(f["type"], f["boot"], f["session"], f["sequence"], f["payload"]) for f in frames(data)]
+        assert ours == theirs
+    reader = ALines()
+    for frame in frames(down):
+        reader.take(frame)
+    (plan,) = {plan for plan, _ in reader.lines}
+    assert sorted(number for _, number in reader.lines) == list(range(30))
+    for line in bench.stored:
+        other = reader.lines[plan, line.number]
+        assert other["values"] == line.samples.tolist() == truth(line.point, 500).tolist()
+        assert (other["shot"], other["point"]) == (line.shot, line.point)
+        assert other["fire"] * 1e-6 == pytest.approx(line.fire_time_s)
+        assert other["scale"] == line.scale
+
+
+def test_the_second_reader_finds_state_and_counters_in_status_where_the_document_puts_them():
+    bench, _, down = record(0, noisy=False)
+    last = [frame for frame in frames(down) if frame["type"] == 0xB0][-1]["payload"]
+    time, boot, state, _laser, _cause, fault = struct.unpack_from("<QIBBBB", last)
+    produced, sent, acknowledged, shots = struct.unpack_from("<4I", last, 26)
+    assert (boot, state, fault) == (0xB007, 9, 0)
+    assert (produced, sent, acknowledged, shots) == (30, 30, 30, 30)
+    assert time <= bench.device_now
+
+
+def test_the_second_readers_checksum_is_castagnolis():
+    assert castagnoli(b"123456789") == 0xE3069283

@@ -1,0 +1,127 @@
+"""Recovery between real processes over a real port, with faults commanded at run time."""
+
+from __future__ import annotations
+
+import sys
+import time
+from functools import cache, partial
+
+import numpy as np
+import pytest
+
+import fabry_perot
+from fabry_perot import Recovery, phantoms
+from fabry_perot.simulator import launch
+from fabry_perot.simulator.instrument import peak_pressure
+
+SAMPLES = 1024
+PATIENT = Recovery(patience=60.0)
+
+
+def points(count: int) -> np.ndarray:
+    return np.random.default_rng(0).uniform(-6e-3, 6e-3, (count, 2)).round(6)
+
+
+@cache
+def strongest() -> float:
+    return peak_pressure(phantoms.yarn(0), 1500.0)
+
+
+def exact(lines, where) -> bool:
+    """Whether every A-line is what the simulator's documentation says that shot must have recorded."""
+    times = np.arange(SAMPLES) * 8000e-12
+    clean = phantoms.pressure(phantoms.yarn(0), np.rint(where * 1e9) * 1e-9, times, 1500.0)
+    rms = strongest() * 10 ** (-30.0 / 20)
+    for line in lines:
+        random = np.random.default_rng([0, line.shot])
+        energy = 1 + 0.01 * random.standard_normal()
+        total = clean[line.point].astype(float) * energy
+        total += rms * random.standard_normal(SAMPLES, dtype=np.float32).astype(float)
+        if not np.array_equal(np.clip(np.rint(total / line.scale), -32768, 32767).astype(np.int16), line.samples):
+            return False
+    return True
+
+
+def take_all(scanner, count: int, events) -> list:
+    """Consume a scan as the service does: a lapse that this process caused itself is resumed."""
+    lines: list = []
+    while len(lines) < count:
+        try:
+            for batch in scanner.alines():
+                lines += batch
+                scanner.acknowledge(batch[-1])
+                while events and len(lines) >= events[0][0]:
+                    events.pop(0)[1]()
+        except fabry_perot.LeaseLapsed:
+            scanner.resume()
+    return lines
+
+
+def suffer(simulator, do: str, seconds: float) -> None:
+    """Let the line or the device fail; a reboot comes when A-lines are on their way, so that it costs some."""
+    if do == "reboot":
+        before = simulator.command("cut", way="down", seconds=5.0)["shots"]
+        for _ in range(500):
+            if simulator.command("drift", pm=0)["shots"] > before + 5:
+                break
+            time.sleep(0.01)
+    simulator.command(do, seconds=seconds)
+
+
+def run_scan(tmp_path, count: int, faults, **settings):
+    where = points(count)
+    link = str(tmp_path / "scanner")
+    with (
+        launch(link=link, **settings) as simulator,
+        fabry_perot.connect(link, recovery=PATIENT) as scanner,
+    ):
+        scanner.upload(where, samples=SAMPLES, sampling_interval=8e-9, pulse_rate=50.0)
+        scanner.start(scanner.arm())
+        events = [(after, partial(suffer, simulator, do, seconds)) for after, do, seconds in faults]
+        lines = take_all(scanner, count, events)
+        report, truth = scanner.report(), simulator.command("report")
+    assert [line.number for line in lines] == [line.point for line in lines] == list(range(count))
+    assert exact(lines, where)
+    assert report.balanced
+    assert report.fired == truth["shots"]
+    fired = [point for _, point in truth["fired"]]
+    assert tuple(sorted(point for point in set(fired) if fired.count(point) == 2)) == report.refired
+    assert report.stored == count
+    assert report.held == 0
+    return report
+
+
+def test_unplugging_and_plugging_in_again_interrupts_a_scan_but_costs_no_shot(tmp_path):
+    report = run_scan(tmp_path, 250, [(50, "unplug", 12.0)], speed=20)
+    assert (report.reconnects, report.restarts, report.refired) == (1, 0, ())
+
+
+def test_after_a_reboot_only_the_points_whose_a_lines_are_lost_are_fired_again_and_named(tmp_path):
+    report = run_scan(tmp_path, 250, [(50, "reboot", 2.0)], speed=20)
+    assert report.restarts == 1
+    assert report.fired == 250 + len(report.refired)
+    assert report.refired
+
+
+@pytest.mark.soak
+def test_soak_1605_points_over_a_bad_line_with_two_unplugs_and_a_reboot(tmp_path, capsys):
+    faults = [(300, "unplug", 12.0), (800, "reboot", 3.0), (1200, "unplug", 15.0)]
+    report = run_scan(tmp_path, 1605, faults, speed=15, ring=64, bit_errors=1e-5, lost_frames=0.01)
+    with capsys.disabled():
+        sys.stdout.write(f"\nfired {report.fired} = stored {report.stored} + re-fired {len(report.refired)}\n")
+        sys.stdout.write(f"{report}\n")
+    assert report.fired == report.stored + len(report.refired)
+    assert (report.reconnects, report.restarts) == (2, 1)
+    assert report.refired
+    assert report.repaired > 0 < report.bad_frames
+
+
+def test_without_recovery_a_restart_is_reported_as_what_it_is():
+    with (
+        launch(speed=5) as simulator,
+        fabry_perot.connect(simulator.url, recovery=Recovery(restarts=False)) as scanner,
+    ):
+        scanner.upload(points(500), samples=64, sampling_interval=8e-9, pulse_rate=50.0)
+        scanner.start(scanner.arm())
+        with pytest.raises(fabry_perot.DeviceRestarted):
+            take_all(scanner, 500, [(5, partial(simulator.command, "reboot", seconds=0.1))])
