@@ -77,6 +77,7 @@ def speed_cases(*, quick: bool = False) -> list[Case]:
         Case("yarn, all on the grid, linear", "grid", 226, 226, options=linear),
         Case("USAF, all on the grid", "grid", 146, 146, aperture=10.22e-3),
         Case("line, 1024 sensors", "line", 1024, 1024),
+        Case("line, 1024 sensors, 256 samples", "line", 1024, 1024, samples=256),
         Case("line, 256 sensors anywhere", "line-anywhere", 256, 1024),
         Case("growth: sensors × 4", "anywhere", 6420, 226),
         Case("growth: sensors × 16", "anywhere", 25680, 226),

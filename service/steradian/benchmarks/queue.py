@@ -27,14 +27,20 @@ from steradian.settings import Settings
 LOOP = """
 import sys, time
 from pathlib import Path
-from steradian.reconstructions.job import reconstruct_scan
+from steradian.reconstructions.job import reconstruct_recording, reconstruct_scan
 from steradian.reconstructions.parameters import ReconstructionParameters
-scan, output, count, modes = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
-reconstruct_scan(scan, output / "warm", ReconstructionParameters(modes=modes))
+from steradian.scans.recording import open_recording
+scan, output, count, modes, bare = Path(sys.argv[1]), Path(sys.argv[2]), *map(int, sys.argv[3:])
+def once(name):
+    if bare:
+        reconstruct_recording(open_recording(scan), ReconstructionParameters(modes=modes))
+    else:
+        reconstruct_scan(scan, output / name, ReconstructionParameters(modes=modes))
+once("warm")
 print("ready", flush=True)
 sys.stdin.readline()
 for number in range(count):
-    reconstruct_scan(scan, output / str(number), ReconstructionParameters(modes=modes))
+    once(str(number))
 """
 
 
@@ -85,14 +91,17 @@ def through_service(url: str, scan_id: str, jobs: int, modes: int) -> float:
     return time.monotonic() - begun
 
 
-def in_a_loop(scan: Path, jobs: int, modes: int, settings: Settings) -> float:
-    """Return the seconds that two processes need which share the jobs and call the library."""
+def in_a_loop(scan: Path, jobs: int, modes: int, settings: Settings, *, bare: bool) -> float:
+    """Return the seconds that two processes need which share the jobs and call the library.
+
+    With ``bare`` the volumes stay in memory: nothing is written or drawn, which every job of the service does.
+    """
     threads = {"NUMBA_NUM_THREADS": str(settings.threads_per_job), "OMP_NUM_THREADS": str(settings.threads_per_job)}
     with tempfile.TemporaryDirectory(dir=settings.data) as folder:
         loops = []
         for number in range(2):
             share = str(jobs // 2 + (jobs % 2) * number)
-            command = [sys.executable, "-c", LOOP, str(scan), f"{folder}/{number}", share, str(modes)]
+            command = [sys.executable, "-c", LOOP, str(scan), f"{folder}/{number}", share, str(modes), str(int(bare))]
             pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
             loops.append(subprocess.Popen(command, env=os.environ | threads, text=True, **pipes))  # type: ignore[call-overload]
         for loop in loops:
@@ -114,8 +123,10 @@ def throughput(settings: Settings, jobs: int, modes: int, points: int) -> dict[s
         through_service(url, scan_id, 4, modes)  # both workers have their kernels
         service = through_service(url, scan_id, jobs, modes)
         scan = settings.data / "scans" / f"{scan_id}.h5"
-        loop = in_a_loop(scan, jobs, modes, settings)
-    return {"jobs": jobs, "service_s": service, "loop_s": loop, "ratio": loop / service}
+        loop = in_a_loop(scan, jobs, modes, settings, bare=False)
+        bare = in_a_loop(scan, jobs, modes, settings, bare=True)
+    figures = {"jobs": jobs, "service_s": service, "loop_s": loop, "ratio": loop / service}
+    return figures | {"bare_loop_s": bare, "bare_ratio": bare / service}
 
 
 def load(settings: Settings, jobs: int, readers: int) -> dict[str, float]:
