@@ -17,6 +17,7 @@ ENV PATH=/opt/steradian/bin:$PATH \
     PYTHONUNBUFFERED=1 \
     STERADIAN_DATA=/data \
     STERADIAN_HOST=0.0.0.0 \
+    STERADIAN_KEY_FILE=/data/admin.key \
     NUMBA_CACHE_DIR=/data/cache/numba \
     MPLCONFIGDIR=/tmp/matplotlib
 RUN mkdir /data && chown 10001:10001 /data

@@ -31,6 +31,31 @@ class Settings(BaseSettings):
     simulator_speed: float = Field(
         default=20.0, gt=0, le=10_000, description="How many times faster than real the simulated scanner runs"
     )
+    database_url: str | None = Field(
+        default=None,
+        repr=False,
+        pattern=r"^postgres(ql)?(\+psycopg)?://",
+        description="PostgreSQL database for metadata and queue, postgresql://…; none: SQLite files in the data folder",
+    )
+    worker_name: str = Field(
+        default="worker",
+        pattern=r"^[A-Za-z0-9._-]{1,100}$",
+        description="Name of this host's workers; each host on one database needs its own",
+    )
+    api_key: str | None = Field(
+        default=None, repr=False, min_length=20, description="A key with every scope (at least 20 characters)"
+    )
+    key_file: Path | None = Field(
+        default=None, description="File in which a first start writes an admin key, if there is no other"
+    )
+    allowed_hosts: str = Field(
+        default="", description="Names, beside the loopback's, by which a service without keys may be addressed"
+    )
+    retention_days: float | None = Field(
+        default=None, gt=0, description="Days after which finished reconstructions are deleted; none: kept"
+    )
+    event_days: float = Field(default=7.0, gt=0, description="Days for which the event log can be replayed")
+    log_format: Literal["text", "json"] = "text"
     log_level: Literal["DEBUG", "INFO", "WARNING", "ERROR"] = "INFO"
     max_mask_points: int = Field(default=200_000, ge=1, description="Largest mask accepted over HTTP (points)")
     max_upload_bytes: int = Field(default=64 * 2**20, ge=1024, description="Largest request body (bytes)")
@@ -47,14 +72,27 @@ class Settings(BaseSettings):
             Naming the setting and its allowed range.
         """
         try:
-            return cls(**{name: value for name, value in fields.items() if value is not None})
+            settings = cls(**{name: value for name, value in fields.items() if value is not None})
         except ValidationError as error:
             raise invalid_input(cls, error) from error
+        if settings.database_url is not None:  # one spelling for every library
+            url = "postgresql" + settings.database_url[settings.database_url.index("://") :]
+            settings = settings.model_copy(update={"database_url": url})
+        return settings
 
     @property
     def simulated(self) -> bool:
         """Whether the scanner is the simulator that the service starts itself."""
         return self.scanner == "simulated"
+
+    @property
+    def is_local(self) -> bool:
+        """Whether only this machine can reach the service."""
+        return self.host in {"localhost", "::1"} or self.host.startswith("127.")
+
+    def executor(self, slot: int) -> str:
+        """Name of one worker."""
+        return f"{self.worker_name}-{slot}"
 
     @property
     def threads_per_job(self) -> int:
@@ -63,5 +101,5 @@ class Settings(BaseSettings):
 
     def environment(self) -> dict[str, str]:
         """Variables from which a child process reads these same settings."""
-        values = self.model_dump(mode="json")
+        values = self.model_dump(mode="json", exclude_none=True)
         return os.environ | {PREFIX + name.upper(): str(value) for name, value in values.items()}

@@ -26,9 +26,10 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import IO
 
-from steradian.errors import InvalidInput
+from steradian.errors import Conflict, InvalidInput
 from steradian.settings import Settings
-from steradian.storage.database import Database, use_write_ahead_log
+from steradian.storage.admission import require_key
+from steradian.storage.database import Database, metadata_url, use_write_ahead_log
 from steradian.storage.paths import DataDirectory
 
 TICK = 0.1
@@ -38,6 +39,8 @@ STEADY_AFTER = 30.0
 GRACE = 8.0
 """Seconds that the children get to end before they are killed."""
 BACKLOG = 512
+OWNER_INTERVAL = 2.0
+"""Seconds between proofs that the database is still this service's."""
 _log = logging.getLogger(__name__)
 
 
@@ -125,8 +128,9 @@ def serve(
     data = DataDirectory(settings.data)
     with ExitStack() as stack:
         stack.enter_context(data.lock())
+        owner = stack.enter_context(_owning_database(settings))
         listener = stack.enter_context(_listen(settings))
-        _migrate(data)
+        _migrate(settings, announce)
         url = _url(settings.host, listener.getsockname()[1])
         children = _children(settings, listener)
         stack.callback(_forget, data)
@@ -139,7 +143,58 @@ def serve(
                 announced = True
                 (data.root / "run" / "service.json").write_text(json.dumps({"url": url, "pid": os.getpid()}))
                 announce(f"{on_ready} at {url}/api/v1/ (data in {settings.data}); Ctrl-C ends it")
+            owner()
             stop.wait(TICK)
+
+
+def work(settings: Settings, announce: Callable[[str], None], stop: threading.Event) -> None:
+    """Keep ``settings.workers`` workers of a service elsewhere running until ``stop`` is set.
+
+    Raises
+    ------
+    InvalidInput
+        When no database is named: only its locks tell hosts of each other's death.
+    """
+    if settings.database_url is None:
+        allowed = "postgresql://…, the database of the service; without one, `steradian serve` has its own workers"
+        raise InvalidInput("STERADIAN_DATABASE_URL", "missing", allowed)
+    DataDirectory(settings.data).create()
+    children = [_worker(settings, slot, None) for slot in range(settings.workers)]
+    try:
+        announce(f"{settings.workers} workers {settings.executor(0)} … on {settings.data}; Ctrl-C ends them")
+        while not stop.wait(TICK):
+            for child in children:
+                child.tend(time.monotonic())
+    finally:
+        _end_all(children)
+
+
+@contextmanager
+def _owning_database(settings: Settings) -> Iterator[Callable[[], None]]:
+    """Be the one service on a PostgreSQL database; yields what must be called now and then to stay it."""
+    if settings.database_url is None:
+        yield lambda: None
+        return
+    from steradian.storage.advisory import Hold, SessionLock
+
+    lock, due = SessionLock(settings.database_url, "service"), time.monotonic()
+
+    def renew() -> None:
+        nonlocal due
+        if time.monotonic() >= due:
+            due = time.monotonic() + OWNER_INTERVAL
+            if lock.renew() is Hold.TAKEN:
+                raise Conflict("another service took over the database; this one ends")
+
+    hold = lock.acquire(seconds=10.0)
+    if hold is Hold.UNREACHABLE:
+        raise InvalidInput("STERADIAN_DATABASE_URL", "set", "a PostgreSQL database that answers")
+    if hold is Hold.TAKEN:
+        raise Conflict("another service runs on this database; stop it or choose another database")
+    try:
+        yield renew
+    finally:
+        lock.release()
 
 
 @contextmanager
@@ -155,7 +210,6 @@ def running_worker(settings: Settings) -> Iterator[None]:
     """
     data = DataDirectory(settings.data)
     with data.lock(), (data.root / "run" / "worker.log").open("ab") as log:
-        use_write_ahead_log(data.queue_file)
         child = _worker(settings, 0, log)
         over = threading.Event()
         keeper = threading.Thread(target=_keep, args=(child, over), daemon=True)
@@ -186,7 +240,7 @@ def _children(settings: Settings, listener: socket.socket) -> list[Child]:
 
 def _worker(settings: Settings, slot: int, output: IO[bytes] | None) -> Child:
     command = [sys.executable, "-m", "steradian.reconstructions.worker", str(slot)]
-    return Child(f"worker-{slot}", command, settings.environment(), output=output)
+    return Child(settings.executor(slot), command, settings.environment(), output=output)
 
 
 def _end_all(children: Sequence[Child]) -> None:
@@ -204,13 +258,16 @@ def _forget(data: DataDirectory) -> None:
             sign.unlink(missing_ok=True)
 
 
-def _migrate(data: DataDirectory) -> None:
-    database = Database(data.metadata_url)
+def _migrate(settings: Settings, announce: Callable[[str], None]) -> None:
+    database = Database(metadata_url(settings))
     try:
         database.migrate()
+        if made := require_key(settings, database):
+            announce(f"An admin key was made; it is in {made}")
     finally:
         database.close()
-    use_write_ahead_log(data.queue_file)
+    if settings.database_url is None:
+        use_write_ahead_log(DataDirectory(settings.data).queue_file)
 
 
 def _listen(settings: Settings) -> socket.socket:

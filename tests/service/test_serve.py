@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+import uuid
 from pathlib import Path
 
 import h5py
@@ -30,7 +31,7 @@ class Service:
         self.http = httpx.Client(base_url=line.partition(" at ")[2].split()[0], timeout=90)
 
     def make(self, path, **body):
-        answer = self.http.post(path, json=body, headers=WAIT)
+        answer = self.http.post(path, json=body, headers=WAIT | {"Idempotency-Key": uuid.uuid4().hex})
         assert answer.status_code in (200, 201), answer.text
         return answer.json()
 
@@ -98,7 +99,6 @@ def are_gone(pids):
     return all(parent_of(Path(f"/proc/{pid}")) is None for pid in pids)
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(300)  # the first reconstruction on a machine compiles its kernels
 def test_the_whole_walk_an_end_and_a_second_start(tmp_path, start):
     service = start()
@@ -134,7 +134,7 @@ def test_the_whole_walk_an_end_and_a_second_start(tmp_path, start):
 
     # Ctrl-C in the middle of a scan and with a job queued: every process ends, nothing is lost.
     slow = service.make("/plans", mask_id=mask["id"], samples=256, pulse_rate=1, averages=10)
-    running = service.http.post("/scans", json={"plan_id": slow["id"]}).json()
+    running = service.http.post("/scans", json={"plan_id": slow["id"]}, headers={"Idempotency-Key": "slow"}).json()
     wait_for(lambda: service.get(f"/scans/{running['id']}")["state"] == "running", 10)
     queued = service.http.post("/reconstructions", json={"scan_id": scan["id"], "parameters": {"modes": 24}})
     assert queued.status_code == 202

@@ -29,6 +29,8 @@ class Client:
     ----------
     url
         Address of the service.
+    key
+        API key; a service on this machine needs none.
     timeout
         Seconds to wait for an answer.
 
@@ -41,8 +43,8 @@ class Client:
     ...     service.reconstructions.save_mip(job.id, Path("mip-z.png"), axis="z")
     """
 
-    def __init__(self, url: str = "http://127.0.0.1:8000", *, timeout: float = 30.0) -> None:
-        self._transport = Transport(url, timeout)
+    def __init__(self, url: str = "http://127.0.0.1:8000", *, key: str | None = None, timeout: float = 30.0) -> None:
+        self._transport = Transport(url, timeout, key)
         self.masks = Masks(self._transport)
         self.plans = Plans(self._transport)
         self.scans = Scans(self._transport)

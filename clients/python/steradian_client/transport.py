@@ -23,13 +23,14 @@ class Transport:
         Address of the service, for example ``http://127.0.0.1:8000``.
     timeout
         Seconds to wait for an answer, beyond any wait that is asked of the service itself.
+    key
+        API key, which a service on another machine asks for.
     """
 
-    def __init__(self, url: str, timeout: float) -> None:
+    def __init__(self, url: str, timeout: float, key: str | None) -> None:
         self._timeout = timeout
-        self._http = httpx.Client(
-            base_url=url.rstrip("/") + API, timeout=timeout, headers={"User-Agent": "steradian-client"}
-        )
+        headers = {"User-Agent": "steradian-client"} | ({"Authorization": f"Bearer {key}"} if key else {})
+        self._http = httpx.Client(base_url=url.rstrip("/") + API, timeout=timeout, headers=headers)
 
     def close(self) -> None:
         """Close the connection."""

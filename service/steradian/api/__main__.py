@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import signal
 import socket
@@ -15,6 +14,7 @@ from steradian.api.app import create_app
 from steradian.settings import Settings
 from steradian.storage.heartbeat import Heartbeat
 from steradian.storage.job_process import end_with_stdin
+from steradian.storage.logs import configure_logging
 from steradian.storage.paths import DataDirectory
 
 GRACE = 3
@@ -24,7 +24,7 @@ GRACE = 3
 def main(descriptor: int) -> None:
     """Serve until SIGTERM or SIGINT, or until standard input closes."""
     settings = Settings.create()
-    logging.basicConfig(level=settings.log_level, format="%(asctime)s %(levelname)s api %(message)s")
+    configure_logging(settings, "api")
     config = uvicorn.Config(
         create_app(settings),
         log_config=None,

@@ -5,21 +5,39 @@ from __future__ import annotations
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
-from fastapi import APIRouter, FastAPI
+from fastapi import FastAPI
 
 from steradian import __version__
-from steradian.api import health, masks, plans, problems, reconstructions, root, scans
-from steradian.api.middleware import BodyLimit, RequestId
+from steradian.api import (
+    batches,
+    documents,
+    events,
+    health,
+    masks,
+    metrics,
+    plans,
+    problems,
+    reconstructions,
+    results,
+    root,
+    scan_data,
+    scanners,
+    scans,
+)
+from steradian.api.feed import Feed
+from steradian.api.middleware import BodyLimit, Observe, RequestId
+from steradian.api.security import Authenticate
 from steradian.api.services import Services
-from steradian.api.views import BASE
 from steradian.settings import Settings
+
+RESOURCES = (root, masks, plans, scanners, scans, scan_data, reconstructions, results, batches, events)
 
 
 def create_app(settings: Settings) -> FastAPI:
     """Build the application on a data directory whose database is migrated.
 
     The interactive documentation of the framework is off: it loads its scripts from elsewhere, and laboratories are
-    offline. ``/openapi.json`` is served.
+    offline. ``/openapi.json`` and a page of our own, ``/docs``, are served.
     """
     services = Services(settings)
 
@@ -39,13 +57,14 @@ def create_app(settings: Settings) -> FastAPI:
         responses=problems.RESPONSES,
     )
     app.state.services = services
+    app.state.feed = Feed(services)
+    app.state.metrics = metrics.Metrics(services)
     app.add_middleware(BodyLimit, limit=settings.max_upload_bytes)
+    app.add_middleware(Authenticate, keeper=services)
+    app.add_middleware(Observe, metrics=app.state.metrics)
     app.add_middleware(RequestId)
     problems.install(app)
-    versioned = APIRouter(prefix=BASE)
-    for module in (root, masks, plans, scans, reconstructions):
-        versioned.include_router(module.router)
-    app.include_router(versioned)
-    app.include_router(health.router)
-    problems.describe(app)
+    for module in (*RESOURCES, health, metrics, documents):
+        app.include_router(module.router)
+    documents.describe(app)
     return app

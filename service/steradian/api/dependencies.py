@@ -14,6 +14,8 @@ from starlette.concurrency import run_in_threadpool
 
 from steradian.api.services import Services
 from steradian.errors import InvalidInput
+from steradian.storage.idempotency import Answer, Key
+from steradian.storage.keys import Principal
 
 MAX_WAIT = 120.0
 """Longest that a request is held (s); the client asks again."""
@@ -26,6 +28,11 @@ T = TypeVar("T")
 def _services(request: Request) -> Services:
     services: Services = request.app.state.services
     return services
+
+
+def _who(request: Request) -> Principal:
+    principal: Principal = request.state.principal
+    return principal
 
 
 class Patience:
@@ -49,7 +56,7 @@ def _wait(
     request: Request, response: Response, prefer: Annotated[list[str] | None, Header(description=_WAIT_HELP)] = None
 ) -> Patience:
     for preference in ",".join(prefer or []).split(","):
-        found = re.fullmatch(r"\s*wait\s*=\s*\"?(\d+)\"?\s*", preference)
+        found = re.fullmatch(r"\s*wait\s*=\s*\"?([0-9]{1,9})\"?\s*", preference)
         if found:
             seconds = min(float(found[1]), MAX_WAIT)
             response.headers["Preference-Applied"] = f"wait={seconds:g}"
@@ -57,31 +64,51 @@ def _wait(
     return Patience(request, 0.0)
 
 
-def _key(
+async def _key(
     request: Request,
-    idempotency_key: Annotated[str | None, Header(description="A repeated request with it is done once")] = None,
-) -> str | None:
-    if idempotency_key is None:
-        return None
-    if not re.fullmatch(r"[\x21-\x7e]{1,200}", idempotency_key):
-        raise InvalidInput("Idempotency-Key", idempotency_key, "1 to 200 visible ASCII characters")
-    return f"{request.url.path}:{idempotency_key}"
+    idempotency_key: Annotated[
+        str | None, Header(description="A repeated request with it is done once and gets the first one's answer")
+    ] = None,
+) -> Key | None:
+    return None if idempotency_key is None else await _read_key(request, idempotency_key)
 
 
-async def _body_hash(request: Request) -> str:
-    return hashlib.sha256(await request.body()).hexdigest()
+async def _required_key(
+    request: Request,
+    idempotency_key: Annotated[
+        str, Header(description="Any text of your own, new for each scan: a repeated request never fires twice")
+    ],
+) -> Key:
+    return await _read_key(request, idempotency_key)
+
+
+async def _read_key(request: Request, text: str) -> Key:
+    if not re.fullmatch(r"[\x21-\x7e]{1,200}", text):
+        raise InvalidInput("Idempotency-Key", text, "1 to 200 visible ASCII characters")
+    digest = hashlib.sha256(await request.body()).hexdigest()
+    return Key(_who(request).name, request.url.path, text, digest)
 
 
 ServicesNeeded: TypeAlias = Annotated[Services, Depends(_services)]
+Who: TypeAlias = Annotated[Principal, Depends(_who)]
+"""Who asks, as proved to :class:`steradian.api.security.Authenticate`."""
 Wait: TypeAlias = Annotated[Patience, Depends(_wait)]
 """How long the client is ready to wait; not at all when it did not say."""
-IdempotencyKey: TypeAlias = Annotated[str | None, Depends(_key)]
-BodyHash: TypeAlias = Annotated[str, Depends(_body_hash)]
-Limit: TypeAlias = Annotated[int, Query(ge=1, le=1000, description="Most items of the answer")]
-Before: TypeAlias = Annotated[int | None, Query(ge=0, description="Cursor of the Link header's next page")]
+OptionalKey: TypeAlias = Annotated[Key | None, Depends(_key)]
+RequiredKey: TypeAlias = Annotated[Key, Depends(_required_key)]
+Limit: TypeAlias = Annotated[int, Query(ge=1, le=1000, description="Most items of the answer", examples=[100])]
+Before: TypeAlias = Annotated[
+    int | None, Query(ge=0, le=2**53, description="Cursor of the Link header's next page", examples=[17])
+]
 
 
 def link_next(response: Response, request: Request, limit: int, cursor: int | None) -> None:
     """Point to the next page."""
     if cursor is not None:
         response.headers["Link"] = f'<{request.url.path}?limit={limit}&before={cursor}>; rel="next"'
+
+
+def replay(answer: Answer) -> Response:
+    """Send an answer that was kept, or is kept from now on."""
+    headers = {"Location": answer.location} | ({"Idempotency-Replayed": "true"} if answer.replayed else {})
+    return Response(answer.body, answer.status, headers, media_type="application/json")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import time
 
 from fastapi import APIRouter, Response
@@ -15,6 +16,8 @@ from steradian.api.services import Services
 from steradian.storage.heartbeat import is_alive
 
 router = APIRouter(tags=["health"])
+MIN_FREE_BYTES = 100 * 2**20
+"""Below this much free space nothing can be measured or reconstructed."""
 
 
 class Health(BaseModel):
@@ -51,10 +54,11 @@ def readyz(services: ServicesNeeded, response: Response) -> Readiness:
 
 
 def _checks(services: Services, now: float) -> dict[str, bool]:
-    processes = ["acquisition", *(f"worker-{slot}" for slot in range(services.settings.workers))]
+    processes = ["acquisition", *(services.settings.executor(slot) for slot in range(services.settings.workers))]
     return {
         "database": _answers(services),
         "store": os.access(services.data.root / "scans", os.W_OK),
+        "disk": shutil.disk_usage(services.data.root).free > MIN_FREE_BYTES,
         "queue": services.queue_is_open,
         **{name: is_alive(services.data.heartbeat(name), now) for name in processes},
     }

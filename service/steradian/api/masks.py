@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from typing import Annotated
 
+import numpy as np
 from fastapi import APIRouter, Body, Request, Response
 
+from steradian.api.arrays import CSV, JSON, NPY, negotiate
+from steradian.api.conditions import ConditionsNeeded, etag_of
 from steradian.api.dependencies import Before, Limit, ServicesNeeded, link_next
+from steradian.api.documents import MASK_ID
+from steradian.api.security import V1, GuardedRoute
 from steradian.api.views import Listing, MaskView, PointsView
 from steradian.errors import InvalidInput
-from steradian.masks import Arrangement
+from steradian.masks import Arrangement, Mask
 
-router = APIRouter(prefix="/masks", tags=["masks"])
+router = APIRouter(prefix=f"{V1}/masks", tags=["masks"], route_class=GuardedRoute)
 
 _EXAMPLES = {
     "equi-steradian": {
@@ -53,16 +60,43 @@ def list_masks(
 
 
 @router.get("/{mask_id}", summary="One mask")
-def read_mask(services: ServicesNeeded, mask_id: str) -> MaskView:
+def read_mask(services: ServicesNeeded, mask_id: MASK_ID, conditions: ConditionsNeeded) -> MaskView:
     """Show a mask without its points."""
-    return MaskView.of(services.masks.get(mask_id))
+    row = services.masks.get(mask_id)
+    conditions.tag(etag_of(row.id, 1))
+    return MaskView.of(row)
 
 
-@router.get("/{mask_id}/points", summary="Positions and weights of a mask")
-def read_points(services: ServicesNeeded, mask_id: str) -> PointsView:
-    """Show the points of a mask."""
-    mask = services.masks.load(mask_id)
-    return PointsView(id=mask.id, count=mask.count, positions=mask.positions.tolist(), weights=mask.weights.tolist())
+@router.get(
+    "/{mask_id}/points",
+    summary="Positions and weights of a mask",
+    response_model=PointsView,
+    responses={200: {"content": {CSV: {"schema": {"type": "string"}}, NPY: {"schema": {"type": "string"}}}}},
+)
+def read_points(services: ServicesNeeded, request: Request, mask_id: MASK_ID, conditions: ConditionsNeeded) -> Response:
+    """Show the points as JSON, as CSV (x, y, weight) or as an npy array (count, 3) of x, y and weight."""
+    kind = negotiate(request, (JSON, CSV, NPY))
+    row = services.masks.get(mask_id)
+    etag = etag_of(row.id, kind.rpartition("/")[2])
+    conditions.tag(etag)
+    body = _written(services.masks.load(mask_id), kind)
+    return Response(body, media_type=kind, headers={"ETag": etag, "Vary": "Accept"})
+
+
+def _written(mask: Mask, kind: str) -> bytes | str:
+    table = np.column_stack([mask.positions, mask.weights])
+    if kind == NPY:
+        array = io.BytesIO()
+        np.save(array, table)
+        return array.getvalue()
+    if kind == CSV:
+        text = io.StringIO()
+        writer = csv.writer(text)
+        writer.writerow(["x_m", "y_m", "weight_m2"])
+        writer.writerows(table.tolist())
+        return text.getvalue()
+    positions, weights = mask.positions.tolist(), mask.weights.tolist()
+    return PointsView(id=mask.id, count=mask.count, positions=positions, weights=weights).model_dump_json()
 
 
 def _check_size(arrangement: Arrangement, limit: int) -> None:

@@ -1,16 +1,21 @@
-"""What every request passes first: an identifier, and a limit on its body."""
+"""What every request passes first: an identifier, a line in the log and the metrics, a limit on its body."""
 
 from __future__ import annotations
 
+import logging
 import re
+import time
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from ulid import ULID
 
+from steradian.api.metrics import Metrics
 from steradian.api.problems import CODE_OF, problem
+from steradian.storage.logs import request_id
 
+_log = logging.getLogger(__name__)
 _REQUEST_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 
@@ -34,7 +39,43 @@ class RequestId:
                 MutableHeaders(scope=message).setdefault("X-Request-ID", identifier)
             await send(message)
 
-        await self.app(scope, receive, named)
+        token = request_id.set(identifier)
+        try:
+            await self.app(scope, receive, named)
+        finally:
+            request_id.reset(token)
+
+
+class Observe:
+    """Counts each request and writes a line about it; neither holds its query, where a ticket may stand."""
+
+    def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
+        self.app, self._metrics = app, metrics
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve."""
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        begun, status = time.monotonic(), 500
+        answered = begun
+
+        async def seen(message: Message) -> None:
+            nonlocal status, answered
+            if message["type"] == "http.response.start":
+                status, answered = message["status"], time.monotonic()
+            await send(message)
+
+        try:
+            await self.app(scope, receive, seen)
+        finally:
+            seconds = (answered if answered > begun else time.monotonic()) - begun
+            route = getattr(scope.get("route"), "path_format", "none")
+            self._metrics.count(scope["method"], route, status, seconds)
+            principal = getattr(scope["state"].get("principal"), "name", "")
+            about = {"method": scope["method"], "path": scope["path"], "status": status, "who": principal}
+            text = f"{scope['method']} {scope['path']} {status} {1e3 * seconds:.1f} ms"
+            _log.debug("%s", text, extra=about | {"milliseconds": round(1e3 * seconds, 1)})
 
 
 class BodyLimit:
@@ -51,8 +92,8 @@ class BodyLimit:
         text = f"the body is larger than the {self.limit} bytes this service takes"
         stated = Headers(scope=scope).get("content-length", "0")
         if not stated.isdecimal() or int(stated) > self.limit:
-            request_id = scope["state"]["request_id"]
-            await problem(request_id, 413, CODE_OF[413], text, headers={"Connection": "close"})(scope, receive, send)
+            identifier = scope["state"]["request_id"]
+            await problem(identifier, 413, CODE_OF[413], text, headers={"Connection": "close"})(scope, receive, send)
             return
         taken = 0
 

@@ -7,12 +7,17 @@ from typing import Any
 from fastapi import APIRouter, Request, Response
 from pydantic import ConfigDict, Field
 
+from steradian.api.conditions import ConditionsNeeded, etag_of
 from steradian.api.dependencies import Before, Limit, ServicesNeeded, link_next
+from steradian.api.documents import PLAN_ID
+from steradian.api.security import V1, GuardedRoute
+from steradian.api.services import Services
 from steradian.api.views import Listing, PlanView
 from steradian.plans import ScanPlan, VisitOrder
+from steradian.storage.plans import preview_document
 from steradian.validation import Value
 
-router = APIRouter(prefix="/plans", tags=["plans"])
+router = APIRouter(prefix=f"{V1}/plans", tags=["plans"], route_class=GuardedRoute)
 
 
 def _same_as(name: str) -> Any:
@@ -44,13 +49,17 @@ class PlanRequest(Value):
 )
 def create_plan(services: ServicesNeeded, response: Response, wanted: PlanRequest) -> PlanView:
     """Keep a plan; the same body always gives the same id."""
-    mask = services.masks.load(wanted.mask_id)
-    plan = ScanPlan.create(mask=mask, **wanted.model_dump(exclude={"mask_id"}))
-    row, is_new = services.plans.put(plan)
+    row, is_new = services.plans.put(_plan(services, wanted))
     view = PlanView.of(row)
     response.status_code = 201 if is_new else 200
     response.headers["Location"] = view.links["self"]
     return view
+
+
+@router.post("/preview", summary="What a plan would cost", responses={200: {"description": "Nothing is stored"}})
+def preview_plan(services: ServicesNeeded, wanted: PlanRequest) -> dict[str, Any]:
+    """Work out time, bytes and findings of a plan, storing nothing."""
+    return preview_document(_plan(services, wanted))
 
 
 @router.get("", summary="Plans, newest first")
@@ -64,6 +73,13 @@ def list_plans(
 
 
 @router.get("/{plan_id}", summary="One plan")
-def read_plan(services: ServicesNeeded, plan_id: str) -> PlanView:
+def read_plan(services: ServicesNeeded, plan_id: PLAN_ID, conditions: ConditionsNeeded) -> PlanView:
     """Show a plan."""
-    return PlanView.of(services.plans.get(plan_id))
+    row = services.plans.get(plan_id)
+    conditions.tag(etag_of(row.id, 1))
+    return PlanView.of(row)
+
+
+def _plan(services: Services, wanted: PlanRequest) -> ScanPlan:
+    mask = services.masks.load(wanted.mask_id)
+    return ScanPlan.create(mask=mask, **wanted.model_dump(exclude={"mask_id"}))

@@ -12,13 +12,17 @@ from typing import Any
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
-from fastapi.responses import JSONResponse
+from fastapi.responses import JSONResponse, Response
 from pydantic import BaseModel, Field
+from sqlalchemy.exc import DBAPIError, OperationalError
 from starlette.exceptions import HTTPException
 
+from steradian.api.conditions import NotModified
 from steradian.api.findings import Finding, findings_of, header_or_body
 from steradian.errors import Cancelled, Conflict, DamagedFile, InvalidInput, NotFound, ScanFailed, SteradianError
 from steradian.storage.jobs import QueueUnavailable
+from steradian.storage.keys import Forbidden, Unauthorized
+from steradian.storage.scans import Outdated
 
 MEDIA_TYPE = "application/problem+json"
 _log = logging.getLogger(__name__)
@@ -42,6 +46,9 @@ STATUS_OF: dict[type[SteradianError], int] = {
     Cancelled: 409,
     ScanFailed: 502,
     QueueUnavailable: 503,
+    Outdated: 412,
+    Unauthorized: 401,
+    Forbidden: 403,
 }
 """HTTP status of each kind of our exceptions; a subclass has its parent's."""
 
@@ -56,7 +63,7 @@ CODE_OF = {
 }
 """Codes of what the framework refuses by itself."""
 
-RETRYABLE = frozenset({"not-ready", "queue-unavailable", "internal"})
+RETRYABLE = frozenset({"not-ready", "queue-unavailable", "database-unavailable", "internal"})
 
 
 class Problem(BaseModel):
@@ -73,8 +80,13 @@ class Problem(BaseModel):
 
 
 _REFUSALS: dict[int | str, str] = {
+    400: "The body is no JSON, or the request is malformed",
+    401: "A key is needed, or the one sent is unknown, revoked or expired",
+    403: "The key does not allow this",
     404: "Nothing has that identifier",
+    406: "It cannot be had in any of the formats that are accepted",
     409: "The request does not fit the present state",
+    412: "The resource has changed since If-Match's ETag",
     413: "The body is too large",
     415: "The body is not application/json",
     422: "A value is outside its allowed range",
@@ -92,6 +104,8 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(SteradianError, _ours)
     app.add_exception_handler(RequestValidationError, _invalid)
     app.add_exception_handler(HTTPException, _refused)
+    app.add_exception_handler(NotModified, _not_modified)
+    app.add_exception_handler(DBAPIError, _database)
     app.add_exception_handler(Exception, _unexpected)
 
 
@@ -163,6 +177,22 @@ async def _refused(request: Request, error: Exception) -> JSONResponse:
     return problem(request_id_of(request), error.status_code, code, detail, headers=dict(error.headers or {}))
 
 
+async def _not_modified(_request: Request, error: Exception) -> Response:
+    assert isinstance(error, NotModified)  # noqa: S101
+    return Response(status_code=304, headers={"ETag": error.etag})
+
+
+async def _database(request: Request, error: Exception) -> JSONResponse:
+    """Tell a database that does not answer, which passes, from one that refuses, which is a fault."""
+    assert isinstance(error, DBAPIError)  # noqa: S101
+    if not (error.connection_invalidated or isinstance(error, OperationalError)) or "no such" in str(error.orig):
+        return await _unexpected(request, error)
+    _log.warning("the database does not answer: %s", error.orig)
+    detail = "the database does not answer; try again in a moment"
+    headers = {"Retry-After": "2"}
+    return problem(request_id_of(request), 503, "database-unavailable", detail, headers=headers)
+
+
 async def _unexpected(request: Request, error: Exception) -> JSONResponse:
     request_id = request_id_of(request)
     _log.error("request %s failed", request_id, exc_info=error)
@@ -173,19 +203,3 @@ async def _unexpected(request: Request, error: Exception) -> JSONResponse:
 
 def _is_json(kind: str) -> bool:
     return kind == "application/json" or kind.endswith("+json")
-
-
-def describe(app: FastAPI) -> None:
-    """Put the problem's schema into the OpenAPI document, in place of the framework's own."""
-    plain = app.openapi
-
-    def openapi() -> dict[str, Any]:
-        document = plain()
-        schemas = document.setdefault("components", {}).setdefault("schemas", {})
-        own = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
-        schemas |= own.pop("$defs", {}) | {"Problem": own}
-        for name in ("HTTPValidationError", "ValidationError"):
-            schemas.pop(name, None)
-        return document
-
-    app.openapi = openapi  # type: ignore[method-assign]

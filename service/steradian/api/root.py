@@ -8,10 +8,12 @@ from fastapi import APIRouter
 from pydantic import BaseModel, Field
 
 from steradian import __version__
+from steradian.api.arrays import CSV, JSON, NPY, RAW
 from steradian.api.dependencies import MAX_WAIT, ServicesNeeded
+from steradian.api.security import V1, GuardedRoute
 from steradian.api.views import BASE
 
-router = APIRouter(tags=["service"])
+router = APIRouter(prefix=V1, tags=["service"], route_class=GuardedRoute)
 
 
 class RootView(BaseModel):
@@ -22,7 +24,11 @@ class RootView(BaseModel):
     api: Literal["v1"] = "v1"
     mode: Literal["simulated", "real"] = Field(description="Whether scans run on a simulated scanner")
     limits: dict[str, float] = Field(description="Largest mask (points), body and volume (bytes), wait (s)")
+    formats: dict[str, list[str]] = Field(description="In what formats things can be had")
     links: dict[str, str]
+
+
+_FORMATS = {"points": [JSON, CSV, NPY], "alines": [NPY, RAW, JSON], "volume": [NPY, RAW, JSON], "mip": ["image/png"]}
 
 
 @router.get("/", summary="The service, its mode, limits and links")
@@ -38,9 +44,15 @@ def read_root(services: ServicesNeeded) -> RootView:
             "volume_bytes": settings.max_volume_bytes,
             "wait_seconds": MAX_WAIT,
         },
+        formats=_FORMATS,
         links={
-            **{name: f"{BASE}/{name}" for name in ("masks", "plans", "scans", "reconstructions")},
+            **{
+                name: f"{BASE}/{name}" for name in ("masks", "plans", "scanners", "scans", "reconstructions", "batches")
+            },
+            "events": f"{BASE}/events",
             "openapi": "/openapi.json",
+            "docs": "/docs",
+            "metrics": "/metrics",
             "health": "/healthz",
             "ready": "/readyz",
         },

@@ -2,60 +2,90 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Request, Response
-from fastapi.responses import FileResponse
-from pydantic import Field
+from typing import Annotated
+
+from fastapi import APIRouter, Header, Request, Response
+from pydantic import ConfigDict, Field, StringConstraints
+from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 
-from steradian.api.dependencies import (
-    Before,
-    BodyHash,
-    IdempotencyKey,
-    Limit,
-    ServicesNeeded,
-    Wait,
-    link_next,
-)
-from steradian.api.problems import NotReady
+from steradian.api.conditions import ConditionsNeeded, etag_of
+from steradian.api.dependencies import Before, Limit, RequiredKey, ServicesNeeded, Wait, Who, link_next, replay
+from steradian.api.documents import SCAN_ID
+from steradian.api.security import V1, GuardedRoute
 from steradian.api.views import Listing, ScanView
-from steradian.errors import NotFound
+from steradian.storage.idempotency import Answer
 from steradian.storage.states import SETTLED_SCAN_STATES, DesiredScanState
 from steradian.storage.tables import ScanRow
 from steradian.validation import Value
 
-router = APIRouter(prefix="/scans", tags=["scans"])
+router = APIRouter(prefix=f"{V1}/scans", tags=["scans"], route_class=GuardedRoute)
+
+Name = Annotated[str, StringConstraints(min_length=1, max_length=60)]
+Text = Annotated[str, StringConstraints(max_length=200)]
+Lease = Annotated[
+    int | None,
+    Header(alias="Scanner-Lease", ge=0, le=2**31, description="Number (fence) of your lease, if you hold one"),
+]
 
 
 class ScanRequest(Value):
     """Which plan to run."""
 
+    model_config = ConfigDict(
+        json_schema_extra={"examples": [{"plan_id": "p0123456789abcdef01234567", "labels": {"phantom": "yarn"}}]}
+    )
+
     plan_id: str = Field(min_length=1, max_length=64, description="Identifier of the plan")
+    labels: dict[Name, Text] = Field(default_factory=dict, max_length=50, description="Texts of your own")
+
+
+class ScanChange(Value):
+    """What to change of a scan."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"labels": {"phantom": "yarn", "draft": None}}]})
+
+    labels: dict[Name, Text | None] = Field(max_length=50, description="Labels to set; null takes one away")
 
 
 class ScanWish(Value):
     """What a scan should become."""
 
+    model_config = ConfigDict(json_schema_extra={"examples": [{"state": "stopped", "reason": "enough"}]})
+
     state: DesiredScanState = Field(description="stopped keeps what was measured and is a success; aborted gives up")
     reason: str | None = Field(default=None, max_length=500)
 
 
-@router.post("", status_code=201, summary="Queue a run of a plan")
+@router.post(
+    "",
+    status_code=201,
+    summary="Queue a run of a plan",
+    response_model=ScanView,
+    responses={201: {"headers": {"Location": {"schema": {"type": "string"}}}}},
+)
 async def create_scan(
-    services: ServicesNeeded, response: Response, wanted: ScanRequest, key: IdempotencyKey, body: BodyHash, wait: Wait
-) -> ScanView:
-    """Queue a scan; with an Idempotency-Key a repeated request finds the scan that the first one made."""
+    services: ServicesNeeded, who: Who, wanted: ScanRequest, key: RequiredKey, wait: Wait, lease: Lease = None
+) -> Response:
+    """Queue a scan. A request repeated with the same Idempotency-Key never fires twice: it gets the first answer."""
 
-    def queue() -> tuple[ScanRow, bool]:
-        plan = services.plans.get(wanted.plan_id)
-        return services.scans.queue(plan, simulated=services.settings.simulated, key=key, body_hash=body)
+    def make(session: Session) -> Answer:
+        fence = services.scanner.admit(session, lease)
+        simulated = services.settings.simulated
+        row = services.scans.add(session, plan, simulated=simulated, labels=wanted.labels, fence=fence, who=who.name)
+        session.flush()
+        view = ScanView.of(row)
+        return Answer(201, view.links["self"], view.model_dump_json())
 
-    row, is_new = await run_in_threadpool(queue)
-    row = await wait.until(lambda: services.scans.get(row.id), _is_settled)
-    view = ScanView.of(row)
-    response.headers["Location"] = view.links["self"]
-    if not is_new:
-        response.headers["Idempotency-Replayed"] = "true"
-    return view
+    plan = await run_in_threadpool(services.plans.get, wanted.plan_id)
+    answer = await run_in_threadpool(services.answers.once, key, make)
+    response = replay(answer)
+    if wait.seconds and not answer.replayed:
+        identifier = answer.location.rpartition("/")[2]
+        row = await wait.until(lambda: services.scans.get(identifier), is_settled)
+        response = replay(Answer(201, answer.location, ScanView.of(row).model_dump_json()))
+        response.headers["Preference-Applied"] = f"wait={wait.seconds:g}"
+    return response
 
 
 @router.get("", summary="Scans, newest first")
@@ -69,33 +99,34 @@ def list_scans(
 
 
 @router.get("/{scan_id}", summary="One scan")
-async def read_scan(services: ServicesNeeded, scan_id: str, wait: Wait) -> ScanView:
+async def read_scan(services: ServicesNeeded, scan_id: SCAN_ID, wait: Wait, conditions: ConditionsNeeded) -> ScanView:
     """Show a scan."""
-    return ScanView.of(await wait.until(lambda: services.scans.get(scan_id), _is_settled))
+    row = await wait.until(lambda: services.scans.get(scan_id), is_settled)
+    conditions.tag(etag_of(row.id, row.revision))
+    return ScanView.of(row)
+
+
+@router.patch("/{scan_id}", summary="Label a scan")
+def change_scan(
+    services: ServicesNeeded, scan_id: SCAN_ID, wanted: ScanChange, conditions: ConditionsNeeded
+) -> ScanView:
+    """Set or take away labels; with If-Match only if the scan has not changed since."""
+    row = services.scans.label(scan_id, wanted.labels, conditions.revision(scan_id))
+    conditions.tag(etag_of(row.id, row.revision))
+    return ScanView.of(row)
 
 
 @router.put("/{scan_id}/desired-state", summary="Stop or abort a scan")
-def wish(services: ServicesNeeded, scan_id: str, wanted: ScanWish) -> ScanView:
+def wish(
+    services: ServicesNeeded, who: Who, scan_id: SCAN_ID, wanted: ScanWish, conditions: ConditionsNeeded
+) -> ScanView:
     """Say what a scan should become; repeating it changes nothing."""
-    return ScanView.of(services.scans.desire(scan_id, wanted.state, wanted.reason))
+    revision = conditions.revision(scan_id)
+    row = services.scans.desire(scan_id, wanted.state, wanted.reason, who.name, revision)
+    conditions.tag(etag_of(row.id, row.revision))
+    return ScanView.of(row)
 
 
-@router.get(
-    "/{scan_id}/file",
-    summary="The A-lines as HDF5",
-    response_class=FileResponse,
-    responses={200: {"content": {"application/x-hdf5": {}}}, 206: {"description": "A range of it"}},
-)
-async def read_file(services: ServicesNeeded, scan_id: str, wait: Wait) -> FileResponse:
-    """Download the scan file, also in ranges."""
-    row = await wait.until(lambda: services.scans.get(scan_id), _is_settled)
-    path = services.data.scan_file(scan_id)
-    if not _is_settled(row):
-        raise NotReady(f"scan {scan_id} is {row.state}; its file can be had when it is over")
-    if not await run_in_threadpool(path.is_file):
-        raise NotFound("file of scan", scan_id)
-    return FileResponse(path, media_type="application/x-hdf5", filename=f"{scan_id}.h5")
-
-
-def _is_settled(row: ScanRow) -> bool:
+def is_settled(row: ScanRow) -> bool:
+    """Whether a scan changes only when a person asks."""
     return row.state in SETTLED_SCAN_STATES

@@ -3,54 +3,73 @@
 from __future__ import annotations
 
 import logging
+import shutil
 import threading
+import time
 from concurrent.futures import Future
+from datetime import timedelta
 from typing import TYPE_CHECKING
 
-from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.worker import reconstruction_job
+from sqlalchemy import delete, select
+
 from steradian.settings import Settings
-from steradian.storage.database import Database
+from steradian.storage.database import Database, metadata_url
+from steradian.storage.events import EventLog
+from steradian.storage.idempotency import Answers
+from steradian.storage.job_ledger import JobLedger
 from steradian.storage.jobs import JobStatus, QueueUnavailable
+from steradian.storage.keys import KeyStore
 from steradian.storage.masks import MaskRepository
 from steradian.storage.paths import DataDirectory
 from steradian.storage.plans import PlanRepository
-from steradian.storage.reconstructions import ReconstructionRepository
+from steradian.storage.reconstructions import BatchRepository, ReconstructionRepository
 from steradian.storage.repository import Clock, utc_now
+from steradian.storage.scanners import ScannerRepository
 from steradian.storage.scans import ScanRepository
-from steradian.storage.states import ReconstructionState
-from steradian.storage.tables import ReconstructionRow
+from steradian.storage.states import is_terminal
+from steradian.storage.tables import JobRow, ReconstructionRow
 
 if TYPE_CHECKING:
     from steradian.storage.queue import JobQueue
 
 _log = logging.getLogger(__name__)
 QUEUE_PATIENCE = 30.0
+RECONCILE_EVERY, TIDY_EVERY = 1.0, 600.0
 
 
 class Services:
     """Everything behind the API; made once a process.
 
-    The queue's engine takes seconds to load, so it is opened in a thread while the service already answers.
+    The queue's engine takes seconds to load, so it is opened in a thread while the service already answers. What is
+    asked for meanwhile waits in the ledger.
     """
 
     def __init__(self, settings: Settings, clock: Clock = utc_now) -> None:
-        self.settings = settings
+        self.settings, self.clock = settings, clock
         self.data = DataDirectory(settings.data)
-        self.database = Database(self.data.metadata_url)
+        self.database = Database(metadata_url(settings))
         self.masks = MaskRepository(self.database, clock)
         self.plans = PlanRepository(self.database, clock)
         self.scans = ScanRepository(self.database, clock)
+        self.scanner = ScannerRepository(self.database, clock)
         self.reconstructions = ReconstructionRepository(self.database, clock)
+        self.batches = BatchRepository(self.database, clock)
+        self.ledger = JobLedger(self.database, clock)
+        self.answers = Answers(self.database, clock)
+        self.keys = KeyStore(self.database, clock, fixed=settings.api_key)
+        self.log = EventLog(self.database)
         self._queue: Future[JobQueue] = Future()
+        self._over = threading.Event()
 
     def open(self) -> None:
-        """Begin to open the queue and to hand it what a crash kept from it."""
-        threading.Thread(target=self._open_queue, daemon=True).start()
+        """Begin to open the queue and to look after it."""
+        self.scanner.ensure(simulated=self.settings.simulated)
+        threading.Thread(target=self._look_after, daemon=True).start()
 
     def close(self) -> None:
         """Close the connections."""
-        if self._queue.done() and self._queue.exception() is None:
+        self._over.set()
+        if self.queue_is_open:
             self._queue.result().close()
         self.database.close()
 
@@ -68,38 +87,62 @@ class Services:
         except TimeoutError:
             raise QueueUnavailable("the job queue is still being opened") from None
 
-    def require_queue(self) -> None:
-        """Fail before anything is written when the queue does not open, with :class:`QueueUnavailable`."""
-        self.queue  # noqa: B018 - asked for its exception
-
     @property
     def queue_is_open(self) -> bool:
         """Whether jobs can be taken at once."""
         return self._queue.done() and self._queue.exception() is None
 
-    def submit(self, row: ReconstructionRow) -> None:
-        """Hand a reconstruction to the queue; doing it twice does it once."""
-        parameters = ReconstructionParameters.create(**row.parameters)
-        scan = self.data.scan_file(row.scan_id)
-        self.queue.submit(reconstruction_job(row.id, self.settings, scan, parameters))
-        self.reconstructions.mark_submitted(row.id)
+    def enqueue(self, job_id: str) -> None:
+        """Hand a job of the ledger to the queue now; if that fails it is done within a moment."""
+        if self.queue_is_open:
+            try:
+                self.queue.enqueue(self.ledger.get(job_id))
+            except Exception:
+                _log.exception("job %s is kept and queued later", job_id)
 
-    def status(self, row: ReconstructionRow) -> JobStatus:
-        """Tell how a reconstruction stands."""
-        if not row.submitted:
-            return JobStatus(row.id, ReconstructionState.QUEUED)
-        return self.queue.status(row.id)
+    def cancel(self, job_id: str, who: str, reason: str | None) -> JobStatus:
+        """Cancel a job that waits or runs; see :meth:`JobQueue.cancel`."""
+        if is_terminal(self.ledger.get(job_id).state) and not self.queue_is_open:
+            self.ledger.want_cancelled(job_id, who, reason)
+            return self.ledger.status(job_id)
+        return self.queue.cancel(job_id, who, reason)
 
-    def _open_queue(self) -> None:
+    def _look_after(self) -> None:
         try:
             from steradian.storage.queue import JobQueue
 
             self._queue.set_result(JobQueue(self.settings))
-            for row in self.reconstructions.unsubmitted():
-                self.submit(row)
-                if row.cancel_wanted:
-                    self.queue.cancel(row.id)
         except Exception as error:
             _log.exception("the job queue cannot be opened")
-            if not self._queue.done():
-                self._queue.set_exception(QueueUnavailable(f"the job queue cannot be opened: {error}"))
+            self._queue.set_exception(QueueUnavailable(f"the job queue cannot be opened: {error}"))
+            return
+        tidied = float("-inf")
+        while not self._over.is_set():
+            try:
+                self.queue.reconcile()
+                if time.monotonic() - tidied > TIDY_EVERY:
+                    tidied = time.monotonic()
+                    self.tidy()
+            except Exception:
+                if not self._over.is_set():
+                    _log.exception("the queue cannot be looked after; trying again")
+            self._over.wait(RECONCILE_EVERY)
+
+    def tidy(self) -> None:
+        """Forget what is too old: events, idempotency keys and, where settings say so, finished reconstructions."""
+        now = self.clock()
+        self.log.prune(now - timedelta(days=self.settings.event_days))
+        self.answers.prune()
+        if self.settings.retention_days is not None:
+            self._forget_before(timedelta(days=self.settings.retention_days))
+
+    def _forget_before(self, age: timedelta) -> None:
+        query = select(JobRow).where(JobRow.ended.is_not(None), JobRow.ended < self.clock() - age)
+        with self.database.read() as session:
+            old = [row.id for row in session.scalars(query)]
+        self.queue.forget(old)
+        for job_id in old:
+            shutil.rmtree(self.data.job(job_id).root, ignore_errors=True)
+        with self.database.write() as session:
+            session.execute(delete(ReconstructionRow).where(ReconstructionRow.id.in_(old)))
+            session.execute(delete(JobRow).where(JobRow.id.in_(old)))

@@ -9,8 +9,8 @@ from pydantic import BaseModel, Field
 
 from steradian.plans import VisitOrder
 from steradian.storage.jobs import JobStatus
-from steradian.storage.states import DesiredScanState, ReconstructionState, ScanState
-from steradian.storage.tables import MaskRow, PlanRow, ReconstructionRow, ScanRow
+from steradian.storage.states import DesiredJobState, DesiredScanState, ReconstructionState, ScanState
+from steradian.storage.tables import MaskRow, PlanRow, ReconstructionRow, ScannerRow, ScanRow
 
 BASE = "/api/v1"
 Item = TypeVar("Item")
@@ -47,7 +47,7 @@ class MaskView(BaseModel):
     count: int = Field(description="Number of points")
     weight_ratio: float = Field(description="Largest over smallest weight")
     created: datetime
-    links: dict[str, str]
+    links: dict[str, str] = Field(examples=[{"self": "/api/v1/…"}])
 
     @classmethod
     def of(cls, row: MaskRow) -> Self:
@@ -87,7 +87,7 @@ class PlanView(BaseModel):
     order: VisitOrder
     preview: dict[str, Any] = Field(description="laser_seconds (s), travel (m), bytes, findings")
     created: datetime
-    links: dict[str, str]
+    links: dict[str, str] = Field(examples=[{"self": "/api/v1/…"}])
 
     @classmethod
     def of(cls, row: PlanRow) -> Self:
@@ -108,19 +108,22 @@ class ScanView(BaseModel):
     state: ScanState
     desired_state: DesiredScanState
     reason: str | None = Field(description="Why another state was wished")
+    labels: dict[str, str] = Field(description="Texts of your own")
+    fence: int = Field(description="Number of the scanner lease under which it was asked for")
     progress: ProgressView
     error: ErrorView | None
     summary: dict[str, Any] | None = Field(description="points, fired, stored; when the scan is over")
     created: datetime
     started: datetime | None
     ended: datetime | None
-    history: list[dict[str, Any]] = Field(description="state, at, why of every change")
-    links: dict[str, str]
+    history: list[dict[str, Any]] = Field(description="state, at, who and why of every change")
+    links: dict[str, str] = Field(examples=[{"self": "/api/v1/…"}])
 
     @classmethod
     def of(cls, row: ScanRow) -> Self:
         """Show a row."""
         here = f"{BASE}/scans/{row.id}"
+        parts = {name: f"{here}/{name}" for name in ("file", "shots", "alines", "coverage")}
         return cls(
             id=row.id,
             plan_id=row.plan_id,
@@ -129,6 +132,8 @@ class ScanView(BaseModel):
             state=row.state,
             desired_state=row.desired_state,
             reason=row.reason,
+            labels=row.labels,
+            fence=row.fence,
             progress=ProgressView(stage=row.stage, done=row.done or 0, total=row.total or 0),
             error=ErrorView(code=row.error_code, detail=row.error or "") if row.error_code else None,
             summary=row.summary,
@@ -136,7 +141,7 @@ class ScanView(BaseModel):
             started=row.started,
             ended=row.ended,
             history=row.history,
-            links={"self": here, "plan": f"{BASE}/plans/{row.plan_id}", "file": f"{here}/file"},
+            links={"self": here, "plan": f"{BASE}/plans/{row.plan_id}", **parts},
         )
 
 
@@ -145,10 +150,12 @@ class ReconstructionView(BaseModel):
 
     id: str
     scan_id: str
+    batch_id: str | None = Field(description="The batch it belongs to")
     simulated: bool = Field(description="Whether the scan came from a simulated scanner")
     parameters: dict[str, Any]
+    priority: int = Field(description="Smaller ones run first, equal ones in the order they were asked for")
     state: ReconstructionState
-    desired_state: str = Field(description="succeeded, or cancelled when somebody asked for it")
+    desired_state: DesiredJobState
     reason: str | None = Field(description="Why it was cancelled")
     attempt: int = Field(description="1 for the first start, 0 before it")
     progress: ProgressView
@@ -157,22 +164,26 @@ class ReconstructionView(BaseModel):
     created: datetime
     started: datetime | None
     ended: datetime | None
-    links: dict[str, str]
+    history: list[dict[str, Any]] = Field(description="state, at, who and why of every change")
+    links: dict[str, str] = Field(examples=[{"self": "/api/v1/…"}])
 
     @classmethod
     def of(cls, row: ReconstructionRow, job: JobStatus) -> Self:
         """Show a row and its job."""
         here = f"{BASE}/reconstructions/{row.id}"
         mips = {f"mip_{axis}": f"{here}/mip?axis={axis}" for axis in "xyz"}
-        links = {"self": here, "scan": f"{BASE}/scans/{row.scan_id}", "volume": f"{here}/volume", "log": f"{here}/log"}
+        parts = {name: f"{here}/{name}" for name in ("volume", "log", "attempts")}
+        links = {"self": here, "scan": f"{BASE}/scans/{row.scan_id}", **parts}
         return cls(
             id=row.id,
             scan_id=row.scan_id,
+            batch_id=row.batch_id,
             simulated=row.simulated,
             parameters=row.parameters,
+            priority=job.priority,
             state=job.state,
-            desired_state="cancelled" if row.cancel_wanted else "succeeded",
-            reason=row.cancel_reason,
+            desired_state=job.desired_state,
+            reason=job.reason,
             attempt=job.attempt,
             progress=ProgressView(stage=job.stage, done=job.done, total=job.total),
             error=ErrorView(code=job.error_code, detail=job.error or "") if job.error_code else None,
@@ -180,5 +191,58 @@ class ReconstructionView(BaseModel):
             created=row.created,
             started=job.started,
             ended=job.ended,
+            history=job.history,
             links=links | mips,
+        )
+
+
+class LeaseView(BaseModel):
+    """Who holds a scanner."""
+
+    holder: str
+    note: str | None
+    ends: datetime
+    fence: int = Field(description="Number of this lease; send it as Scanner-Lease with what needs the scanner")
+
+
+class EmergencyView(BaseModel):
+    """An emergency stop that nobody has released."""
+
+    at: datetime
+    by: str
+    reason: str | None
+
+
+class ScannerView(BaseModel):
+    """A scanner: connection and state apart."""
+
+    id: str
+    simulated: bool
+    connection: str = Field(description="unknown, connected or disconnected", examples=["connected"])
+    state: str = Field(description="idle or scanning", examples=["idle"])
+    since: datetime = Field(description="When connection or state changed last")
+    last_error: str | None
+    lease: LeaseView | None
+    emergency_stop: EmergencyView | None
+    links: dict[str, str] = Field(examples=[{"self": "/api/v1/…"}])
+
+    @classmethod
+    def of(cls, row: ScannerRow, *, held: bool) -> Self:
+        """Show a row."""
+        here = f"{BASE}/scanners/{row.id}"
+        lease = stop = None
+        if held and row.lease_ends is not None:
+            lease = LeaseView(holder=row.holder or "", note=row.note, ends=row.lease_ends, fence=row.fence)
+        if row.stopped_at is not None:
+            stop = EmergencyView(at=row.stopped_at, by=row.stopped_by or "", reason=row.stop_reason)
+        return cls(
+            id=row.id,
+            simulated=row.simulated,
+            connection=row.connection,
+            state=row.state,
+            since=row.since,
+            last_error=row.last_error,
+            lease=lease,
+            emergency_stop=stop,
+            links={"self": here, "lease": f"{here}/lease", "emergency-stop": f"{here}/emergency-stop"},
         )

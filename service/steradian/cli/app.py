@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from steradian import __version__
-from steradian.cli import benchmark, demo, mask, plan, reconstruct, scan, serve
+from steradian.cli import benchmark, demo, key, mask, plan, reconstruct, scan, serve, worker
 from steradian.cli.console import complain
 from steradian.errors import Cancelled, Conflict, DamagedFile, InvalidInput, NotFound, ScanFailed, SteradianError
 
@@ -41,6 +41,8 @@ app.command("reconstruct")(reconstruct.reconstruct)
 app.add_typer(benchmark.app, name="benchmark")
 app.command("demo")(demo.demo)
 app.command("serve")(serve.serve)
+app.command("worker")(worker.worker)
+app.add_typer(key.app, name="key")
 
 
 def _show_version(wanted: bool) -> None:

@@ -1,4 +1,4 @@
-"""``steradian serve`` and ``steradian worker``: the service and a worker of it."""
+"""``steradian serve``: the service."""
 
 from __future__ import annotations
 
@@ -28,20 +28,23 @@ def serve(
     """Serve the HTTP API, run scans and reconstruct, until Ctrl-C ends every process.
 
     Each option may also be given as a variable, STERADIAN_PORT for example. A second start with the same folder
-    finds everything of the first again; queued reconstructions go on.
+    finds everything of the first again; queued reconstructions go on. STERADIAN_DATABASE_URL moves metadata and queue
+    to a PostgreSQL database, so that `steradian worker` on other machines can help.
+
+    An address that others can reach needs a key: see `steradian key create`.
     """
-    import logging
     import os
     import signal
     import threading
 
     from steradian import supervisor
     from steradian.settings import PREFIX, Settings
+    from steradian.storage.logs import configure_logging
 
     given = {"host": host, "port": port, "workers": workers, "scanner": scanner, "simulator_speed": simulator_speed}
     folder = data if data is not None or f"{PREFIX}DATA" in os.environ else DATA
     settings = Settings.create(data=folder, **given)
-    logging.basicConfig(level=settings.log_level, format="%(asctime)s %(levelname)s supervisor %(message)s")
+    configure_logging(settings, "supervisor")
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: stop.set())
@@ -49,12 +52,3 @@ def serve(
     supervisor.serve(
         settings, lambda line: console().print(line, soft_wrap=True), stop, on_ready=f"Steradian with {mode}"
     )
-
-
-def worker(
-    slot: Annotated[int, typer.Argument(help="Number of the worker; no two on one data folder may share it.")] = 0,
-) -> None:
-    """Take reconstructions from the queue of the data folder that STERADIAN_DATA names."""
-    from steradian.reconstructions.worker import main
-
-    main(slot)

@@ -1,4 +1,4 @@
-"""One reconstruction in a process of its own: ``python -m steradian.reconstructions.child``, started by a worker."""
+"""Reconstructions, one after another, in a process of a worker: ``python -m steradian.reconstructions.child``."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ def work(payload: dict[str, Any], progress: Progress) -> dict[str, Any]:
     Parameters
     ----------
     payload
-        ``scan`` (path of the recording), ``output`` (folder for the results), ``parameters`` (of the reconstruction)
-        and ``job`` (the job's own folder, put there by the worker).
+        ``scan`` (path of the recording), ``output`` (folder for the results), ``parameters`` (of the reconstruction);
+        ``data`` (the data directory, to which the paths are relative) and ``job`` (the job's own folder), put there
+        by the worker.
 
     Returns
     -------
@@ -30,8 +31,9 @@ def work(payload: dict[str, Any], progress: Progress) -> dict[str, Any]:
     from steradian.reconstructions.parameters import ReconstructionParameters
 
     parameters = ReconstructionParameters.create(**payload["parameters"])
+    data = Path(payload["data"])
     with JobDirectory(Path(payload["job"])).running():
-        report = reconstruct_scan(Path(payload["scan"]), Path(payload["output"]), parameters, progress=progress)
+        report = reconstruct_scan(data / payload["scan"], data / payload["output"], parameters, progress=progress)
     return asdict(report)
 
 

@@ -16,14 +16,18 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+from sqlalchemy.exc import DBAPIError
+
 import fabry_perot
 from steradian.errors import Cancelled, ScanFailed, SteradianError
 from steradian.settings import Settings
-from steradian.storage.database import Database
+from steradian.storage.database import Database, metadata_url
 from steradian.storage.heartbeat import Heartbeat
 from steradian.storage.job_process import end_with_stdin
+from steradian.storage.logs import configure_logging
 from steradian.storage.paths import DataDirectory
 from steradian.storage.plans import PlanRepository
+from steradian.storage.scanners import ScannerRepository
 from steradian.storage.scans import ScanRepository
 from steradian.storage.states import DesiredScanState, ScanState
 from steradian.storage.tables import ScanRow
@@ -84,14 +88,24 @@ class Acquisition:
     ) -> None:
         self._scans, self._plans, self._data, self._port = scans, plans, data, port
         self._stopping, self._clock = stopping, clock
+        self._scanner = ScannerRepository(scans.database, scans.clock)
 
     def run(self) -> None:
-        """Work until asked to stop."""
+        """Work until asked to stop; while the database does not answer, wait for it."""
+        while not self._stopping.is_set():
+            try:
+                self._begin()
+                while not self._stopping.wait(POLL):
+                    self.step()
+            except DBAPIError as error:
+                _log.error("the database does not answer: %s", error.orig)
+                self._stopping.wait(1.0)
+
+    def _begin(self) -> None:
         interrupted = self._scans.interrupt_all("the service was restarted")
         if interrupted:
             _log.warning("interrupted by a restart: %s", ", ".join(interrupted))
-        while not self._stopping.wait(POLL):
-            self.step()
+        self._scanner.report("unknown", "idle")
 
     def step(self) -> None:
         """Do what there is to do: settle interrupted scans that are wished stopped, run the oldest queued one."""
@@ -101,25 +115,34 @@ class Acquisition:
         if row_or_none is None:
             return
         if row_or_none.desired_state is not DesiredScanState.RUNNING:
-            self._scans.transition(row_or_none.id, _S.ABORTED, why=row_or_none.reason or "not wanted any more")
+            who = row_or_none.wished_by or "acquisition"
+            self._scans.transition(row_or_none.id, _S.ABORTED, why=row_or_none.reason or "not wanted any more", who=who)
+            return
+        if (refusal := self._scanner.refusal(row_or_none)) is not None:
+            self._scans.transition(row_or_none.id, _S.ABORTED, why=refusal)
             return
         self._run(row_or_none)
 
     def _run(self, row: ScanRow) -> None:
         self._scans.transition(row.id, _S.ARMING, why="the scanner is free")
+        self._scanner.report("connected", "scanning")
         watch = _Watch(self._scans, row.id, self._stopping, self._clock)
         try:
             self._measure(row, watch)
             watch.over()
             self._finish(row.id)
+            self._scanner.report("connected", "idle")
         except Cancelled as error:
             watch.over()
             self._finish(row.id, str(error))
+            self._scanner.report("connected", "idle")
         except ScanFailed as error:
             following = _S.FAILED if isinstance(error.__cause__, fabry_perot.PlanInvalid) else _S.INTERRUPTED
             self._give_up(row.id, following, error.code, str(error))
         except SteradianError as error:
             self._give_up(row.id, _S.FAILED, error.code, str(error))
+        except DBAPIError:
+            raise  # the laser is off; the scan is interrupted when the database is back
         except Exception as error:
             _log.exception("scan %s failed", row.id)
             self._give_up(row.id, _S.FAILED, "internal", f"{type(error).__name__}: {error}")
@@ -156,6 +179,7 @@ class Acquisition:
     def _give_up(self, identifier: str, following: ScanState, code: str, message: str) -> None:
         _log.error("scan %s is %s: %s", identifier, following, message)
         self._port.close()
+        self._scanner.report("disconnected" if following is _S.INTERRUPTED else "connected", "idle", message)
         figures = self._figures(identifier)
         self._scans.transition(identifier, following, why=message, error=(code, message), summary=figures)
 
@@ -177,13 +201,16 @@ class _Watch:
 
     def progress(self, stage: str, done: int, total: int) -> None:
         """Note how far the scan is; the first A-lines mean that it runs."""
-        if not self._running:
-            self._running = True
-            self._scans.transition(self._id, _S.RUNNING, why="the first A-lines are stored")
         self._last = (stage, done, total)
-        if self._clock() - self._written >= POLL:
-            self._written = self._clock()
-            self._scans.report(self._id, *self._last)
+        try:
+            if not self._running:
+                self._scans.transition(self._id, _S.RUNNING, why="the first A-lines are stored")
+                self._running = True
+            if self._clock() - self._written >= POLL:
+                self._written = self._clock()
+                self._scans.report(self._id, *self._last)
+        except DBAPIError as error:  # the A-lines go on into the file
+            _log.warning("progress of scan %s is lost: %s", self._id, error.orig)
 
     def cancelled(self) -> bool:
         """Whether the scan should end, because somebody wishes it or the service ends."""
@@ -192,17 +219,28 @@ class _Watch:
         if self._clock() - self._asked < POLL:
             return False
         self._asked = self._clock()
-        row = self._scans.get(self._id)
-        if row.desired_state is not DesiredScanState.RUNNING:
-            keep = row.desired_state is DesiredScanState.STOPPED and self._running
-            self._scans.transition(self._id, _S.STOPPING if keep else _S.ABORTING, why=row.reason or "requested")
-            self._answer = True
+        try:
+            row = self._scans.get(self._id)
+            if row.desired_state is not DesiredScanState.RUNNING:
+                keep = row.desired_state is DesiredScanState.STOPPED and self._running
+                following, who = _S.STOPPING if keep else _S.ABORTING, row.wished_by or "acquisition"
+                self._scans.transition(self._id, following, why=row.reason or "requested", who=who)
+                self._answer = True
+        except DBAPIError as error:
+            _log.warning("what is wished of scan %s cannot be read: %s", self._id, error.orig)
         return self._answer
 
     def over(self) -> None:
-        """Write the last progress."""
-        if self._last is not None:
-            self._scans.report(self._id, *self._last)
+        """Write the last progress; waits for a database that does not answer."""
+        while self._last is not None:
+            stage, done, total = self._last
+            self.progress(stage, done, total)
+            try:
+                return self._scans.report(self._id, stage, done, total)
+            except DBAPIError:
+                if self._stopping.wait(1.0):
+                    return None
+        return None
 
 
 def count_alines(path: Path) -> dict[str, Any]:
@@ -224,16 +262,17 @@ def count_alines(path: Path) -> dict[str, Any]:
 def main() -> None:
     """Be the acquisition process of the service that the environment describes."""
     settings = Settings.create()
-    logging.basicConfig(level=settings.log_level, format="%(asctime)s %(levelname)s acquisition %(message)s")
+    configure_logging(settings, "acquisition")
     stopping = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopping.set())
     data, port = DataDirectory(settings.data), ScannerPort(settings)
-    database = Database(data.metadata_url)
+    database = Database(metadata_url(settings))
     end = threading.Thread(target=end_with_stdin, args=(lambda: os.kill(os.getpid(), signal.SIGTERM),), daemon=True)
     with Heartbeat(data.heartbeat("acquisition")):
         end.start()
         try:
+            ScannerRepository(database).ensure(simulated=settings.simulated)
             Acquisition(ScanRepository(database), PlanRepository(database), data, port, stopping).run()
         finally:
             port.close()

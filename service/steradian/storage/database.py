@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,8 +12,14 @@ from typing import Any
 from sqlalchemy import Connection, Engine, create_engine, event, text
 from sqlalchemy.orm import Session, sessionmaker
 
+from steradian.settings import Settings
+from steradian.storage.paths import DataDirectory
+
 MIGRATIONS = Path(__file__).parent / "migrations"
 BUSY_TIMEOUT_MS = 15_000
+CONNECT_TIMEOUT_S = 5
+MIGRATION_LOCK = 0x57E2AD1B
+"""Number of the PostgreSQL advisory lock under which tables are changed."""
 
 
 class Database:
@@ -52,13 +59,37 @@ class Database:
 
         config = Config()
         config.set_main_option("script_location", str(MIGRATIONS))
-        with self.engine.execution_options(immediate=True).begin() as connection:
+        with self.migrating(), self.engine.execution_options(immediate=True).begin() as connection:
             config.attributes["connection"] = connection
             command.upgrade(config, "head")
+
+    @contextmanager
+    def migrating(self) -> Iterator[None]:
+        """Keep every other process from changing tables until the block ends (PostgreSQL only)."""
+        if self.engine.dialect.name != "postgresql":
+            yield
+            return
+        # Who waits asks again and again: a statement that waits for the lock keeps its snapshot, and an index that is
+        # built beside running work, as the queue's engine does, waits for every snapshot to go: a deadlock.
+        with self.engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
+            key = {"key": MIGRATION_LOCK}
+            while not connection.scalar(text("SELECT pg_try_advisory_lock(:key)"), key):
+                time.sleep(0.2)
+            try:
+                yield
+            finally:
+                connection.execute(text("SELECT pg_advisory_unlock(:key)"), {"key": MIGRATION_LOCK})
 
     def close(self) -> None:
         """Close the connections."""
         self.engine.dispose()
+
+
+def metadata_url(settings: Settings) -> str:
+    """Tell where the metadata are: the database of the settings, else a file in the data directory."""
+    if settings.database_url is None:
+        return DataDirectory(settings.data).metadata_url
+    return "postgresql+psycopg" + settings.database_url[settings.database_url.index("://") :]
 
 
 def use_write_ahead_log(path: Path) -> None:
@@ -73,9 +104,10 @@ def use_write_ahead_log(path: Path) -> None:
 
 
 def _engine(url: str) -> Engine:
-    engine = create_engine(url)
-    if engine.dialect.name != "sqlite":
-        return engine
+    if not url.startswith("sqlite"):
+        connect = {"connect_timeout": CONNECT_TIMEOUT_S, "application_name": "steradian"}
+        return create_engine(url, pool_pre_ping=True, pool_size=10, max_overflow=20, connect_args=connect)
+    engine = create_engine(url, connect_args={"check_same_thread": False})
 
     @event.listens_for(engine, "connect")
     def configure(connection: Any, _record: Any) -> None:

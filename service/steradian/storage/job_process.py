@@ -1,15 +1,20 @@
-"""One job in one child process: the worker's end of the pipe, and the child's.
+"""One child process that runs jobs one after another: the worker's end of the pipe, and the child's.
 
-The child reads its payload as one JSON line from standard input, which then stays open: when it closes, the worker is
-gone and the child ends. It writes JSON lines: ``{"stage", "done", "total"}`` on the way and at last ``{"result"}`` or
-``{"error": {"code", "message"}}``. What it writes to standard error goes to the job's log.
+The child reads each job as one JSON line from standard input, which stays open: when it closes, the worker is gone and
+the child ends at once. It writes JSON lines: ``{"begun"}``, ``{"stage", "done", "total"}`` on the way and at last
+``{"result", "last"}`` or ``{"error": {"code", "message"}}``. What a job writes elsewhere goes to its log.
+
+A child stays for the next job only after a success, because loading the numerics takes seconds. Cancelling, a timeout
+and any failure end the process, so what they hit is one job and its memory.
 """
 
 from __future__ import annotations
 
 import asyncio
+import gc
 import json
 import os
+import queue
 import signal
 import sys
 import threading
@@ -17,7 +22,7 @@ from asyncio.subprocess import PIPE, Process
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import IO, Any, TypeAlias
 
 from steradian.errors import SteradianError
 from steradian.progress import Progress
@@ -27,67 +32,95 @@ Report: TypeAlias = Callable[[str, int, int], Awaitable[None]]
 """Called by the worker with each stage, done and total that the child reports."""
 
 LINE_LIMIT = 16 * 2**20
+MAX_JOBS = 50
+"""Jobs after which a child is replaced."""
+MAX_RESIDENT = 2 * 2**30
+"""Bytes that a child may hold between jobs; one that holds more is replaced."""
+IDLE = 600.0
+"""Seconds after which a child without work ends."""
 
 
-async def run_child(
-    command: Sequence[str],
-    payload: Mapping[str, Any],
-    *,
-    log: Path,
-    environment: Mapping[str, str],
-    report: Report,
-    timeout: float,  # noqa: ASYNC109 - it ends a process, not only the waiting
-) -> Succeeded | Failed | Died:
-    """Run a job's program to its end; cancelling this coroutine kills it.
+class JobProcess:
+    """The worker's end: a child that is started when a job needs one and kept while its jobs succeed."""
 
-    Parameters
-    ----------
-    timeout
-        Seconds after which the program is killed and the job has failed.
-    """
-    log.parent.mkdir(parents=True, exist_ok=True)
-    with log.open("ab") as errors:
-        child = await asyncio.create_subprocess_exec(
-            *command, stdin=PIPE, stdout=PIPE, stderr=errors, env=environment, limit=LINE_LIMIT
-        )
+    def __init__(self, command: Sequence[str], environment: Mapping[str, str]) -> None:
+        self._command, self._environment = command, environment
+        self._child: Process | None = None
+
+    async def run(
+        self,
+        payload: Mapping[str, Any],
+        *,
+        log: Path,
+        report: Report,
+        timeout: float,  # noqa: ASYNC109 - it ends a process, not only the waiting
+    ) -> Succeeded | Failed | Died:
+        """Run a job to its end; cancelling this coroutine kills the child.
+
+        Parameters
+        ----------
+        timeout
+            Seconds after which the child is killed and the job has failed.
+        """
+        log.parent.mkdir(parents=True, exist_ok=True)
+        outcome: Succeeded | Failed | Died | None = None
         try:
             async with asyncio.timeout(timeout):
-                return await _converse(child, payload, report)
+                while outcome is None:
+                    outcome = await self._converse({"log": str(log), "payload": dict(payload)}, report)
         except TimeoutError:
-            return Failed("timeout", f"the job did not end within {timeout:g} s")
+            outcome = Failed("timeout", f"the job did not end within {timeout:g} s")
         finally:
-            await _end(child)
+            if not isinstance(outcome, Succeeded):
+                await self.end()
+        return outcome
 
+    async def end(self) -> None:
+        """Kill the child, if there is one, and wait until its memory is free."""
+        child, self._child = self._child, None
+        if child is None:
+            return
+        if child.returncode is None:
+            with suppress(ProcessLookupError):
+                child.kill()
+        await asyncio.shield(asyncio.ensure_future(child.wait()))
+        if child.stdin is not None:
+            child.stdin.close()
 
-async def _converse(child: Process, payload: Mapping[str, Any], report: Report) -> Succeeded | Failed | Died:
-    assert child.stdin is not None  # noqa: S101 - asked for above
-    assert child.stdout is not None  # noqa: S101
-    with suppress(ConnectionError):
-        child.stdin.write(json.dumps(payload).encode() + b"\n")
-        await child.stdin.drain()
-    outcome: Succeeded | Failed | None = None
-    async for line in child.stdout:
-        match _parse(line):
-            case {"stage": str(stage), "done": int(done), "total": int(total)}:
-                await report(stage, done, total)
-            case {"result": dict(result)}:
-                outcome = Succeeded(result)
-            case {"error": {"code": str(kind), "message": str(message)}}:
-                outcome = Failed(kind, message)
-            case _:
-                pass
-    code = await child.wait()
-    return outcome or Died(f"the job's process ended {_ending(code)} without a result")
+    async def _converse(self, request: dict[str, Any], report: Report) -> Succeeded | Failed | Died | None:
+        """Hand a job to the child; ``None`` when a kept child had ended before it began."""
+        kept = self._child is not None
+        child = self._child = self._child or await self._start()
+        assert child.stdin is not None  # noqa: S101 - asked for in _start
+        assert child.stdout is not None  # noqa: S101
+        with suppress(ConnectionError):
+            child.stdin.write(json.dumps(request).encode() + b"\n")
+            await child.stdin.drain()
+        begun = False
+        async for line in child.stdout:
+            match _parse(line):
+                case {"begun": True}:
+                    begun = True
+                case {"stage": str(stage), "done": int(done), "total": int(total)}:
+                    await report(stage, done, total)
+                case {"result": dict(result), "last": bool(last)}:
+                    if last:
+                        await self.end()
+                    return Succeeded(result)
+                case {"error": {"code": str(kind), "message": str(message)}}:
+                    return Failed(kind, message)
+                case _:
+                    pass
+        code = await child.wait()
+        await self.end()
+        if kept and not begun:
+            return None
+        return Died(f"the job's process ended {_ending(code)} without a result")
 
-
-async def _end(child: Process) -> None:
-    """Kill the child if it still runs and wait until its memory is free."""
-    if child.returncode is None:
-        with suppress(ProcessLookupError):
-            child.kill()
-    await asyncio.shield(asyncio.ensure_future(child.wait()))
-    if child.stdin is not None:
-        child.stdin.close()
+    async def _start(self) -> Process:
+        return await asyncio.create_subprocess_exec(
+            *self._command, stdin=PIPE, stdout=PIPE, env=self._environment, limit=LINE_LIMIT
+        )
 
 
 def _parse(line: bytes) -> object:
@@ -105,16 +138,33 @@ def _ending(code: int) -> str:
 
 
 def child_main(work: Callable[[dict[str, Any], Progress], dict[str, Any]]) -> None:
-    """Be the child: read the payload, do ``work``, report, and end when standard input closes.
+    """Be the child: read jobs, do ``work``, report; end when standard input closes, after a failure or when idle.
 
-    An error of our own tree is reported and final; any other ends the process with its traceback in the log, which
-    counts as a deterministic failure too, named by its type.
+    An error of our own tree is reported and final; any other is reported with its type, its traceback in the log,
+    and counts as deterministic too.
     """
-    payload = json.loads(sys.stdin.readline())
-    threading.Thread(target=end_with_stdin, args=(lambda: os._exit(70),), daemon=True).start()
     speak = _Speaker()
+    jobs: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
+    threading.Thread(target=_listen, args=(jobs,), daemon=True).start()
+    for number in range(1, MAX_JOBS + 1):
+        try:
+            job = jobs.get(timeout=IDLE)
+        except queue.Empty:
+            return
+        speak(begun=True)
+        _log_to(job["log"])
+        result = _do(work, job["payload"], speak)
+        if result is None:
+            return
+        speak(result=result, last=number == MAX_JOBS or _resident() > MAX_RESIDENT)
+        gc.collect()  # while the worker fetches the next job
+
+
+def _do(
+    work: Callable[[dict[str, Any], Progress], dict[str, Any]], payload: dict[str, Any], speak: _Speaker
+) -> dict[str, Any] | None:
     try:
-        result = work(payload, lambda stage, done, total: speak(stage=stage, done=int(done), total=int(total)))
+        return work(payload, lambda stage, done, total: speak(stage=stage, done=int(done), total=int(total)))
     except SteradianError as error:
         speak(error={"code": error.code, "message": str(error)})
     except MemoryError:
@@ -123,9 +173,31 @@ def child_main(work: Callable[[dict[str, Any], Progress], dict[str, Any]]) -> No
         import traceback
 
         traceback.print_exc()
+        sys.stderr.flush()
         speak(error={"code": "internal", "message": f"{type(error).__name__}: {error}"})
-    else:
-        speak(result=result)
+    return None
+
+
+def _listen(jobs: queue.SimpleQueue[dict[str, Any]]) -> None:
+    """Pass on jobs; when standard input closes, end the process whatever it is doing."""
+    for line in sys.stdin:
+        jobs.put(json.loads(line))
+    os._exit(70)
+
+
+def _log_to(path: str) -> None:
+    """Send standard error, also that of compiled code, to a job's log."""
+    sys.stderr.flush()
+    with open(path, "ab") as log:
+        os.dup2(log.fileno(), 1)
+        os.dup2(log.fileno(), 2)
+
+
+def _resident() -> int:
+    """Bytes of memory this process holds; 0 where the system does not say."""
+    with suppress(OSError, ValueError):
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    return 0
 
 
 def end_with_stdin(end: Callable[[], object]) -> None:
@@ -136,12 +208,14 @@ def end_with_stdin(end: Callable[[], object]) -> None:
 
 
 class _Speaker:
-    """JSON lines on standard output, whole ones whatever thread speaks."""
+    """JSON lines to the worker, whole ones whatever thread speaks; ordinary output goes to the log instead."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
+        self._pipe: IO[str] = os.fdopen(os.dup(1), "w")
+        os.dup2(2, 1)
 
     def __call__(self, **message: Any) -> None:
         with self._lock:
-            sys.stdout.write(json.dumps(message) + "\n")
-            sys.stdout.flush()
+            self._pipe.write(json.dumps(message) + "\n")
+            self._pipe.flush()

@@ -8,10 +8,13 @@ from datetime import datetime
 from typing import Any
 
 from steradian.errors import SteradianError
-from steradian.storage.states import ReconstructionState, is_terminal
+from steradian.storage.states import DesiredJobState, ReconstructionState, is_terminal
 
 MAX_ATTEMPTS = 3
 """How often a job is started when its process or its worker dies; an error it reports itself is final at once."""
+
+
+DEFAULT_PRIORITY, LOWEST_PRIORITY = 100, 1000
 
 
 class QueueUnavailable(SteradianError):
@@ -32,11 +35,20 @@ class JobRequest:
         Which program runs it (see the worker's table of commands).
     payload
         What that program reads, plain JSON.
+    priority
+        0 to :data:`LOWEST_PRIORITY`; smaller ones run first, equal ones in the order of submission.
+    timeout
+        Seconds after which it has failed; ``None``: the service's limit.
+    principal
+        Who asked for it.
     """
 
     id: str
     kind: str
     payload: Mapping[str, Any]
+    priority: int = DEFAULT_PRIORITY
+    timeout: float | None = None
+    principal: str = "local"
 
 
 @dataclass(frozen=True)
@@ -45,8 +57,14 @@ class JobStatus:
 
     Attributes
     ----------
+    desired_state, reason
+        What a person wants of it and why.
+    revision
+        Grows with every change.
     attempt
-        1 for the first start, 0 before it.
+        1 for the first start, 0 before it; a start that was put back does not count.
+    attempts, history
+        Every start with its end, every change of state with who, when and why.
     stage, done, total
         What it works on and how far it is, in a unit of the stage's own.
     error_code, error
@@ -57,7 +75,13 @@ class JobStatus:
 
     id: str
     state: ReconstructionState
+    desired_state: DesiredJobState = DesiredJobState.SUCCEEDED
+    reason: str | None = None
+    revision: int = 0
+    priority: int = DEFAULT_PRIORITY
     attempt: int = 0
+    attempts: list[dict[str, Any]] = field(default_factory=list)
+    history: list[dict[str, Any]] = field(default_factory=list)
     stage: str | None = None
     done: int = 0
     total: int = 0

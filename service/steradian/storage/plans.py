@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from typing import Any
 
+from pydantic import TypeAdapter
 from sqlalchemy.exc import IntegrityError
 
 from steradian.plans import ScanPlan, preview
 from steradian.storage.masks import MaskRepository
 from steradian.storage.repository import Repository
 from steradian.storage.tables import PlanRow
+
+
+def preview_document(plan: ScanPlan) -> dict[str, Any]:
+    """Work out what a plan costs, as plain JSON."""
+    cost = preview(plan)
+    document: dict[str, Any] = TypeAdapter(type(cost)).dump_python(cost, mode="json")
+    return document
 
 
 class PlanRepository(Repository[PlanRow]):
@@ -19,13 +27,12 @@ class PlanRepository(Repository[PlanRow]):
 
     def put(self, plan: ScanPlan) -> tuple[PlanRow, bool]:
         """Keep a plan whose mask is kept already; the flag says whether it is new."""
-        cost = asdict(preview(plan))
         row = PlanRow(
             id=plan.id,
             mask_id=plan.mask.id,
             created=self.clock(),
             parameters=plan.model_dump(mode="json", exclude={"mask"}),
-            preview=cost | {"findings": list(cost["findings"])},
+            preview=preview_document(plan),
         )
         try:
             with self.database.write() as session:

@@ -1,49 +1,48 @@
 """The job queue: the only module that knows its engine, DBOS Transact.
 
 :class:`JobQueue` is the client: it submits, looks and cancels, and runs nothing. :func:`run_worker` is a worker
-process: it takes jobs one at a time and runs each in a child process of its own. A worker that dies is started again
-under the same executor name and takes its job up once more; the number of starts is kept with the job's progress.
+process: it takes jobs one at a time and runs each in a child process. The engine decides who runs a job and when; how
+a job stands is written in the ledger, which everybody reads.
 """
 
 from __future__ import annotations
 
-import asyncio
 import logging
 import os
 import signal
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
-from typing import Any, Final
+from contextlib import suppress
+from typing import Final
 
 from dbos import DBOS, DBOSClient, DBOSConfig, WorkflowSerializationFormat
 from dbos import error as engine_errors
 from ulid import ULID
 
-from steradian.errors import Conflict, NotFound
+from steradian.errors import Conflict
 from steradian.progress import Progress
 from steradian.settings import Settings
-from steradian.storage.database import use_write_ahead_log
-from steradian.storage.job_process import run_child
-from steradian.storage.job_status import to_status
-from steradian.storage.jobs import MAX_ATTEMPTS, Died, Failed, JobRequest, JobStatus, QueueUnavailable, Succeeded
+from steradian.storage.attempts import POLL, JobRunner
+from steradian.storage.database import Database, metadata_url, use_write_ahead_log
+from steradian.storage.job_ledger import JobLedger
+from steradian.storage.jobs import Failed, JobRequest, JobStatus, QueueUnavailable
 from steradian.storage.paths import DataDirectory
-from steradian.storage.states import ReconstructionState
+from steradian.storage.states import ReconstructionState, is_terminal
+from steradian.storage.tables import JobRow
+from steradian.storage.takeover import claim, watch_others
 
 APPLICATION: Final = "steradian"
 APPLICATION_VERSION: Final = "1"
 """Constant, or the engine leaves jobs of another build alone."""
 QUEUE: Final = "jobs"
 WORKFLOW: Final = "job"
-PROGRESS: Final = "progress"
-POLL: Final = 0.2
-"""Seconds between looks at the queue, at a cancellation and between progress reports."""
-BACKOFF: Final = 0.5
-"""Seconds before the second start of a job whose process died; doubled for the third."""
+QUEUE_POLL: Final = 0.1
+"""Seconds between looks at the queue; a worker idles half of it, on average, between two jobs."""
 
 _log = logging.getLogger(__name__)
-_State = ReconstructionState
+_R = ReconstructionState
 
 
 class JobQueue:
@@ -52,7 +51,7 @@ class JobQueue:
     Parameters
     ----------
     settings
-        Whose data directory holds the queue; it is made when missing.
+        Whose database or data directory holds the queue; both are made when missing.
 
     Raises
     ------
@@ -62,54 +61,69 @@ class JobQueue:
 
     def __init__(self, settings: Settings) -> None:
         self._data = DataDirectory(settings.data)
-        url = prepare(self._data)
         try:
+            url = prepare(settings)
+            self._database = Database(metadata_url(settings))
             self._client = DBOSClient(system_database_url=url, application_name=APPLICATION)
         except Exception as error:
             raise QueueUnavailable(f"the job queue cannot be opened: {error}") from error
+        self.ledger = JobLedger(self._database)
+        self._doubted: Counter[str] = Counter()
 
     def submit(self, request: JobRequest) -> str:
         """Queue a job and return its identifier; one that is queued already is left as it is."""
+        with self._database.write() as session:
+            row = self.ledger.add(session, request)
+        self.enqueue(row)
+        return request.id
+
+    def enqueue(self, row: JobRow) -> None:
+        """Hand a job of the ledger to the engine; doing it twice does it once."""
+        if row.submitted or is_terminal(row.state):
+            return
         self._client.enqueue(
             {
                 "workflow_name": WORKFLOW,
                 "queue_name": QUEUE,
-                "workflow_id": request.id,
+                "workflow_id": row.id,
                 "app_version": APPLICATION_VERSION,
+                "priority": row.priority + 1,
                 "serialization_type": WorkflowSerializationFormat.PORTABLE,
             },
-            {"kind": request.kind, "payload": dict(request.payload)},
+            row.id,
         )
-        return request.id
+        self.ledger.mark_submitted(row.id)
 
     def status(self, job_id: str) -> JobStatus:
-        """Tell how a job stands.
+        """Tell how a job stands; raises :class:`NotFound`."""
+        return self.ledger.status(job_id)
 
-        Raises
-        ------
-        NotFound
-            When the queue has no such job.
-        """
-        found = self._client.list_workflows(workflow_ids=[job_id], load_input=False)
-        if not found:
-            raise NotFound("job", job_id)
-        progress = self._client.get_event(job_id, PROGRESS, timeout_seconds=0) or {}
-        return to_status(found[0], progress, self._data.job(job_id).is_running)
-
-    def cancel(self, job_id: str) -> JobStatus:
+    def cancel(self, job_id: str, who: str = "local", reason: str | None = None) -> JobStatus:
         """Cancel a job that waits or runs; its process is killed. Cancelling it again changes nothing.
 
         Raises
         ------
         NotFound
-            When the queue has no such job.
+            When there is no such job.
         Conflict
             When it is over.
         """
-        present = self.status(job_id)
-        if present.state in {_State.SUCCEEDED, _State.FAILED}:
-            raise Conflict(f"job {job_id} has {present.state} and cannot be cancelled any more")
+        before = self.ledger.get(job_id)
+        self.ledger.want_cancelled(job_id, who, reason)
         self._client.cancel_workflow(job_id)
+        if before.state is _R.QUEUED:
+            self.ledger.cancelled(job_id, who)
+        return self.status(job_id)
+
+    def set_priority(self, job_id: str, priority: int) -> JobStatus:
+        """Move a waiting job in the queue; raises :class:`Conflict` when it waits no more."""
+        self.ledger.set_priority(job_id, priority)
+        table = self._client._sys_db.tables.workflow_status  # private, so the engine's minor version is pinned
+        waiting = table.c.status.in_(["ENQUEUED", "DELAYED"])
+        with self._client._sys_db.engine.begin() as connection:
+            connection.execute(
+                table.update().where(table.c.workflow_uuid == job_id, waiting).values(priority=priority + 1)
+            )
         return self.status(job_id)
 
     def wait(
@@ -131,19 +145,70 @@ class JobQueue:
                 return status
             sleep(POLL / 2)
 
+    def reconcile(self) -> None:
+        """Finish what a crash left half done between ledger and engine; call it about once a second.
+
+        A disagreement counts when it is seen twice in a row: a single one may be an operation under way.
+        """
+        for row in self.ledger.unsubmitted():
+            self.enqueue(row)
+        rows = {row.id: row for row in self.ledger.unfinished() if row.submitted}
+        found = (
+            self._client.list_workflows(workflow_ids=list(rows), load_input=False, load_output=False) if rows else []
+        )
+        doubtful = {job.workflow_id: job.status for job in found if _disagree(rows[job.workflow_id].state, job.status)}
+        self._doubted = Counter({job_id: self._doubted[job_id] + 1 for job_id in doubtful})
+        for job_id, times in self._doubted.items():
+            if times >= 2:
+                self._settle(rows[job_id], doubtful[job_id])
+
+    def forget(self, job_ids: Sequence[str]) -> None:
+        """Let the engine forget jobs that are over."""
+        if job_ids:
+            self._client.delete_workflows(list(job_ids))
+
     def close(self) -> None:
         """Close the connections."""
         self._client.destroy()
+        self._database.close()
+
+    def _settle(self, row: JobRow, engine_state: str) -> None:
+        if self._data.job(row.id).is_running:
+            return
+        with suppress(Conflict):
+            if engine_state in {"ENQUEUED", "PENDING", "DELAYED"} or engine_state == "CANCELLED":
+                self.cancel(row.id, "service")
+                self.ledger.cancelled(row.id, "service")
+            else:
+                self.ledger.start(row.id, "service")
+                failed = Failed("internal", f"the queue's engine gave it up: {engine_state}")
+                self.ledger.settle(row.id, failed, "service")
 
 
-def prepare(data: DataDirectory) -> str:
-    """Make the queue's database, bring it to the engine's newest version and return its URL."""
+def _disagree(state: ReconstructionState, engine_state: str) -> bool:
+    return (state is _R.CANCELLING) if engine_state in {"ENQUEUED", "PENDING", "DELAYED"} else not is_terminal(state)
+
+
+def queue_url(settings: Settings) -> str:
+    """Tell where the engine keeps the queue."""
+    return settings.database_url or f"sqlite:///{DataDirectory(settings.data).queue_file}"
+
+
+def prepare(settings: Settings) -> str:
+    """Make the tables of ledger and engine, bring them to the newest version and return the engine's URL."""
+    data = DataDirectory(settings.data)
     data.create()
     logging.getLogger("dbos").setLevel(logging.WARNING)
-    use_write_ahead_log(data.queue_file)
-    url = f"sqlite:///{data.queue_file}"
-    DBOS.migrate(url)
-    return url
+    if not settings.database_url:
+        use_write_ahead_log(data.queue_file)
+    database = Database(metadata_url(settings))
+    try:
+        database.migrate()
+        with database.migrating():
+            DBOS.migrate(queue_url(settings))
+    finally:
+        database.close()
+    return queue_url(settings)
 
 
 def new_job_id() -> str:
@@ -152,172 +217,84 @@ def new_job_id() -> str:
 
 
 def run_worker(settings: Settings, slot: int, commands: Mapping[str, Sequence[str]]) -> None:
-    """Be a worker until SIGTERM or SIGINT: take jobs one at a time and run each in a process of its own.
+    """Be a worker until SIGTERM or SIGINT: take jobs one at a time and run each in a child process.
 
     Parameters
     ----------
     slot
-        Number of this worker, from 0; no two running workers of a data directory may share one.
+        Number of this worker, from 0; no two running workers of one name may share it.
     commands
         The program that runs each kind of job.
+
+    Raises
+    ------
+    Conflict
+        When another worker of that name and number runs.
     """
-    worker = _Worker(settings, commands)
+    name = settings.executor(slot)
+    url = prepare(settings)
+    lock = claim(url, name) if settings.database_url else None
+    database = Database(metadata_url(settings))
+    runner = JobRunner(settings, JobLedger(database), commands, name)
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: worker.stopping.set())
-    data = DataDirectory(settings.data)
+        signal.signal(number, lambda *_: runner.stopping.set())
     config: DBOSConfig = {
         "name": APPLICATION,
-        "system_database_url": prepare(data),
+        "system_database_url": url,
         "application_version": APPLICATION_VERSION,
-        "executor_id": _executor(slot),
+        "executor_id": name,
         "log_level": "WARNING",
+        "use_listen_notify": False,
     }
     DBOS(config=config)
     logging.getLogger("dbos").addFilter(_is_no_cancellation)
-    worker.register()
+    _register(runner)
     DBOS.listen_queues([QUEUE])
     DBOS.launch()
-    DBOS.register_queue(QUEUE, worker_concurrency=1, polling_interval_sec=POLL)
-    if slot == 0:
-        _adopt_orphans(settings.workers)
-    _log.info("worker %d waits for jobs", slot)
-    worker.stopping.wait()
-    worker.finish(within=5.0)
+    DBOS.register_queue(QUEUE, worker_concurrency=1, polling_interval_sec=QUEUE_POLL)
+    if lock is not None:
+        watch = (lock, runner.stopping, _pending_executors, lambda gone: _recover([gone]))
+        threading.Thread(target=watch_others, args=watch, daemon=True).start()
+    elif slot == 0:
+        _adopt_orphans(settings)
+    _log.info("%s waits for jobs", name)
+    runner.stopping.wait()
+    runner.idle.wait(5.0)
+    logging.shutdown()
+    os._exit(0)  # whatever the engine's threads do
 
 
-def _executor(slot: int) -> str:
-    return f"worker-{slot}"
+def _register(runner: JobRunner) -> None:
+    """Tell the engine of the workflow and its one step."""
+
+    @DBOS.step(name="attempts", preemptible=True)
+    async def attempts(job_id: str) -> str:
+        return await runner.run(job_id)
+
+    # Starts are counted in the ledger, so the engine's own limit is only a backstop.
+    @DBOS.workflow(name=WORKFLOW, max_recovery_attempts=1000, serialization_type=WorkflowSerializationFormat.PORTABLE)
+    async def workflow(job_id: str) -> str:
+        return await attempts(job_id)
 
 
-def _adopt_orphans(workers: int) -> None:
+def _adopt_orphans(settings: Settings) -> None:
     """Queue again what workers left behind that no longer exist, because fewer are started than before."""
-    present = {_executor(slot) for slot in range(workers)} | {_executor(0)}
+    present = {settings.executor(slot) for slot in range(max(1, settings.workers))}
+    if gone := _pending_executors() - present:
+        _recover(sorted(gone))
+
+
+def _recover(executors: list[str]) -> None:
+    DBOS._recover_pending_workflows(executors)  # private, so the engine's minor version is pinned
+
+
+def _pending_executors() -> set[str]:
     pending = DBOS.list_workflows(status="PENDING", load_input=False, load_output=False)
-    gone = {job.executor_id for job in pending if job.executor_id} - present
-    if gone:
-        DBOS._recover_pending_workflows(sorted(gone))  # private, so the engine's minor version is pinned
-
-
-class _Worker:
-    """The engine's workflow of one step, and the way to leave it unfinished for the next start."""
-
-    def __init__(self, settings: Settings, commands: Mapping[str, Sequence[str]]) -> None:
-        self.stopping = threading.Event()
-        self._idle = threading.Event()
-        self._idle.set()
-        self._settings, self._commands = settings, commands
-        self._data = DataDirectory(settings.data)
-        threads = str(settings.threads_per_job)
-        limits = dict.fromkeys(("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"), threads)
-        self._environment = settings.environment() | limits
-
-    def register(self) -> None:
-        """Tell the engine of the workflow and its step."""
-
-        @DBOS.step(name="attempts", preemptible=True)
-        async def attempts(job_id: str, job: dict[str, Any]) -> dict[str, Any]:
-            self._idle.clear()
-            try:
-                return await self._attempt_until_over(job_id, job)
-            finally:
-                self._idle.set()
-
-        # The number of starts is counted with the progress, so the engine's own limit is only a backstop.
-        @DBOS.workflow(
-            name=WORKFLOW, max_recovery_attempts=1000, serialization_type=WorkflowSerializationFormat.PORTABLE
-        )
-        async def workflow(job: dict[str, Any]) -> dict[str, Any]:
-            job_id = DBOS.workflow_id
-            if job_id is None:
-                raise RuntimeError("the engine runs a job without an identifier")
-            return await attempts(job_id, job)
-
-    def finish(self, within: float) -> None:
-        """Wait until the running job is put back, then end the process, whatever the engine's threads do."""
-        self._idle.wait(within)
-        logging.shutdown()
-        os._exit(0)
-
-    async def _attempt_until_over(self, job_id: str, job: dict[str, Any]) -> dict[str, Any]:
-        """Start the job's program until it succeeds, fails or has died too often; returns plain JSON."""
-        last = await DBOS.get_event_async(job_id, PROGRESS, timeout_seconds=0) or {}
-        attempt, died = int(last.get("attempt", 0)), str(last.get("died", "its worker died"))
-        while attempt < MAX_ATTEMPTS:
-            attempt += 1
-            outcome = await self._attempt(job_id, job, attempt)
-            if not isinstance(outcome, Died):
-                return asdict(outcome) | {"attempt": attempt}
-            died = outcome.message
-            _log.warning("job %s, attempt %d: %s", job_id, attempt, died)
-            if attempt < MAX_ATTEMPTS:
-                await asyncio.sleep(BACKOFF * 2 ** (attempt - 1))
-        return asdict(Failed("died", f"started {MAX_ATTEMPTS} times, last: {died}")) | {"attempt": attempt}
-
-    async def _attempt(self, job_id: str, job: dict[str, Any], attempt: int) -> Succeeded | Failed | Died:
-        command = self._commands.get(job["kind"])
-        if command is None:
-            return Failed("unknown-kind", f"no worker runs jobs of kind {job['kind']!r}")
-        folder = self._data.job(job_id)
-        tell = _Progress(attempt)
-        await tell("starting", 0, 1)
-        child = asyncio.ensure_future(
-            run_child(
-                command,
-                job["payload"] | {"job": str(folder.root)},
-                log=folder.log,
-                environment=self._environment,
-                report=tell,
-                timeout=self._settings.job_timeout,
-            )
-        )
-        try:
-            while not child.done():
-                await asyncio.wait({child}, timeout=POLL)
-                if self.stopping.is_set() and not child.done():
-                    await self._put_back(child, attempt)
-                if await _is_cancelled(job_id):
-                    await _kill(child)
-                    await asyncio.Event().wait()  # the engine ends this step itself, within a second
-            return child.result()
-        finally:
-            await _kill(child)
-
-    async def _put_back(self, child: asyncio.Future[Any], attempt: int) -> None:
-        """Leave the job to the next start of this worker as if this attempt had not been."""
-        await _kill(child)
-        await DBOS.set_event_async(PROGRESS, {"attempt": attempt - 1, "stage": "put back", "done": 0, "total": 1})
-        self._idle.set()
-        await asyncio.Event().wait()  # the process ends first
-
-
-class _Progress:
-    """Passes on progress at most every :data:`POLL` seconds, but every new stage and every end of one."""
-
-    def __init__(self, attempt: int) -> None:
-        self._attempt, self._stage, self._when = attempt, "", float("-inf")
-
-    async def __call__(self, stage: str, done: int, total: int) -> None:
-        now = time.monotonic()
-        if stage == self._stage and done < total and now - self._when < POLL:
-            return
-        self._stage, self._when = stage, now
-        value = {"attempt": self._attempt, "stage": stage, "done": done, "total": total}
-        await DBOS.set_event_async(PROGRESS, value)
-
-
-async def _is_cancelled(job_id: str) -> bool:
-    found = await DBOS.list_workflows_async(workflow_ids=[job_id], load_input=False, load_output=False)
-    return bool(found) and found[0].status == "CANCELLED"
-
-
-async def _kill(child: asyncio.Future[Any]) -> None:
-    child.cancel()
-    await asyncio.wait({child})
+    return {job.executor_id for job in pending if job.executor_id}
 
 
 def _is_no_cancellation(record: logging.LogRecord) -> bool:
     """Drop the engine's report, with traceback, of a job that a person cancelled."""
+    cancelled = (engine_errors.DBOSAwaitedWorkflowCancelledError, engine_errors.DBOSWorkflowCancelledError)
     error = record.exc_info[1] if record.exc_info else None
-    return not isinstance(error, engine_errors.DBOSAwaitedWorkflowCancelledError) and (
-        "was cancelled" not in record.getMessage()
-    )
+    return not isinstance(error, cancelled) and "was cancelled" not in record.getMessage()

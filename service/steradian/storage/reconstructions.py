@@ -1,49 +1,55 @@
-"""Reconstructions in the database: what was asked; the queue knows how far it came."""
+"""Reconstructions and batches of them in the database: what was asked; how far it came stands in the ledger."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from sqlalchemy import select
+from sqlalchemy.orm import Session
 
+from steradian.storage.events import record
 from steradian.storage.repository import Repository, new_id
-from steradian.storage.tables import ReconstructionRow, ScanRow
+from steradian.storage.tables import BatchRow, ReconstructionRow, ScanRow
 
 
 class ReconstructionRepository(Repository[ReconstructionRow]):
-    """Reconstructions and whether the queue has them."""
+    """What was asked for."""
 
     kind, table = "reconstruction", ReconstructionRow
 
-    def add(self, scan: ScanRow, parameters: dict[str, Any]) -> ReconstructionRow:
-        """Note a reconstruction that the queue does not have yet."""
+    def add(
+        self, session: Session, scan: ScanRow, parameters: dict[str, Any], batch: BatchRow | None = None
+    ) -> ReconstructionRow:
+        """Note a reconstruction."""
         row = ReconstructionRow(
             id=new_id("r"),
             scan_id=scan.id,
+            batch_id=None if batch is None else batch.id,
             simulated=scan.simulated,
             created=self.clock(),
             parameters=parameters,
-            cancel_wanted=False,
-            submitted=False,
         )
-        with self.database.write() as session:
-            session.add(row)
+        session.add(row)
         return row
 
-    def mark_submitted(self, identifier: str) -> None:
-        """Note that the queue has it."""
-        with self.database.write() as session:
-            self._find(session, identifier).submitted = True
-
-    def unsubmitted(self) -> list[ReconstructionRow]:
-        """Return those that a crash kept from reaching the queue, oldest first."""
-        query = select(ReconstructionRow).where(ReconstructionRow.submitted.is_(False))
+    def of_batch(self, batch_id: str) -> list[ReconstructionRow]:
+        """Return a batch's reconstructions in the order they were asked for."""
+        query = select(ReconstructionRow).where(ReconstructionRow.batch_id == batch_id)
         with self.database.read() as session:
             return list(session.scalars(query.order_by(ReconstructionRow.sequence)))
 
-    def want_cancelled(self, identifier: str, reason: str | None) -> ReconstructionRow:
-        """Note that a person wants it cancelled, and why."""
-        with self.database.write() as session:
-            row = self._find(session, identifier)
-            row.cancel_wanted, row.cancel_reason = True, reason
+
+class BatchRepository(Repository[BatchRow]):
+    """Reconstructions that were asked for together."""
+
+    kind, table = "batch", BatchRow
+
+    def add(
+        self, session: Session, scan: ScanRow, vary: dict[str, Any], parameters: dict[str, Any], who: str
+    ) -> BatchRow:
+        """Note a batch."""
+        row = BatchRow(id=new_id("b"), scan_id=scan.id, created=self.clock(), vary=vary, parameters=parameters)
+        session.add(row)
+        session.flush()
+        record(session, row.created, "batch", row.id, {"state": "queued", "scan_id": scan.id, "who": who})
         return row

@@ -13,10 +13,10 @@ from ulid import ULID
 
 from steradian.errors import NotFound
 from steradian.storage.database import Database
-from steradian.storage.tables import MaskRow, PlanRow, ReconstructionRow, ScanRow
+from steradian.storage.tables import BatchRow, JobRow, MaskRow, PlanRow, ReconstructionRow, ScannerRow, ScanRow
 
 Clock: TypeAlias = Callable[[], datetime]
-Row = TypeVar("Row", MaskRow, PlanRow, ScanRow, ReconstructionRow)
+Row = TypeVar("Row", MaskRow, PlanRow, ScanRow, ReconstructionRow, JobRow, BatchRow, ScannerRow)
 
 
 def utc_now() -> datetime:
@@ -66,8 +66,10 @@ class Repository(Generic[Row]):
             rows = list(session.scalars(query))
         return Page(rows[:limit], rows[limit - 1].sequence if len(rows) > limit else None)
 
-    def _find(self, session: Session, identifier: str) -> Row:
-        row = session.scalars(select(self.table).where(self.table.id == identifier)).one_or_none()
+    def _find(self, session: Session, identifier: str, *, lock: bool = False) -> Row:
+        """Find a row, held until the transaction ends when ``lock`` is set (SQLite has one writer anyway)."""
+        query = select(self.table).where(self.table.id == identifier)
+        row = session.scalars(query.with_for_update() if lock else query).one_or_none()
         if row is None:
             raise NotFound(self.kind, identifier)
         return row

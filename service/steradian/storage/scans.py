@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from datetime import timedelta
 from typing import Any
 
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from steradian.errors import Conflict, InvalidInput
+from steradian.errors import Conflict
+from steradian.storage.events import record
 from steradian.storage.repository import Repository, new_id
 from steradian.storage.states import (
     ACTIVE_SCAN_STATES,
@@ -18,9 +18,7 @@ from steradian.storage.states import (
     check_transition,
     is_terminal,
 )
-from steradian.storage.tables import IdempotencyRow, PlanRow, ScanRow
-
-KEY_LIFETIME = timedelta(hours=24)
+from steradian.storage.tables import PlanRow, ScanRow
 
 
 class ScanRepository(Repository[ScanRow]):
@@ -28,53 +26,61 @@ class ScanRepository(Repository[ScanRow]):
 
     kind, table = "scan", ScanRow
 
-    def queue(
-        self, plan: PlanRow, *, simulated: bool, key: str | None = None, body_hash: str = ""
-    ) -> tuple[ScanRow, bool]:
-        """Queue a run of a plan; the flag says whether it is new or the one that ``key`` made before.
+    def queue(self, plan: PlanRow, *, simulated: bool) -> ScanRow:
+        """Queue a run of a plan in a transaction of its own; see :meth:`add`."""
+        with self.database.write() as session:
+            return self.add(session, plan, simulated=simulated)
 
-        Raises
-        ------
-        InvalidInput
-            When the key was used with another body.
+    def add(
+        self,
+        session: Session,
+        plan: PlanRow,
+        *,
+        simulated: bool,
+        labels: dict[str, str] | None = None,
+        fence: int = 0,
+        who: str = "local",
+    ) -> ScanRow:
+        """Queue a run of a plan.
+
+        Parameters
+        ----------
+        fence
+            Number of the scanner lease under which it is asked for.
+        who
+            The principal who asks.
         """
         now = self.clock()
-        with self.database.write() as session:
-            if key is not None and (earlier := self._earlier(session, key, body_hash)) is not None:
-                return earlier, False
-            row = ScanRow(
-                id=new_id("s"),
-                plan_id=plan.id,
-                mask_id=plan.mask_id,
-                simulated=simulated,
-                state=ScanState.QUEUED,
-                desired_state=DesiredScanState.RUNNING,
-                created=now,
-                summary=None,
-                history=[{"state": ScanState.QUEUED, "at": now.isoformat(), "why": "requested"}],
-            )
-            session.add(row)
-            if key is not None:
-                session.add(IdempotencyRow(key=key, created=now, body_hash=body_hash, resource_id=row.id))
-        return row, True
-
-    def _earlier(self, session: Session, key: str, body_hash: str) -> ScanRow | None:
-        kept = session.scalars(select(IdempotencyRow).where(IdempotencyRow.key == key)).one_or_none()
-        if kept is None:
-            return None
-        if self.clock() - kept.created > KEY_LIFETIME:
-            session.delete(kept)
-            session.flush()
-            return None
-        if kept.body_hash != body_hash:
-            raise InvalidInput("Idempotency-Key", key.partition(":")[2], "a key that was not used with another body")
-        return self._find(session, kept.resource_id)
+        row = ScanRow(
+            id=new_id("s"),
+            plan_id=plan.id,
+            mask_id=plan.mask_id,
+            simulated=simulated,
+            labels=labels or {},
+            fence=fence,
+            state=ScanState.QUEUED,
+            desired_state=DesiredScanState.RUNNING,
+            created=now,
+            done=0,
+            total=0,
+            summary=None,
+            history=[{"state": ScanState.QUEUED, "at": now.isoformat(), "who": who, "why": "requested"}],
+        )
+        session.add(row)
+        session.flush()
+        record(session, now, "scan", row.id, {"state": row.state, "who": who, "why": "requested"})
+        return row
 
     def next_queued(self) -> ScanRow | None:
         """Return the oldest scan that waits for the scanner."""
         query = select(ScanRow).where(ScanRow.state == ScanState.QUEUED).order_by(ScanRow.sequence).limit(1)
         with self.database.read() as session:
             return session.scalars(query).one_or_none()
+
+    def under_way(self) -> list[ScanRow]:
+        """Return the scans that a process is at work on."""
+        with self.database.read() as session:
+            return list(session.scalars(select(ScanRow).where(ScanRow.state.in_(ACTIVE_SCAN_STATES))))
 
     def wished_settled(self) -> list[ScanRow]:
         """Return interrupted scans of which a person wants something other than to go on."""
@@ -84,12 +90,19 @@ class ScanRepository(Repository[ScanRow]):
         with self.database.read() as session:
             return list(session.scalars(query))
 
+    def counts(self) -> dict[str, int]:
+        """Count the scans in each state."""
+        query = select(ScanRow.state, func.count()).group_by(ScanRow.state)
+        with self.database.read() as session:
+            return {str(state): count for state, count in session.execute(query)}
+
     def transition(
         self,
         identifier: str,
         following: ScanState,
         *,
         why: str,
+        who: str = "acquisition",
         error: tuple[str, str] | None = None,
         summary: dict[str, Any] | None = None,
     ) -> ScanRow:
@@ -109,10 +122,10 @@ class ScanRepository(Repository[ScanRow]):
         """
         now = self.clock()
         with self.database.write() as session:
-            row = self._find(session, identifier)
+            row = self._find(session, identifier, lock=True)
             check_transition(identifier, row.state, following)
             row.state = following
-            row.history = [*row.history, {"state": following, "at": now.isoformat(), "why": why}]
+            row.history = [*row.history, {"state": following, "at": now.isoformat(), "who": who, "why": why}]
             if following is ScanState.RUNNING and row.started is None:
                 row.started = now
             if is_terminal(following):
@@ -121,36 +134,68 @@ class ScanRepository(Repository[ScanRow]):
                 row.error_code, row.error = error
             if summary is not None:
                 row.summary = summary
+            record(session, now, "scan", row.id, {"state": following, "who": who, "why": why})
         return row
 
     def report(self, identifier: str, stage: str, done: int, total: int) -> None:
         """Note how far a scan has come."""
         with self.database.write() as session:
-            row = self._find(session, identifier)
+            row = self._find(session, identifier, lock=True)
             row.stage, row.done, row.total = stage[:120], done, total
 
-    def desire(self, identifier: str, wish: DesiredScanState, reason: str | None) -> ScanRow:
+    def label(self, identifier: str, labels: dict[str, str | None], revision: int | None = None) -> ScanRow:
+        """Set labels; ``None`` takes one away. With ``revision``, only if the scan has not changed since.
+
+        Raises
+        ------
+        Conflict
+            Of the kind :class:`Outdated` when it has.
+        """
+        with self.database.write() as session:
+            row = self._find(session, identifier, lock=True)
+            if revision is not None and row.revision != revision:
+                raise Outdated(f"scan {identifier} has changed since; read it again")
+            row.labels = {name: text for name, text in (row.labels | labels).items() if text is not None}
+        return row
+
+    def desire(
+        self,
+        identifier: str,
+        wish: DesiredScanState,
+        reason: str | None,
+        who: str = "local",
+        revision: int | None = None,
+    ) -> ScanRow:
         """Note what a person wants of a scan; wishing the same again changes nothing.
 
         Raises
         ------
         Conflict
-            When the scan's state does not allow it.
+            When the scan's state does not allow it, or it has changed since ``revision``.
         """
         with self.database.write() as session:
-            row = self._find(session, identifier)
+            row = self._find(session, identifier, lock=True)
+            if revision is not None and row.revision != revision:
+                raise Outdated(f"scan {identifier} has changed since; read it again")
             if row.desired_state is wish:
                 return row
             if wish not in DESIRABLE[row.state]:
                 allowed = ", ".join(sorted(DESIRABLE[row.state])) or "nothing, it is over"
                 raise Conflict(f"scan {identifier} is {row.state} and cannot be {wish}; allowed: {allowed}")
-            row.desired_state, row.reason = wish, reason
+            row.desired_state, row.reason, row.wished_by = wish, reason, who
+            wished = {"state": row.state, "desired_state": wish, "who": who, "why": reason}
+            record(session, self.clock(), "scan", row.id, wished)
         return row
 
     def interrupt_all(self, why: str) -> list[str]:
         """Mark every scan that a process should be at work on as interrupted; returns their identifiers."""
-        with self.database.read() as session:
-            found = list(session.scalars(select(ScanRow.id).where(ScanRow.state.in_(ACTIVE_SCAN_STATES))))
+        found = [row.id for row in self.under_way()]
         for identifier in found:
             self.transition(identifier, ScanState.INTERRUPTED, why=why)
         return found
+
+
+class Outdated(Conflict):
+    """The resource has changed since the caller read it."""
+
+    code = "precondition-failed"

@@ -40,6 +40,13 @@ class ReconstructionState(StrEnum):
     CANCELLED = "cancelled"
 
 
+class DesiredJobState(StrEnum):
+    """What a person wants of a reconstruction."""
+
+    SUCCEEDED = "succeeded"
+    CANCELLED = "cancelled"
+
+
 class DesiredScanState(StrEnum):
     """What a person wants of a scan."""
 
@@ -113,13 +120,22 @@ def is_terminal(state: ScanState | ReconstructionState) -> bool:
 
 
 def check_transition(identifier: str, present: ScanState, following: ScanState) -> None:
-    """Refuse a transition that the table does not have.
+    """Refuse a transition that the scans' table does not have.
 
     Raises
     ------
     Conflict
         Naming both states and those that may follow.
     """
-    if following not in SCAN_TRANSITIONS[present]:
-        allowed = ", ".join(sorted(SCAN_TRANSITIONS[present])) or "nothing, it is final"
-        raise Conflict(f"scan {identifier} is {present} and cannot become {following}; allowed: {allowed}")
+    _check(f"scan {identifier}", present, following, SCAN_TRANSITIONS[present])
+
+
+def check_job_transition(identifier: str, present: ReconstructionState, following: ReconstructionState) -> None:
+    """Refuse a transition that the reconstructions' table does not have; raises :class:`Conflict`."""
+    _check(f"job {identifier}", present, following, RECONSTRUCTION_TRANSITIONS[present])
+
+
+def _check(what: str, present: str, following: str, allowed: frozenset[ScanState] | frozenset[_R]) -> None:
+    if following not in allowed:
+        words = ", ".join(sorted(allowed)) or "nothing, it is final"
+        raise Conflict(f"{what} is {present} and cannot become {following}; allowed: {words}")

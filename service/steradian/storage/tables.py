@@ -7,14 +7,15 @@ Times are UTC in ISO 8601 text, the same on SQLite and PostgreSQL.
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import Any
+from enum import StrEnum
+from typing import Any, ClassVar
 
-from sqlalchemy import JSON, Double, ForeignKey, String, Text
+from sqlalchemy import JSON, Double, ForeignKey, Index, String, Text
 from sqlalchemy.engine import Dialect
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 from sqlalchemy.types import TypeDecorator
 
-from steradian.storage.states import DesiredScanState, ScanState
+from steradian.storage.states import DesiredJobState, DesiredScanState, ReconstructionState, ScanState
 
 
 class UtcTime(TypeDecorator[datetime]):
@@ -38,7 +39,7 @@ class Name(TypeDecorator[str]):
     impl = String(32)
     cache_ok = True
 
-    def __init__(self, kind: type[ScanState | DesiredScanState]) -> None:
+    def __init__(self, kind: type[StrEnum]) -> None:
         super().__init__()
         self.kind = kind
 
@@ -54,7 +55,14 @@ class Name(TypeDecorator[str]):
 class Table(DeclarativeBase):
     """Root of all tables."""
 
-    type_annotation_map = {datetime: UtcTime, float: Double, dict[str, Any]: JSON, list[dict[str, Any]]: JSON}  # noqa: RUF012
+    type_annotation_map: ClassVar[dict[Any, Any]] = {
+        datetime: UtcTime,
+        float: Double,
+        dict[str, Any]: JSON,
+        dict[str, str]: JSON,
+        list[dict[str, Any]]: JSON,
+        list[str]: JSON,
+    }
 
 
 class MaskRow(Table):
@@ -85,16 +93,23 @@ class PlanRow(Table):
 
 
 class ScanRow(Table):
-    """A run of a plan, its state and its progress."""
+    """A run of a plan, its state and its progress.
+
+    ``revision`` grows with every change of the row; ``fence`` is the scanner lease under which it was queued.
+    """
 
     __tablename__ = "scans"
     sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
     id: Mapped[str] = mapped_column(String(40), unique=True)
+    revision: Mapped[int] = mapped_column()
     plan_id: Mapped[str] = mapped_column(ForeignKey("plans.id"), index=True)
     mask_id: Mapped[str] = mapped_column(String(40))
     simulated: Mapped[bool]
+    labels: Mapped[dict[str, str]]
+    fence: Mapped[int]
     state: Mapped[ScanState] = mapped_column(Name(ScanState), index=True)
     desired_state: Mapped[DesiredScanState] = mapped_column(Name(DesiredScanState))
+    wished_by: Mapped[str | None] = mapped_column(String(160))
     reason: Mapped[str | None] = mapped_column(Text)
     created: Mapped[datetime]
     started: Mapped[datetime | None]
@@ -106,21 +121,131 @@ class ScanRow(Table):
     error: Mapped[str | None] = mapped_column(Text)
     summary: Mapped[dict[str, Any] | None]
     history: Mapped[list[dict[str, Any]]]
+    __mapper_args__ = {"version_id_col": revision}  # noqa: RUF012 - so the base class has it
+
+
+class JobRow(Table):
+    """A job of the queue: its state, every attempt at it and its progress.
+
+    The queue's engine decides who runs a job and when; this row is what everybody else reads.
+    """
+
+    __tablename__ = "jobs"
+    sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    id: Mapped[str] = mapped_column(String(40), unique=True)
+    revision: Mapped[int] = mapped_column()
+    kind: Mapped[str] = mapped_column(String(40))
+    payload: Mapped[dict[str, Any]]
+    priority: Mapped[int]
+    timeout: Mapped[float | None]
+    submitted: Mapped[bool]
+    state: Mapped[ReconstructionState] = mapped_column(Name(ReconstructionState), index=True)
+    desired_state: Mapped[DesiredJobState] = mapped_column(Name(DesiredJobState))
+    reason: Mapped[str | None] = mapped_column(Text)
+    created: Mapped[datetime]
+    started: Mapped[datetime | None]
+    ended: Mapped[datetime | None]
+    attempt: Mapped[int] = mapped_column(default=0)
+    attempts: Mapped[list[dict[str, Any]]]
+    stage: Mapped[str | None] = mapped_column(String(120))
+    done: Mapped[int] = mapped_column(default=0)
+    total: Mapped[int] = mapped_column(default=0)
+    error_code: Mapped[str | None] = mapped_column(String(64))
+    error: Mapped[str | None] = mapped_column(Text)
+    result: Mapped[dict[str, Any] | None]
+    history: Mapped[list[dict[str, Any]]]
+    __mapper_args__ = {"version_id_col": revision}  # noqa: RUF012 - so the base class has it
+
+
+class BatchRow(Table):
+    """Reconstructions that were asked for together."""
+
+    __tablename__ = "batches"
+    sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    id: Mapped[str] = mapped_column(String(40), unique=True)
+    scan_id: Mapped[str] = mapped_column(ForeignKey("scans.id"), index=True)
+    created: Mapped[datetime]
+    vary: Mapped[dict[str, Any]]
+    parameters: Mapped[dict[str, Any]]
 
 
 class ReconstructionRow(Table):
-    """What was asked of the queue; how far it came is the queue's to say."""
+    """What was asked of the queue; how far it came stands in the job of the same identifier."""
 
     __tablename__ = "reconstructions"
     sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
     id: Mapped[str] = mapped_column(String(40), unique=True)
     scan_id: Mapped[str] = mapped_column(ForeignKey("scans.id"), index=True)
+    batch_id: Mapped[str | None] = mapped_column(ForeignKey("batches.id"), index=True)
     simulated: Mapped[bool]
     created: Mapped[datetime]
     parameters: Mapped[dict[str, Any]]
-    cancel_reason: Mapped[str | None] = mapped_column(Text)
-    cancel_wanted: Mapped[bool] = mapped_column(default=False)
-    submitted: Mapped[bool] = mapped_column(default=False)
+
+
+class ScannerRow(Table):
+    """A scanner: how it stands, who holds it, and whether somebody pressed the emergency stop."""
+
+    __tablename__ = "scanners"
+    sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    id: Mapped[str] = mapped_column(String(40), unique=True)
+    revision: Mapped[int] = mapped_column()
+    simulated: Mapped[bool]
+    connection: Mapped[str] = mapped_column(String(32))
+    state: Mapped[str] = mapped_column(String(32))
+    since: Mapped[datetime]
+    last_error: Mapped[str | None] = mapped_column(Text)
+    fence: Mapped[int]
+    holder: Mapped[str | None] = mapped_column(String(120))
+    note: Mapped[str | None] = mapped_column(Text)
+    lease_ends: Mapped[datetime | None]
+    stopped_at: Mapped[datetime | None]
+    stopped_by: Mapped[str | None] = mapped_column(String(120))
+    stop_reason: Mapped[str | None] = mapped_column(Text)
+    __mapper_args__ = {"version_id_col": revision}  # noqa: RUF012 - so the base class has it
+
+
+class EventRow(Table):
+    """The log of everything that changed state, in order."""
+
+    __tablename__ = "events"
+    sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    at: Mapped[datetime]
+    kind: Mapped[str] = mapped_column(String(40))
+    resource_id: Mapped[str] = mapped_column(String(40))
+    scan_id: Mapped[str | None] = mapped_column(String(40))
+    data: Mapped[dict[str, Any]]
+    __table_args__ = (Index("ix_events_at", "at"), {"sqlite_autoincrement": True})
+
+
+class LogRow(Table):
+    """Facts about the event log: its epoch (another one means another database)."""
+
+    __tablename__ = "event_log"
+    name: Mapped[str] = mapped_column(String(40), primary_key=True)
+    value: Mapped[str] = mapped_column(String(64))
+
+
+class KeyRow(Table):
+    """An API key; only the hash of its secret is kept."""
+
+    __tablename__ = "api_keys"
+    sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    id: Mapped[str] = mapped_column(String(40), unique=True)
+    name: Mapped[str] = mapped_column(String(120))
+    hash: Mapped[str] = mapped_column(String(64))
+    scopes: Mapped[list[str]]
+    created: Mapped[datetime]
+    expires: Mapped[datetime | None]
+    revoked: Mapped[datetime | None]
+
+
+class TicketRow(Table):
+    """A ticket for one event stream, by the hash of its secret."""
+
+    __tablename__ = "tickets"
+    hash: Mapped[str] = mapped_column(String(64), primary_key=True)
+    principal: Mapped[str] = mapped_column(String(160))
+    expires: Mapped[datetime]
 
 
 class IdempotencyRow(Table):
@@ -128,7 +253,9 @@ class IdempotencyRow(Table):
 
     __tablename__ = "idempotency_keys"
     sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
-    key: Mapped[str] = mapped_column(String(280), unique=True)
+    key: Mapped[str] = mapped_column(String(500), unique=True)
     created: Mapped[datetime]
     body_hash: Mapped[str] = mapped_column(String(64))
-    resource_id: Mapped[str] = mapped_column(String(40))
+    status: Mapped[int]
+    location: Mapped[str] = mapped_column(String(200))
+    answer: Mapped[str] = mapped_column(Text)

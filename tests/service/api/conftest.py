@@ -2,13 +2,20 @@ import socket
 import subprocess
 import sys
 import time
+import uuid
+from dataclasses import dataclass
 
 import httpx
+import numpy as np
 import pytest
 
+from steradian.scans.store import AlineStore, create_scan_file
 from steradian.settings import Settings
 from steradian.storage.database import Database
 from steradian.storage.paths import DataDirectory
+from steradian.storage.plans import PlanRepository
+from steradian.storage.scans import ScanRepository
+from steradian.storage.states import ScanState
 
 MAX_BODY, MAX_POINTS = 20_000, 5_000
 
@@ -68,6 +75,10 @@ def http(server):
         yield client
 
 
+def make_scan(http, plan_id, key=None):
+    return http.post("/scans", json={"plan_id": plan_id}, headers={"Idempotency-Key": key or uuid.uuid4().hex})
+
+
 EQUI = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 60}
 
 
@@ -83,4 +94,34 @@ def plan(http, mask):
 
 @pytest.fixture
 def scan(http, plan):
-    return http.post("/scans", json={"plan_id": plan["id"]}).json()
+    return make_scan(http, plan["id"]).json()
+
+
+@pytest.fixture
+def scan_with_alines(server, http, plan):
+    """A scan that ended partial with five of its A-lines in a real file, and a reconstruction of it in the queue."""
+    made = make_scan(http, plan["id"]).json()
+    scans = ScanRepository(server.database)
+    for state in (ScanState.ARMING, ScanState.RUNNING, ScanState.STOPPING, ScanState.PARTIAL):
+        scans.transition(made["id"], state, why="test", summary={"points": 69, "stored": 5, "fired": 5})
+    path, whole = server.data.scan_file(made["id"]), PlanRepository(server.database).load(plan["id"])
+    create_scan_file(path, whole, scan_id=made["id"])
+    with AlineStore(path) as store:
+        store.append(Aline(point, np.full(whole.samples, point + 1, np.int16), shot=point + 1) for point in range(5))
+        store.set_fired(5)
+    job = http.post("/reconstructions", json={"scan_id": made["id"], "parameters": {"modes": 32}}).json()
+    return {"scan": http.get(f"/scans/{made['id']}").json(), "reconstruction": job, "visit": whole.visit}
+
+
+@dataclass
+class Aline:
+    """An A-line as a driver delivers it."""
+
+    point: int
+    samples: np.ndarray
+    shot: int
+    scale: float = 0.5
+    energy: float = 1.0
+    wavelength_m: float = 1.55e-6
+    fire_time_s: float = 0.0
+    quality: int = 0

@@ -1,5 +1,6 @@
 import threading
 import time
+import uuid
 
 import httpx
 import numpy as np
@@ -9,6 +10,11 @@ from steradian.masks import equi_steradian_mask
 from steradian.storage.scans import ScanRepository
 from steradian.storage.states import ScanState
 
+
+def new_scan(http, plan_id):
+    return http.post("/scans", json={"plan_id": plan_id}, headers={"Idempotency-Key": uuid.uuid4().hex})
+
+
 EQUI = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 60}
 
 
@@ -17,7 +23,8 @@ def test_the_root_says_what_the_service_is_and_its_links_lead_somewhere(server, 
     assert (root["name"], root["mode"]) == ("steradian", "simulated")
     assert root["limits"]["mask_points"] == 5000
     for link in root["links"].values():
-        assert httpx.get(server.url + link).status_code in (200, 503)
+        with httpx.stream("GET", server.url + link) as answer:
+            assert answer.status_code in (200, 503)
 
 
 @pytest.mark.parametrize(
@@ -56,7 +63,7 @@ def test_the_same_plan_is_made_once_and_states_its_cost(http, mask):
 
 
 def test_a_scan_waits_in_the_queue_and_says_that_it_is_simulated(http, plan):
-    answer = http.post("/scans", json={"plan_id": plan["id"]})
+    answer = new_scan(http, plan["id"])
     scan = answer.json()
     assert answer.status_code == 201
     assert answer.headers["location"] == scan["links"]["self"]
@@ -74,11 +81,13 @@ def test_a_repeated_idempotency_key_finds_the_same_scan(http, plan):
     assert second.headers["idempotency-replayed"] == "true"
     other = http.post("/scans", json=body | {"plan_id": plan["id"] + "x"}, headers=key)
     assert other.status_code in (404, 422)
-    assert http.post("/scans", json=body).json()["id"] != first.json()["id"]
+    assert other.json()["code"] in ("not-found", "invalid-input")
+    assert new_scan(http, plan["id"]).json()["id"] != first.json()["id"]
+    assert first.content == second.content
 
 
 def test_lists_are_paged_and_every_scan_is_in_them_once(http, plan):
-    made = [http.post("/scans", json={"plan_id": plan["id"]}).json()["id"] for _ in range(5)]
+    made = [new_scan(http, plan["id"]).json()["id"] for _ in range(5)]
     seen, url = [], "/scans?limit=2"
     while url:
         answer = http.get(url)

@@ -12,6 +12,7 @@ from steradian.storage.database import Database
 from steradian.storage.masks import MaskRepository
 from steradian.storage.paths import DataDirectory
 from steradian.storage.plans import PlanRepository
+from steradian.storage.scanners import ScannerRepository
 from steradian.storage.scans import ScanRepository
 from steradian.storage.states import DesiredScanState, ScanState
 
@@ -28,6 +29,8 @@ class Bench:
         self.database = Database(self.data.metadata_url)
         self.database.migrate()
         self.scans, self.plans = ScanRepository(self.database), PlanRepository(self.database)
+        self.scanner = ScannerRepository(self.database)
+        self.scanner.ensure(simulated=True)
         self.stopping = threading.Event()
         self.port = port or ScannerPort(self.settings)
         self.work = Acquisition(self.scans, self.plans, self.data, self.port, self.stopping)
@@ -36,7 +39,7 @@ class Bench:
         mask = equi_steradian_mask(aperture=13.56e-3, depth=3.6e-3, count=60)
         plan = ScanPlan.create(mask=mask, samples=256, **parameters)
         MaskRepository(self.database).put(mask)
-        return self.scans.queue(self.plans.put(plan)[0], simulated=True)[0].id
+        return self.scans.queue(self.plans.put(plan)[0], simulated=True).id
 
     def when_running(self, identifier, act):
         """Do something in a thread once the first A-lines of a scan are stored."""

@@ -14,6 +14,7 @@ def work(payload, progress):
     progress("working", 1, 4)
     match payload["do"]:
         case "succeed":
+            time.sleep(payload.get("seconds", 0))
             return {"answer": payload["answer"]}
         case "fail":
             raise InvalidInput("depth", -1, "> 0 (m)")

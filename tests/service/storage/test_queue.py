@@ -134,6 +134,49 @@ def test_a_job_cancelled_before_its_turn_never_starts(bench):
     assert bench.starts("waiting") == []
 
 
+def test_smaller_priorities_run_first_and_a_waiting_job_can_be_moved(bench):
+    bench.submit("busy", "hang")
+    bench.until_working("busy")
+    for name, priority in (("late", 900), ("usual", 100), ("moved", 901), ("early", 5)):
+        payload = {"do": "succeed", "answer": 1, "diary": str(bench.settings.data / name)}
+        bench.queue.submit(JobRequest(name, "echo", payload, priority=priority))
+    assert bench.queue.set_priority("moved", 1).priority == 1
+    bench.queue.cancel("busy")
+    jobs = [bench.queue.wait(name, timeout=20) for name in ("moved", "early", "usual", "late")]
+    assert [job.started for job in jobs] == sorted(job.started for job in jobs)
+    with pytest.raises(Conflict, match="only a queued one"):
+        bench.queue.set_priority("moved", 7)
+
+
+def test_a_process_is_kept_while_its_jobs_succeed_and_replaced_after_a_failure(bench):
+    for name, do in (("first", "succeed"), ("second", "succeed"), ("third", "crash"), ("fourth", "succeed")):
+        bench.submit(name, do, answer=1)
+        bench.queue.wait(name, timeout=20)
+    first, second, third, fourth = (bench.starts(name)[0] for name in ("first", "second", "third", "fourth"))
+    assert first == second == third != fourth
+
+
+def test_a_job_that_takes_too_long_is_killed_and_has_failed(bench):
+    payload = {"do": "hang", "diary": str(bench.settings.data / "slow")}
+    bench.queue.submit(JobRequest("slow", "echo", payload, timeout=0.5))
+    status = bench.queue.wait("slow", timeout=20)
+    assert (status.state, status.error_code, status.attempt) == (R.FAILED, "timeout", 1)
+    assert not is_running(bench.starts("slow")[0])
+
+
+def test_every_attempt_and_change_is_kept_with_who_when_and_why(bench):
+    bench.submit("mortal", "die")
+    status = bench.queue.wait("mortal", timeout=20)
+    assert [(a["number"], a["worker"], a["outcome"]) for a in status.attempts] == [
+        (number, "worker-0", "died") for number in (1, 2, 3)
+    ]
+    assert all(a["started"] <= a["ended"] for a in status.attempts)
+    states = [entry["state"] for entry in status.history]
+    assert states == ["queued", "running", "queued", "running", "queued", "running", "failed"]
+    assert {entry["who"] for entry in status.history} == {"local", "worker-0"}
+    assert all(entry["at"] and entry["why"] for entry in status.history)
+
+
 def test_a_finished_job_cannot_be_cancelled_and_an_unknown_one_is_named(bench):
     bench.submit("done", "succeed", answer=1)
     bench.queue.wait("done", timeout=20)

@@ -1,7 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from steradian.errors import Conflict, InvalidInput, NotFound
+from steradian.storage.idempotency import Answer, Answers, Key
 from steradian.storage.masks import MaskRepository
 from steradian.storage.plans import PlanRepository
 from steradian.storage.reconstructions import ReconstructionRepository
@@ -18,7 +21,7 @@ def scans(database, clock):
 
 @pytest.fixture
 def scan(scans, plan_row):
-    return scans.queue(plan_row, simulated=True)[0]
+    return scans.queue(plan_row, simulated=True)
 
 
 def lead(scans, scan, *states):
@@ -64,7 +67,7 @@ def test_a_refused_transition_changes_nothing(scans, scan):
 
 
 def test_after_a_restart_only_what_was_under_way_is_interrupted(scans, plan_row):
-    queued, running, complete = (scans.queue(plan_row, simulated=True)[0] for _ in range(3))
+    queued, running, complete = (scans.queue(plan_row, simulated=True) for _ in range(3))
     lead(scans, running, S.ARMING, S.RUNNING)
     lead(scans, complete, S.ARMING, S.RUNNING, S.COMPLETING, S.COMPLETE)
     assert scans.interrupt_all("restart") == [running.id]
@@ -75,7 +78,7 @@ def test_after_a_restart_only_what_was_under_way_is_interrupted(scans, plan_row)
 
 
 def test_the_oldest_scan_is_next(scans, plan_row):
-    first, _ = (scans.queue(plan_row, simulated=True)[0] for _ in range(2))
+    first, _ = (scans.queue(plan_row, simulated=True) for _ in range(2))
     assert scans.next_queued().id == first.id
 
 
@@ -88,18 +91,28 @@ def test_a_wish_can_be_repeated_but_not_made_of_a_finished_scan(scans, scan):
         scans.desire(scan.id, DesiredScanState.ABORTED, None)
 
 
-def test_a_repeated_key_finds_the_same_scan_for_a_day(scans, plan_row, clock):
-    first, is_new = scans.queue(plan_row, simulated=True, key="k", body_hash="b")
-    assert is_new
-    assert scans.queue(plan_row, simulated=True, key="k", body_hash="b")[0].id == first.id
+def test_a_repeated_key_gets_the_same_answer_for_a_day(database, clock):
+    made = []
+
+    def make(_session):
+        made.append(len(made))
+        return Answer(201, f"/{made[-1]}", "{}")
+
+    answers, key = Answers(database, clock), Key("ada", "/scans", "k", "b")
+    first = answers.once(key, make)
+    assert (first.location, first.replayed) == ("/0", False)
+    again = answers.once(key, make)
+    assert (again.location, again.replayed) == ("/0", True)
     with pytest.raises(InvalidInput, match="Idempotency-Key"):
-        scans.queue(plan_row, simulated=True, key="k", body_hash="other")
+        answers.once(replace(key, body_hash="other"), make)
+    assert answers.once(replace(key, principal="bob"), make).location == "/1"
     clock.advance(hours=25)
-    assert scans.queue(plan_row, simulated=True, key="k", body_hash="b")[1] is True
+    assert answers.once(key, make).location == "/2"
+    assert answers.once(None, make).location == "/3"
 
 
 def test_pages_show_every_row_once_newest_first(scans, plan_row):
-    made = [scans.queue(plan_row, simulated=True)[0].id for _ in range(5)]
+    made = [scans.queue(plan_row, simulated=True).id for _ in range(5)]
     seen, before = [], None
     while True:
         page = scans.page(2, before)
@@ -107,10 +120,3 @@ def test_pages_show_every_row_once_newest_first(scans, plan_row):
         if (before := page.cursor) is None:
             break
     assert seen == made[::-1]
-
-
-def test_reconstructions_that_never_reached_the_queue_are_found(database, scan):
-    repository = ReconstructionRepository(database)
-    lost, sent = (repository.add(scan, {}) for _ in range(2))
-    repository.mark_submitted(sent.id)
-    assert [row.id for row in repository.unsubmitted()] == [lost.id]

@@ -1,6 +1,9 @@
-"""Masks, plans, scans, reconstructions and idempotency keys."""
+"""The first tables."""
 
 from __future__ import annotations
+
+import secrets
+from typing import Any
 
 import sqlalchemy as sa
 from alembic import op
@@ -32,15 +35,20 @@ def upgrade() -> None:
         sa.Column("parameters", sa.JSON, nullable=False),
         sa.Column("preview", sa.JSON, nullable=False),
     )
-    op.create_table(
-        "scans",
-        sa.Column("sequence", sa.Integer, primary_key=True, autoincrement=True),
-        sa.Column("id", sa.String(40), nullable=False, unique=True),
-        sa.Column("plan_id", sa.String(40), sa.ForeignKey("plans.id"), nullable=False, index=True),
-        sa.Column("mask_id", sa.String(40), nullable=False),
-        sa.Column("simulated", sa.Boolean, nullable=False),
-        sa.Column("state", sa.String(32), nullable=False, index=True),
-        sa.Column("desired_state", sa.String(32), nullable=False),
+    _scans()
+    _jobs()
+    _scanners()
+    _events()
+    _access()
+
+
+def _sequence() -> sa.Column[int]:
+    return sa.Column("sequence", sa.Integer, primary_key=True, autoincrement=True)
+
+
+def _work() -> list[sa.Column[Any]]:
+    """Columns of whatever goes through states."""
+    return [
         sa.Column("reason", sa.Text),
         sa.Column("created", sa.String(32), nullable=False),
         sa.Column("started", sa.String(32)),
@@ -50,26 +58,133 @@ def upgrade() -> None:
         sa.Column("total", sa.Integer, nullable=False),
         sa.Column("error_code", sa.String(64)),
         sa.Column("error", sa.Text),
-        sa.Column("summary", sa.JSON),
         sa.Column("history", sa.JSON, nullable=False),
+    ]
+
+
+def _scans() -> None:
+    op.create_table(
+        "scans",
+        _sequence(),
+        sa.Column("id", sa.String(40), nullable=False, unique=True),
+        sa.Column("revision", sa.Integer, nullable=False),
+        sa.Column("plan_id", sa.String(40), sa.ForeignKey("plans.id"), nullable=False, index=True),
+        sa.Column("mask_id", sa.String(40), nullable=False),
+        sa.Column("simulated", sa.Boolean, nullable=False),
+        sa.Column("labels", sa.JSON, nullable=False),
+        sa.Column("fence", sa.Integer, nullable=False),
+        sa.Column("state", sa.String(32), nullable=False, index=True),
+        sa.Column("desired_state", sa.String(32), nullable=False),
+        sa.Column("wished_by", sa.String(160)),
+        sa.Column("summary", sa.JSON),
+        *_work(),
+    )
+
+
+def _jobs() -> None:
+    op.create_table(
+        "jobs",
+        _sequence(),
+        sa.Column("id", sa.String(40), nullable=False, unique=True),
+        sa.Column("revision", sa.Integer, nullable=False),
+        sa.Column("kind", sa.String(40), nullable=False),
+        sa.Column("payload", sa.JSON, nullable=False),
+        sa.Column("priority", sa.Integer, nullable=False),
+        sa.Column("timeout", sa.Double),
+        sa.Column("submitted", sa.Boolean, nullable=False),
+        sa.Column("state", sa.String(32), nullable=False, index=True),
+        sa.Column("desired_state", sa.String(32), nullable=False),
+        sa.Column("attempt", sa.Integer, nullable=False),
+        sa.Column("attempts", sa.JSON, nullable=False),
+        sa.Column("result", sa.JSON),
+        *_work(),
+    )
+    op.create_table(
+        "batches",
+        _sequence(),
+        sa.Column("id", sa.String(40), nullable=False, unique=True),
+        sa.Column("scan_id", sa.String(40), sa.ForeignKey("scans.id"), nullable=False, index=True),
+        sa.Column("created", sa.String(32), nullable=False),
+        sa.Column("vary", sa.JSON, nullable=False),
+        sa.Column("parameters", sa.JSON, nullable=False),
     )
     op.create_table(
         "reconstructions",
-        sa.Column("sequence", sa.Integer, primary_key=True, autoincrement=True),
+        _sequence(),
         sa.Column("id", sa.String(40), nullable=False, unique=True),
         sa.Column("scan_id", sa.String(40), sa.ForeignKey("scans.id"), nullable=False, index=True),
+        sa.Column("batch_id", sa.String(40), sa.ForeignKey("batches.id"), index=True),
         sa.Column("simulated", sa.Boolean, nullable=False),
         sa.Column("created", sa.String(32), nullable=False),
         sa.Column("parameters", sa.JSON, nullable=False),
-        sa.Column("cancel_reason", sa.Text),
-        sa.Column("cancel_wanted", sa.Boolean, nullable=False),
-        sa.Column("submitted", sa.Boolean, nullable=False),
+    )
+
+
+def _scanners() -> None:
+    op.create_table(
+        "scanners",
+        _sequence(),
+        sa.Column("id", sa.String(40), nullable=False, unique=True),
+        sa.Column("revision", sa.Integer, nullable=False),
+        sa.Column("simulated", sa.Boolean, nullable=False),
+        sa.Column("connection", sa.String(32), nullable=False),
+        sa.Column("state", sa.String(32), nullable=False),
+        sa.Column("since", sa.String(32), nullable=False),
+        sa.Column("last_error", sa.Text),
+        sa.Column("fence", sa.Integer, nullable=False),
+        sa.Column("holder", sa.String(120)),
+        sa.Column("note", sa.Text),
+        sa.Column("lease_ends", sa.String(32)),
+        sa.Column("stopped_at", sa.String(32)),
+        sa.Column("stopped_by", sa.String(120)),
+        sa.Column("stop_reason", sa.Text),
+    )
+
+
+def _events() -> None:
+    op.create_table(
+        "events",
+        _sequence(),
+        sa.Column("at", sa.String(32), nullable=False, index=True),
+        sa.Column("kind", sa.String(40), nullable=False),
+        sa.Column("resource_id", sa.String(40), nullable=False),
+        sa.Column("scan_id", sa.String(40)),
+        sa.Column("data", sa.JSON, nullable=False),
+        sqlite_autoincrement=True,
+    )
+    facts = op.create_table(
+        "event_log",
+        sa.Column("name", sa.String(40), primary_key=True),
+        sa.Column("value", sa.String(64), nullable=False),
+    )
+    op.bulk_insert(facts, [{"name": "epoch", "value": secrets.token_hex(4)}])
+
+
+def _access() -> None:
+    op.create_table(
+        "api_keys",
+        _sequence(),
+        sa.Column("id", sa.String(40), nullable=False, unique=True),
+        sa.Column("name", sa.String(120), nullable=False),
+        sa.Column("hash", sa.String(64), nullable=False),
+        sa.Column("scopes", sa.JSON, nullable=False),
+        sa.Column("created", sa.String(32), nullable=False),
+        sa.Column("expires", sa.String(32)),
+        sa.Column("revoked", sa.String(32)),
+    )
+    op.create_table(
+        "tickets",
+        sa.Column("hash", sa.String(64), primary_key=True),
+        sa.Column("principal", sa.String(160), nullable=False),
+        sa.Column("expires", sa.String(32), nullable=False),
     )
     op.create_table(
         "idempotency_keys",
-        sa.Column("sequence", sa.Integer, primary_key=True, autoincrement=True),
-        sa.Column("key", sa.String(280), nullable=False, unique=True),
+        _sequence(),
+        sa.Column("key", sa.String(500), nullable=False, unique=True),
         sa.Column("created", sa.String(32), nullable=False),
         sa.Column("body_hash", sa.String(64), nullable=False),
-        sa.Column("resource_id", sa.String(40), nullable=False),
+        sa.Column("status", sa.Integer, nullable=False),
+        sa.Column("location", sa.String(200), nullable=False),
+        sa.Column("answer", sa.Text, nullable=False),
     )

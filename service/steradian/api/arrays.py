@@ -1,0 +1,171 @@
+"""Slices of stored arrays: numpy syntax in, npy, raw bytes or JSON out, sizes checked before anything is read."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import h5py
+import numpy as np
+from fastapi import Request
+from fastapi.responses import Response, StreamingResponse
+from starlette.exceptions import HTTPException
+
+from steradian.errors import DamagedFile, InvalidInput
+
+NPY: Final = "application/x-npy"
+RAW: Final = "application/octet-stream"
+JSON: Final = "application/json"
+CSV: Final = "text/csv"
+PIECE_BYTES: Final = 4 * 2**20
+MAX_JSON_VALUES: Final = 100_000
+_PART = re.compile(r"\s*(?:(-?[0-9]{1,12})|(-?[0-9]{1,12})?:(-?[0-9]{1,12})?(?::([0-9]{1,12})?)?)\s*")
+
+ARRAY_FORMATS: Final[dict[str, Any]] = {
+    kind: {"schema": {"type": "string", "format": "binary"}} for kind in (NPY, RAW)
+} | {JSON: {"schema": {"type": "object"}}}
+
+
+def negotiate(request: Request, offered: tuple[str, ...]) -> str:
+    """Choose the format that the client likes best; the first one offered when it does not care.
+
+    Raises
+    ------
+    HTTPException
+        406, with the list of what there is.
+    """
+    accepted: list[tuple[float, str]] = []
+    for part in request.headers.get("accept", "*/*").split(","):
+        kind, *parameters = (piece.strip() for piece in part.split(";"))
+        stated = next((p[2:] for p in parameters if p.startswith("q=")), "1")
+        accepted.append((float(stated) if re.fullmatch(r"[01](\.[0-9]{0,3})?", stated) else 0.0, kind.lower()))
+    for weight, kind in sorted(accepted, key=lambda pair: -pair[0]):
+        for offer in offered:
+            if weight > 0 and kind in {offer, "*/*", offer.partition("/")[0] + "/*"}:
+                return offer
+    raise HTTPException(406, f"this can be had as {', '.join(offered)}")
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Which elements of an array are wanted.
+
+    Attributes
+    ----------
+    index
+        A slice, or an integer that takes the axis away, for each axis.
+    shape
+        Of the result.
+    """
+
+    index: tuple[slice | int, ...]
+    shape: tuple[int, ...]
+
+    @classmethod
+    def parse(cls, text: str | None, shape: tuple[int, ...], field: str = "slice") -> Selection:
+        """Read numpy's syntax (``10:20,::2,5``) for an array of a shape; missing axes are taken whole.
+
+        Raises
+        ------
+        InvalidInput
+            When it is no such text or reaches outside the array.
+        """
+        parts = text.split(",") if text and text.strip() else []
+        allowed = f"up to {len(shape)} of start:stop:step or index, comma-separated, steps of at least 1; {shape=}"
+        if len(parts) > len(shape):
+            raise InvalidInput(field, text, allowed)
+        index: list[slice | int] = []
+        for part, size in zip(parts + [":"] * (len(shape) - len(parts)), shape, strict=True):
+            found = _PART.fullmatch(part)
+            if found is None or (found[4] and int(found[4]) == 0):
+                raise InvalidInput(field, text, allowed)
+            if found[1] is not None:
+                at = int(found[1])
+                if not -size <= at < size:
+                    raise InvalidInput(field, text, allowed)
+                index.append(at % size)
+            else:
+                start, stop, step = (int(number) if number else None for number in found.group(2, 3, 4))
+                index.append(slice(*slice(start, stop, step).indices(size)))
+        return cls(tuple(index), tuple(len(range(*s.indices(10**12))) for s in index if isinstance(s, slice)))
+
+    @property
+    def count(self) -> int:
+        """Number of elements."""
+        return math.prod(self.shape)
+
+
+def respond(
+    path: Path, dataset: str, chosen: str | None, kind: str, *, limit: int, headers: dict[str, str] | None = None
+) -> Response:
+    """Answer with a slice of a dataset of an HDF5 file of our own.
+
+    Parameters
+    ----------
+    kind
+        One of :data:`ARRAY_FORMATS`.
+    limit
+        Most bytes.
+
+    Raises
+    ------
+    InvalidInput
+        When the slice is wrong or too large.
+    DamagedFile
+        When the file cannot be read.
+    """
+    try:
+        with h5py.File(path, "r") as file:
+            shape, dtype = file[dataset].shape, file[dataset].dtype
+    except (OSError, KeyError) as error:
+        raise DamagedFile(f"{path.name} cannot be read: {error}") from error
+    selection = Selection.parse(chosen, shape)
+    size = selection.count * dtype.itemsize
+    if kind == JSON and selection.count > MAX_JSON_VALUES:
+        raise InvalidInput("slice", chosen or ":", f"at most {MAX_JSON_VALUES} values as JSON; {NPY} has no such limit")
+    if size > limit:
+        raise InvalidInput("slice", chosen or ":", f"at most {limit} bytes, not {size}")
+    about = (headers or {}) | {"X-Shape": ",".join(map(str, selection.shape)), "X-Dtype": dtype.str}
+    if kind == JSON:
+        with h5py.File(path, "r") as file:
+            values = np.asarray(file[dataset][selection.index])
+        body = {
+            "shape": selection.shape,
+            "dtype": dtype.str,
+            "values": np.where(np.isfinite(values), values, 0).tolist(),
+        }
+        return Response(json.dumps(body), media_type=JSON, headers=about)
+    head = _npy_header(dtype, selection.shape) if kind == NPY else b""
+    about["Content-Length"] = str(len(head) + size)
+    return StreamingResponse(_pieces(path, dataset, head, selection, dtype), media_type=kind, headers=about)
+
+
+def _npy_header(dtype: np.dtype[Any], shape: tuple[int, ...]) -> bytes:
+    header = io.BytesIO()
+    about = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(header, about)
+    return header.getvalue()
+
+
+def _pieces(path: Path, dataset: str, head: bytes, selection: Selection, dtype: np.dtype[Any]) -> Iterator[bytes]:
+    """Read piece by piece along the first axis, so that no request holds a whole volume."""
+    if head:
+        yield head
+    first, *others = selection.index
+    if not selection.count:
+        return
+    with h5py.File(path, "r") as file:
+        if isinstance(first, int):
+            yield np.ascontiguousarray(file[dataset][selection.index]).tobytes()
+            return
+        rows = range(*first.indices(file[dataset].shape[0]))
+        step = max(1, PIECE_BYTES * len(rows) // (selection.count * dtype.itemsize))
+        for at in range(0, len(rows), step):
+            piece = rows[at : at + step]
+            yield np.ascontiguousarray(file[dataset][(slice(piece.start, piece.stop, piece.step), *others)]).tobytes()

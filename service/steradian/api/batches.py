@@ -1,0 +1,175 @@
+"""``/batches``: many reconstructions of one scan as one request, such as a scan over the speed of sound."""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from datetime import datetime
+from typing import Any, Literal, Self
+
+from fastapi import APIRouter, Request, Response
+from pydantic import BaseModel, ConfigDict, Field
+from sqlalchemy.orm import Session
+from starlette.concurrency import run_in_threadpool
+
+from steradian.api.dependencies import Before, Limit, OptionalKey, ServicesNeeded, Who, link_next, replay
+from steradian.api.documents import BATCH_ID
+from steradian.api.reconstructions import ReconstructionWish
+from steradian.api.requests import check_request, check_size, note_request
+from steradian.api.security import V1, GuardedRoute
+from steradian.api.services import Services
+from steradian.api.views import BASE, Listing
+from steradian.errors import Conflict, InvalidInput
+from steradian.reconstructions.parameters import ReconstructionParameters
+from steradian.storage.idempotency import Answer
+from steradian.storage.jobs import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobStatus
+from steradian.storage.states import is_terminal
+from steradian.storage.tables import BatchRow, ReconstructionRow
+from steradian.validation import Value
+
+router = APIRouter(prefix=f"{V1}/batches", tags=["batches"], route_class=GuardedRoute)
+MAX_JOBS = 200
+_EXAMPLE: dict[str, Any] = {
+    "scan_id": "s01jz0000000000000000000000",
+    "vary": {"sound_speed": [1480, 1490, 1500]},
+    "parameters": {"modes": 226},
+}
+
+
+class BatchRequest(Value):
+    """What to vary: a job for every combination of the values."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [_EXAMPLE]})
+
+    scan_id: str = Field(min_length=1, max_length=64, description="Identifier of the scan")
+    vary: dict[str, list[Any]] = Field(min_length=1, description="Values of each parameter that varies")
+    parameters: dict[str, Any] = Field(default_factory=dict, description="What all jobs have in common")
+    priority: int = Field(default=DEFAULT_PRIORITY, ge=0, le=LOWEST_PRIORITY, description="Smaller ones run first")
+
+    def jobs(self) -> list[ReconstructionParameters]:
+        """Combine the values; raises :class:`InvalidInput` when there are too many or one is wrong."""
+        count = 1
+        for name, values in self.vary.items():
+            if name not in ReconstructionParameters.model_fields:
+                raise InvalidInput("vary", name, ", ".join(ReconstructionParameters.model_fields))
+            count *= len(values)
+        if not 1 <= count <= MAX_JOBS:
+            raise InvalidInput("vary", f"{count} jobs", f"1 to {MAX_JOBS} jobs")
+        combinations = itertools.product(*self.vary.values())
+        return [
+            ReconstructionParameters.create(**self.parameters | dict(zip(self.vary, values, strict=True)))
+            for values in combinations
+        ]
+
+
+class MemberView(BaseModel):
+    """One job of a batch."""
+
+    id: str
+    varied: dict[str, Any]
+    state: str
+    progress: float = Field(description="0 to 1 within the present stage")
+    figures: dict[str, Any] | None = Field(description="Its report's figures, when it has succeeded")
+
+
+class BatchView(BaseModel):
+    """A batch and how its jobs stand."""
+
+    id: str
+    scan_id: str
+    vary: dict[str, Any]
+    parameters: dict[str, Any]
+    state: Literal["queued", "running", "succeeded", "failed", "cancelled"] = Field(
+        description="succeeded when all jobs have; failed or cancelled when all are over and one is"
+    )
+    counts: dict[str, int] = Field(description="Jobs in each state", examples=[{"queued": 2, "succeeded": 1}])
+    jobs: list[MemberView]
+    created: datetime
+    links: dict[str, str]
+
+    @classmethod
+    def of(cls, row: BatchRow, members: list[ReconstructionRow], jobs: dict[str, JobStatus]) -> Self:
+        """Show a row with its jobs."""
+        counts = Counter(str(jobs[member.id].state) for member in members)
+        here = f"{BASE}/batches/{row.id}"
+        return cls(
+            id=row.id,
+            scan_id=row.scan_id,
+            vary=row.vary,
+            parameters=row.parameters,
+            state=_state(counts),
+            counts=dict(counts),
+            jobs=[_member(row, member, jobs[member.id]) for member in members],
+            created=row.created,
+            links={"self": here, "scan": f"{BASE}/scans/{row.scan_id}"},
+        )
+
+
+@router.post("", status_code=202, summary="Queue a sweep of parameters", response_model=BatchView)
+async def create_batch(services: ServicesNeeded, who: Who, wanted: BatchRequest, key: OptionalKey) -> Response:
+    """Queue a reconstruction for every combination of values; all are queued or none is."""
+    chosen = wanted.jobs()
+
+    def make(session: Session) -> Answer:
+        batch = services.batches.add(session, scan, dict(wanted.vary), wanted.parameters, who.name)
+        noted = [
+            note_request(services, session, scan, one, who, batch=batch, priority=wanted.priority) for one in chosen
+        ]
+        members = [row for row, _ in noted]
+        view = BatchView.of(batch, members, {row.id: JobStatus(job.id, job.state) for row, job in noted})
+        return Answer(202, view.links["self"], view.model_dump_json())
+
+    scan = await run_in_threadpool(check_request, services, wanted.scan_id, chosen[0])
+    for one in chosen:
+        await run_in_threadpool(check_size, services, scan, one)
+    answer = await run_in_threadpool(services.answers.once, key, make)
+    return replay(answer)
+
+
+@router.get("", summary="Batches, newest first")
+def list_batches(
+    services: ServicesNeeded, request: Request, response: Response, limit: Limit = 20, before: Before = None
+) -> Listing[BatchView]:
+    """List batches."""
+    page = services.batches.page(limit, before)
+    link_next(response, request, limit, page.cursor)
+    return Listing(items=[_view(services, row) for row in page.rows])
+
+
+@router.get("/{batch_id}", summary="One batch and its jobs")
+def read_batch(services: ServicesNeeded, batch_id: BATCH_ID) -> BatchView:
+    """Show how the jobs of a batch stand and what the finished ones found."""
+    return _view(services, services.batches.get(batch_id))
+
+
+@router.put("/{batch_id}/desired-state", summary="Cancel what is left of a batch")
+def wish(services: ServicesNeeded, who: Who, batch_id: BATCH_ID, wanted: ReconstructionWish) -> BatchView:
+    """Cancel every job that waits or runs; repeating it changes nothing."""
+    row = services.batches.get(batch_id)
+    for member in services.reconstructions.of_batch(batch_id):
+        if not is_terminal(services.ledger.get(member.id).state):
+            try:
+                services.cancel(member.id, who.name, wanted.reason)
+            except Conflict:
+                continue  # it ended meanwhile
+    return _view(services, row)
+
+
+def _view(services: Services, row: BatchRow) -> BatchView:
+    members = services.reconstructions.of_batch(row.id)
+    jobs = services.ledger.statuses([member.id for member in members])
+    return BatchView.of(row, [member for member in members if member.id in jobs], jobs)
+
+
+def _member(batch: BatchRow, row: ReconstructionRow, job: JobStatus) -> MemberView:
+    varied = {name: row.parameters.get(name) for name in batch.vary}
+    progress = 1.0 if job.is_over else job.done / job.total if job.total else 0.0
+    return MemberView(id=row.id, varied=varied, state=job.state, progress=progress, figures=job.result or None)
+
+
+def _state(counts: Counter[str]) -> Any:
+    if counts["queued"] == counts.total():
+        return "queued"
+    if counts["queued"] or counts["running"] or counts["cancelling"]:
+        return "running"
+    return "failed" if counts["failed"] else "cancelled" if counts["cancelled"] else "succeeded"

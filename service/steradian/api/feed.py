@@ -1,0 +1,110 @@
+"""What happens, for many listeners: one look at the database for all of them, and a cursor each.
+
+A listener that reads slowly costs nothing but its own time: what it has not read stays in the log.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import AsyncGenerator
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy.exc import DBAPIError
+from starlette.concurrency import run_in_threadpool
+
+from steradian.api.services import Services
+
+LOOK = 0.1
+"""Seconds between looks at the log."""
+PROGRESS = 0.2
+"""Seconds between looks at progress: at most five a second."""
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a scan or reconstruction is; ``eta`` in seconds while it can be told."""
+
+    kind: str
+    id: str
+    scan_id: str | None
+    stage: str | None
+    done: int
+    total: int
+    eta: float | None
+
+
+class Feed:
+    """Looks at the database while anybody listens."""
+
+    def __init__(self, services: Services) -> None:
+        self._services = services
+        self._changed = asyncio.Condition()
+        self._task: asyncio.Task[None] | None = None
+        self._listeners = 0
+        self.last = 0
+        self.progress: dict[str, Progress] = {}
+        self._stages: dict[str, tuple[str | None, float, int]] = {}
+
+    async def listen(self) -> AsyncGenerator[None, None]:
+        """Yield whenever there may be something new, and now and then anyway."""
+        self._listeners += 1
+        if self._task is None:
+            self._task = asyncio.create_task(self._look())
+        try:
+            while True:
+                yield
+                async with self._changed:
+                    with suppress(TimeoutError):
+                        await asyncio.wait_for(self._changed.wait(), 5.0)
+        finally:
+            self._listeners -= 1
+            if not self._listeners and self._task is not None:
+                self._task.cancel()
+                self._task = None
+
+    @property
+    def listeners(self) -> int:
+        """How many listen."""
+        return self._listeners
+
+    async def _look(self) -> None:
+        looked = float("-inf")
+        while True:
+            try:
+                last = (await run_in_threadpool(self._services.log.bounds)).last
+                before = self.progress
+                if time.monotonic() - looked >= PROGRESS:
+                    looked = time.monotonic()
+                    self.progress = await run_in_threadpool(self._find_progress)
+                if last != self.last or self.progress != before:
+                    self.last = last
+                    async with self._changed:
+                        self._changed.notify_all()
+            except DBAPIError as error:
+                _log.warning("the log cannot be read: %s", error.orig)
+            await asyncio.sleep(LOOK)
+
+    def _find_progress(self) -> dict[str, Progress]:
+        rows: list[tuple[str, Any, str | None]] = [("scan", row, row.id) for row in self._services.scans.under_way()]
+        rows += [("reconstruction", row, row.payload.get("scan_id")) for row in self._services.ledger.unfinished()]
+        found = {}
+        for kind, row, scan_id in rows:
+            if row.stage is not None:
+                eta = self._eta(row.id, row.stage, row.done, row.total)
+                found[row.id] = Progress(kind, row.id, scan_id, row.stage, row.done, row.total, eta)
+        self._stages = {identifier: seen for identifier, seen in self._stages.items() if identifier in found}
+        return found
+
+    def _eta(self, identifier: str, stage: str | None, done: int, total: int) -> float | None:
+        """Extrapolate a stage from when and where it was first seen."""
+        now = time.monotonic()
+        seen = self._stages.get(identifier)
+        if seen is None or seen[0] != stage or done < seen[2]:
+            seen = self._stages[identifier] = (stage, now, done)
+        advance = done - seen[2]
+        return round((total - done) * (now - seen[1]) / advance, 1) if advance > 0 and now > seen[1] else None

@@ -1,0 +1,86 @@
+"""``/metrics``: figures for Prometheus."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+from fastapi import APIRouter, Request, Response
+from prometheus_client import CollectorRegistry, Counter, Histogram, generate_latest
+from prometheus_client.metrics_core import GaugeMetricFamily
+from prometheus_client.registry import Collector
+
+from steradian import __version__
+from steradian.api.security import GuardedRoute
+from steradian.api.services import Services
+from steradian.storage.heartbeat import is_alive
+from steradian.storage.states import ReconstructionState, ScanState
+
+router = APIRouter(tags=["health"], route_class=GuardedRoute)
+BUCKETS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 10.0)
+TEXT = "text/plain; version=0.0.4; charset=utf-8"
+
+
+class Metrics:
+    """Counts requests, and looks at queue and processes when asked."""
+
+    def __init__(self, services: Services) -> None:
+        self.registry = CollectorRegistry()
+        labels = ("method", "route", "status")
+        self._requests = Counter("steradian_http_requests", "Requests served", labels, registry=self.registry)
+        self._seconds = Histogram(
+            "steradian_http_request_seconds", "Until the answer began", ("method", "route"),
+            buckets=BUCKETS, registry=self.registry,
+        )  # fmt: skip
+        self.registry.register(_Present(services))
+
+    def count(self, method: str, route: str, status: int, seconds: float) -> None:
+        """Note a request; ``route`` is the pattern of its path, so that identifiers make no series of their own."""
+        self._requests.labels(method, route, str(status)).inc()
+        self._seconds.labels(method, route).observe(seconds)
+
+
+class _Present(Collector):
+    """How things stand at this moment."""
+
+    def __init__(self, services: Services) -> None:
+        self._services = services
+
+    def describe(self) -> list[GaugeMetricFamily]:
+        """Name nothing beforehand: looking needs the database."""
+        return []
+
+    def collect(self) -> Iterator[GaugeMetricFamily]:
+        """Look."""
+        services = self._services
+        version = GaugeMetricFamily("steradian_info", "Version of the software", labels=["version"])
+        version.add_metric([__version__], 1)
+        yield version
+        for name, states, counts in (
+            ("jobs", ReconstructionState, services.ledger.counts()),
+            ("scans", ScanState, services.scans.counts()),
+        ):
+            family = GaugeMetricFamily(f"steradian_{name}", f"{name.capitalize()} in each state", labels=["state"])
+            for state in states:
+                family.add_metric([str(state)], counts.get(str(state), 0))
+            yield family
+        alive = GaugeMetricFamily(
+            "steradian_process_alive", "Whether a process shows signs of life", labels=["process"]
+        )
+        for process in sorted(path.stem for path in services.data.heartbeat("x").parent.glob("*.json")):
+            if process not in {"owner", "service"}:
+                alive.add_metric([process], is_alive(services.data.heartbeat(process), time.time()))
+        yield alive
+        yield GaugeMetricFamily("steradian_events_last", "Number of the last event", value=services.log.bounds().last)
+
+
+@router.get(
+    "/metrics",
+    summary="Figures for Prometheus",
+    response_class=Response,
+    responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
+)
+def read_metrics(request: Request) -> Response:
+    """Show counts of requests, jobs and scans in each state, and signs of life."""
+    metrics: Metrics = request.app.state.metrics
+    return Response(generate_latest(metrics.registry), media_type=TEXT)

@@ -1,0 +1,108 @@
+"""``/reconstructions/{id}/…``: what a reconstruction left behind."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Query, Request, Response
+from fastapi.responses import FileResponse
+from starlette.concurrency import run_in_threadpool
+
+from steradian.api.arrays import ARRAY_FORMATS, JSON, NPY, RAW, negotiate, respond
+from steradian.api.conditions import ConditionsNeeded, etag_of_file
+from steradian.api.dependencies import ServicesNeeded, Wait
+from steradian.api.documents import RECONSTRUCTION_ID
+from steradian.api.problems import NotReady
+from steradian.api.reconstructions import is_over, view_of
+from steradian.api.security import V1, GuardedRoute
+from steradian.api.services import Services
+from steradian.errors import Conflict, NotFound
+from steradian.storage.states import ReconstructionState
+
+router = APIRouter(prefix=f"{V1}/reconstructions", tags=["reconstructions"], route_class=GuardedRoute)
+_SAME = {"description": "The one you have is still right"}
+
+Slice = Annotated[
+    str | None,
+    Query(max_length=100, description="x, y and z, numpy syntax; the axes of the answer", examples=["10:20,::2,5"]),
+]
+
+
+@router.get(
+    "/{reconstruction_id}/mip",
+    summary="A maximum-intensity projection as PNG",
+    response_class=FileResponse,
+    responses={200: {"content": {"image/png": {"schema": {"type": "string", "format": "binary"}}}}, 304: _SAME},
+)
+async def read_mip(
+    services: ServicesNeeded,
+    reconstruction_id: RECONSTRUCTION_ID,
+    wait: Wait,
+    conditions: ConditionsNeeded,
+    axis: Annotated[Literal["x", "y", "z"], Query(description="Along which axis")] = "z",
+) -> FileResponse:
+    """Draw the projection along an axis, with scales in millimetres."""
+    await _succeeded(services, reconstruction_id, wait)
+    path = await _existing(services.data.job(reconstruction_id).mip(axis), f"MIP along {axis} of", reconstruction_id)
+    etag = etag_of_file(path)
+    conditions.tag(etag)
+    return FileResponse(path, media_type="image/png", headers={"ETag": etag})
+
+
+@router.get(
+    "/{reconstruction_id}/volume",
+    summary="The volume, or a slice of it",
+    response_class=Response,
+    responses={200: {"content": ARRAY_FORMATS}, 304: _SAME},
+)
+async def read_volume(
+    services: ServicesNeeded,
+    request: Request,
+    reconstruction_id: RECONSTRUCTION_ID,
+    wait: Wait,
+    conditions: ConditionsNeeded,
+    slice: Slice = None,
+) -> Response:
+    """Download the values, float32 [x, y, z], as npy, raw bytes (X-Shape, X-Dtype) or JSON."""
+    kind = negotiate(request, (NPY, RAW, JSON))
+    await _succeeded(services, reconstruction_id, wait)
+    path = await _existing(services.data.job(reconstruction_id).volume, "volume of", reconstruction_id)
+    etag = etag_of_file(path)
+    conditions.tag(etag)
+    headers = {"ETag": etag, "X-Axes": "x,y,z", "Vary": "Accept"}
+    if kind == NPY:
+        headers["Content-Disposition"] = f'attachment; filename="{reconstruction_id}.npy"'
+    limit = services.settings.max_volume_bytes
+    return await run_in_threadpool(respond, path, "values", slice, kind, limit=limit, headers=headers)
+
+
+@router.get(
+    "/{reconstruction_id}/log",
+    summary="What the job wrote while it ran",
+    response_class=Response,
+    responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
+)
+def read_log(services: ServicesNeeded, reconstruction_id: RECONSTRUCTION_ID) -> Response:
+    """Show the log of all attempts; empty before the first."""
+    services.reconstructions.get(reconstruction_id)
+    path = services.data.job(reconstruction_id).log
+    text = path.read_bytes() if path.is_file() else b""
+    return Response(text, media_type="text/plain; charset=utf-8")
+
+
+async def _succeeded(services: Services, identifier: str, wait: Wait) -> None:
+    """Refuse when the job has no result, with the reason."""
+    view = await view_of(services, identifier, wait)
+    if view.state is ReconstructionState.SUCCEEDED:
+        return
+    if not is_over(view):
+        raise NotReady(f"reconstruction {identifier} is {view.state}; its result can be had when it has succeeded")
+    why = f": {view.error.detail}" if view.error else ""
+    raise Conflict(f"reconstruction {identifier} has {view.state} and left no result{why}")
+
+
+async def _existing(path: Path, what: str, identifier: str) -> Path:
+    if not await run_in_threadpool(path.is_file):
+        raise NotFound(what, identifier)
+    return path

@@ -1,0 +1,142 @@
+"""``/scans/{id}/…``: what a scan measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import h5py
+import numpy as np
+from fastapi import APIRouter, Query, Request, Response
+from fastapi.responses import FileResponse
+from pydantic import BaseModel, Field
+from starlette.concurrency import run_in_threadpool
+
+from steradian.api.arrays import ARRAY_FORMATS, JSON, NPY, RAW, Selection, negotiate, respond
+from steradian.api.conditions import ConditionsNeeded, etag_of_file
+from steradian.api.dependencies import ServicesNeeded, Wait
+from steradian.api.documents import SCAN_ID
+from steradian.api.problems import NotReady
+from steradian.api.scans import is_settled
+from steradian.api.security import V1, GuardedRoute
+from steradian.api.services import Services
+from steradian.errors import DamagedFile, NotFound
+from steradian.scans import schema
+
+router = APIRouter(prefix=f"{V1}/scans", tags=["scans"], route_class=GuardedRoute)
+
+Points = Annotated[str | None, Query(max_length=60, description="Points of the mask, numpy syntax", examples=["0:100"])]
+Slice = Annotated[
+    str | None,
+    Query(max_length=60, description="Points and samples (axes of the answer), numpy syntax", examples=["0:10,::2"]),
+]
+
+
+class ShotsView(BaseModel):
+    """Each point's shot, in the order of the mask."""
+
+    points: list[int] = Field(description="Indices into the mask")
+    stored: list[bool] = Field(description="Whether the A-line is in the file")
+    shot: list[int] = Field(description="Number of the laser shot, from 1")
+    fire_time: list[float] = Field(description="s, on the scanner's clock")
+    energy: list[float] = Field(description="Pulse energy, the scanner's unit")
+    quality: list[int] = Field(description="Flags of the scanner; 0 is good")
+
+
+class CoverageView(BaseModel):
+    """How much of the mask is measured."""
+
+    points: int
+    stored: int
+    missing: int
+    flagged: int = Field(description="Stored A-lines with a quality flag")
+    fired: int = Field(description="Shots that the scanner fired")
+    area_fraction: float = Field(description="Share of the aperture that the stored points stand for")
+
+
+@router.get(
+    "/{scan_id}/file",
+    summary="The A-lines as HDF5",
+    response_class=FileResponse,
+    responses={
+        200: {"content": {"application/x-hdf5": {"schema": {"type": "string", "format": "binary"}}}},
+        206: {"description": "A range of it"},
+        304: {"description": "The one you have is still right"},
+    },
+)
+async def read_file(
+    services: ServicesNeeded, scan_id: SCAN_ID, wait: Wait, conditions: ConditionsNeeded
+) -> FileResponse:
+    """Download the scan file, also in ranges."""
+    row = await wait.until(lambda: services.scans.get(scan_id), is_settled)
+    if not is_settled(row):
+        raise NotReady(f"scan {scan_id} is {row.state}; its file can be had when it is over")
+    path = await run_in_threadpool(_file, services, scan_id)
+    etag = etag_of_file(path)
+    conditions.tag(etag)
+    return FileResponse(path, media_type="application/x-hdf5", filename=f"{scan_id}.h5", headers={"ETag": etag})
+
+
+@router.get("/{scan_id}/shots", summary="What became of each shot")
+def read_shots(services: ServicesNeeded, scan_id: SCAN_ID, points: Points = None) -> ShotsView:
+    """Show status, shot number, time, energy and quality of each point, also while the scan runs."""
+    columns = _columns(services, scan_id)
+    count = len(columns["status"])
+    chosen = Selection.parse(points, (count,), "points").index[0]
+    rows = slice(chosen, chosen + 1) if isinstance(chosen, int) else chosen
+    return ShotsView(
+        points=list(range(*rows.indices(count))),
+        stored=(columns["status"][rows] == schema.STORED).tolist(),
+        shot=columns["shot"][rows].tolist(),
+        fire_time=np.nan_to_num(columns["fire_time_s"][rows]).tolist(),
+        energy=np.nan_to_num(columns["energy"][rows].astype(float)).tolist(),
+        quality=columns["quality"][rows].tolist(),
+    )
+
+
+@router.get(
+    "/{scan_id}/alines",
+    summary="A-lines as an array",
+    response_class=Response,
+    responses={200: {"content": ARRAY_FORMATS}},
+)
+def read_alines(services: ServicesNeeded, request: Request, scan_id: SCAN_ID, slice: Slice = None) -> Response:
+    """Read A-lines (points, samples) in digitiser counts, also while the scan runs."""
+    kind = negotiate(request, (NPY, RAW, JSON))
+    path = _file(services, scan_id)
+    headers = {"X-Axes": "point,time", "Vary": "Accept"}
+    return respond(path, "alines/samples", slice, kind, limit=services.settings.max_volume_bytes, headers=headers)
+
+
+@router.get("/{scan_id}/coverage", summary="How much of the mask is measured")
+def read_coverage(services: ServicesNeeded, scan_id: SCAN_ID) -> CoverageView:
+    """Count points and the area they stand for, also while the scan runs."""
+    columns = _columns(services, scan_id)
+    stored = columns["status"] == schema.STORED
+    weights = columns["weights"]
+    return CoverageView(
+        points=len(stored),
+        stored=int(stored.sum()),
+        missing=int((~stored).sum()),
+        flagged=int((stored & (columns["quality"] != 0)).sum()),
+        fired=int(columns["fired"]),
+        area_fraction=float(weights[stored].sum() / weights.sum()),
+    )
+
+
+def _file(services: Services, scan_id: str) -> Path:
+    services.scans.get(scan_id)
+    path = services.data.scan_file(scan_id)
+    if not path.is_file():
+        raise NotFound("file of scan", scan_id)
+    return path
+
+
+def _columns(services: Services, scan_id: str) -> dict[str, Any]:
+    path = _file(services, scan_id)
+    try:
+        with h5py.File(path, "r") as file:
+            columns = {name: np.asarray(file["alines"][name]) for name in schema.COLUMNS}
+            return columns | {"weights": np.asarray(file["mask/weights"]), "fired": file["fired"][()]}
+    except (OSError, KeyError) as error:
+        raise DamagedFile(f"the file of scan {scan_id} cannot be read: {error}") from error

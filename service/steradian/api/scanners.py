@@ -1,0 +1,94 @@
+"""``/scanners``: how a scanner stands, who holds it, and the emergency stop."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Body, Header, Response
+from pydantic import ConfigDict, Field
+
+from steradian.api.conditions import ConditionsNeeded, etag_of
+from steradian.api.dependencies import ServicesNeeded, Who
+from steradian.api.documents import SCANNER_ID
+from steradian.api.security import V1, GuardedRoute
+from steradian.api.services import Services
+from steradian.api.views import Listing, ScannerView
+from steradian.storage.tables import ScannerRow
+from steradian.validation import Value
+
+router = APIRouter(prefix=f"{V1}/scanners", tags=["scanners"], route_class=GuardedRoute)
+
+Number = Annotated[int, Header(alias="Scanner-Lease", ge=0, le=2**31, description="Number (fence) of your lease")]
+
+
+class LeaseRequest(Value):
+    """Who wants the scanner and for how long."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"holder": "Ada", "seconds": 600, "note": "phantoms"}]})
+
+    holder: str = Field(min_length=1, max_length=120, description="Name of the operator or program")
+    seconds: float = Field(default=600.0, ge=1, le=86_400, description="How long from now (s)")
+    note: str | None = Field(default=None, max_length=500)
+
+
+class StopRequest(Value):
+    """Why the scanner must stop."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"reason": "smoke"}]})
+
+    reason: str | None = Field(default=None, max_length=500)
+
+
+@router.get("", summary="All scanners")
+def list_scanners(services: ServicesNeeded) -> Listing[ScannerView]:
+    """List the scanners."""
+    return Listing(items=[_view(services, row) for row in services.scanner.page(100).rows])
+
+
+@router.get("/{scanner_id}", summary="One scanner")
+def read_scanner(services: ServicesNeeded, scanner_id: SCANNER_ID, conditions: ConditionsNeeded) -> ScannerView:
+    """Show a scanner: its connection, what it does, its last error, who holds it."""
+    row = services.scanner.get(scanner_id)
+    conditions.tag(etag_of(row.id, f"{row.revision}{'h' if services.scanner.is_held(row) else ''}"))
+    return _view(services, row)
+
+
+@router.put("/{scanner_id}/lease", summary="Take a scanner, or hold it for longer")
+def take_lease(services: ServicesNeeded, who: Who, scanner_id: SCANNER_ID, wanted: LeaseRequest) -> ScannerView:
+    """Be the one operator until the lease ends; its number (fence) grows with every new holder."""
+    services.scanner.get(scanner_id)
+    return _view(services, services.scanner.lease(wanted.holder, wanted.seconds, wanted.note, who.name))
+
+
+@router.delete("/{scanner_id}/lease", status_code=204, summary="Give a scanner back")
+def give_lease_back(services: ServicesNeeded, who: Who, scanner_id: SCANNER_ID, lease: Number) -> Response:
+    """End the lease; nothing happens when there is none."""
+    services.scanner.get(scanner_id)
+    services.scanner.release(lease, who.name)
+    return Response(status_code=204)
+
+
+@router.post("/{scanner_id}/emergency-stop", status_code=202, summary="Stop the scanner now")
+def press_emergency_stop(
+    services: ServicesNeeded,
+    who: Who,
+    scanner_id: SCANNER_ID,
+    wanted: Annotated[StopRequest | None, Body()] = None,
+) -> ScannerView:
+    """Switch the laser off and abort what runs or waits; any authenticated caller may, lease or not.
+
+    No other scan begins until the stop is released.
+    """
+    services.scanner.get(scanner_id)
+    return _view(services, services.scanner.stop(who.name, wanted.reason if wanted else None))
+
+
+@router.delete("/{scanner_id}/emergency-stop", summary="Release the emergency stop")
+def release_emergency_stop(services: ServicesNeeded, who: Who, scanner_id: SCANNER_ID) -> ScannerView:
+    """Allow scans again; none begins by itself."""
+    services.scanner.get(scanner_id)
+    return _view(services, services.scanner.release_stop(who.name))
+
+
+def _view(services: Services, row: ScannerRow) -> ScannerView:
+    return ScannerView.of(row, held=services.scanner.is_held(row))

@@ -1,0 +1,159 @@
+"""Who may do what: one table of routes and scopes, looked up before a request's body is read.
+
+No handler takes a scope, a principal or a key as a parameter: the principal is put into the request's scope by
+:class:`Authenticate`, and :class:`GuardedRoute` compares it with the table.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+from collections.abc import Callable, Coroutine
+from typing import Any, Final, Protocol
+from urllib.parse import parse_qs, urlsplit
+
+from fastapi import Request, Response
+from fastapi.routing import APIRoute
+from starlette.concurrency import run_in_threadpool
+from starlette.datastructures import Headers
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from steradian.api.problems import problem
+from steradian.settings import Settings
+from steradian.storage.keys import Forbidden, KeyStore, Principal, Unauthorized
+from steradian.storage.keys import Scope as Need
+
+V1: Final = "/api/v1"
+ANYONE: Final = None
+"""Any authenticated caller, whatever the scopes of the key."""
+
+SCOPES: Final[dict[tuple[str, str], Need | None]] = {
+    ("GET", f"{V1}/"): Need.READ,
+    ("POST", f"{V1}/masks"): Need.PLAN,
+    ("GET", f"{V1}/masks"): Need.READ,
+    ("GET", f"{V1}/masks/{{mask_id}}"): Need.READ,
+    ("GET", f"{V1}/masks/{{mask_id}}/points"): Need.READ,
+    ("POST", f"{V1}/plans"): Need.PLAN,
+    ("POST", f"{V1}/plans/preview"): Need.PLAN,
+    ("GET", f"{V1}/plans"): Need.READ,
+    ("GET", f"{V1}/plans/{{plan_id}}"): Need.READ,
+    ("GET", f"{V1}/scanners"): Need.READ,
+    ("GET", f"{V1}/scanners/{{scanner_id}}"): Need.READ,
+    ("PUT", f"{V1}/scanners/{{scanner_id}}/lease"): Need.OPERATE,
+    ("DELETE", f"{V1}/scanners/{{scanner_id}}/lease"): Need.OPERATE,
+    ("POST", f"{V1}/scanners/{{scanner_id}}/emergency-stop"): ANYONE,
+    ("DELETE", f"{V1}/scanners/{{scanner_id}}/emergency-stop"): Need.OPERATE,
+    ("POST", f"{V1}/scans"): Need.OPERATE,
+    ("GET", f"{V1}/scans"): Need.READ,
+    ("GET", f"{V1}/scans/{{scan_id}}"): Need.READ,
+    ("PATCH", f"{V1}/scans/{{scan_id}}"): Need.OPERATE,
+    ("PUT", f"{V1}/scans/{{scan_id}}/desired-state"): Need.OPERATE,
+    ("GET", f"{V1}/scans/{{scan_id}}/file"): Need.READ,
+    ("GET", f"{V1}/scans/{{scan_id}}/shots"): Need.READ,
+    ("GET", f"{V1}/scans/{{scan_id}}/alines"): Need.READ,
+    ("GET", f"{V1}/scans/{{scan_id}}/coverage"): Need.READ,
+    ("POST", f"{V1}/reconstructions"): Need.RECONSTRUCT,
+    ("GET", f"{V1}/reconstructions"): Need.READ,
+    ("GET", f"{V1}/reconstructions/{{reconstruction_id}}"): Need.READ,
+    ("PATCH", f"{V1}/reconstructions/{{reconstruction_id}}"): Need.RECONSTRUCT,
+    ("PUT", f"{V1}/reconstructions/{{reconstruction_id}}/desired-state"): Need.RECONSTRUCT,
+    ("GET", f"{V1}/reconstructions/{{reconstruction_id}}/attempts"): Need.READ,
+    ("GET", f"{V1}/reconstructions/{{reconstruction_id}}/log"): Need.READ,
+    ("GET", f"{V1}/reconstructions/{{reconstruction_id}}/mip"): Need.READ,
+    ("GET", f"{V1}/reconstructions/{{reconstruction_id}}/volume"): Need.READ,
+    ("POST", f"{V1}/batches"): Need.RECONSTRUCT,
+    ("GET", f"{V1}/batches"): Need.READ,
+    ("GET", f"{V1}/batches/{{batch_id}}"): Need.READ,
+    ("PUT", f"{V1}/batches/{{batch_id}}/desired-state"): Need.RECONSTRUCT,
+    ("POST", f"{V1}/tickets"): Need.READ,
+    ("GET", f"{V1}/events"): Need.READ,
+    ("GET", "/metrics"): Need.READ,
+}
+"""What a key must allow for each route."""
+
+GUARDED: Final = (V1, "/metrics")
+"""Paths below which nothing is answered without a key; the rest (health, documentation, pages) holds no data."""
+UNSAFE: Final = frozenset({"POST", "PUT", "PATCH", "DELETE"})
+LOCAL: Final = Principal("local", frozenset({Need.ADMIN}))
+
+
+class _Keeper(Protocol):
+    settings: Settings
+    keys: KeyStore
+
+
+class Authenticate:
+    """Finds out who asks; refuses callers without a valid key where one is needed, before anything is read.
+
+    Without keys only this machine can connect, but a page in its browser could, too: requests addressed to another
+    host's name, and writes that a page of another origin makes, are refused.
+    """
+
+    def __init__(self, app: ASGIApp, keeper: _Keeper) -> None:
+        self.app, self._settings, self._keys = app, keeper.settings, keeper.keys
+        self._hosts = {name.strip() for name in keeper.settings.allowed_hosts.split(",") if name.strip()}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve."""
+        if scope["type"] == "http":
+            try:
+                scope["state"]["principal"] = await self._principal(scope)
+            except Unauthorized as error:
+                headers = {"WWW-Authenticate": 'Bearer realm="steradian"', "Connection": "close"}
+                answer = problem(scope["state"]["request_id"], 401, error.code, str(error), headers=headers)
+                return await answer(scope, receive, send)
+            except Forbidden as error:
+                answer = problem(scope["state"]["request_id"], 403, error.code, str(error))
+                return await answer(scope, receive, send)
+        return await self.app(scope, receive, send)
+
+    async def _principal(self, scope: Scope) -> Principal | None:
+        headers, path = Headers(scope=scope), scope["path"]
+        given = headers.get("authorization", "")
+        if not any(path == root or path.startswith(f"{root}/") for root in GUARDED):
+            return None
+        if given:
+            kind, _, key = given.partition(" ")
+            if kind.lower() != "bearer":
+                raise Unauthorized("send the key as Authorization: Bearer …")
+            return await run_in_threadpool(self._keys.check, key.strip())
+        if path == f"{V1}/events" and (ticket := parse_qs(scope["query_string"].decode("latin-1")).get("ticket")):
+            return await run_in_threadpool(self._keys.redeem_ticket, ticket[0])
+        if not self._settings.is_local:
+            raise Unauthorized("a key is needed: Authorization: Bearer …")
+        self._check_origin(scope["method"], headers)
+        return LOCAL
+
+    def _check_origin(self, method: str, headers: Headers) -> None:
+        host = headers.get("host", "")
+        name = urlsplit(f"//{host}").hostname or ""
+        if not (_is_loopback(name) or name in self._hosts):
+            raise Forbidden(f"this service is not addressed as {host!r} without a key")
+        origin = headers.get("origin")
+        if method in UNSAFE and origin is not None and urlsplit(origin).netloc != host:
+            raise Forbidden(f"a page of {origin} may not change anything here without a key")
+
+
+def _is_loopback(name: str) -> bool:
+    try:
+        return name == "localhost" or ipaddress.ip_address(name).is_loopback
+    except ValueError:
+        return False
+
+
+class GuardedRoute(APIRoute):
+    """A route that asks the table before it reads a request's body."""
+
+    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
+        """Wrap the framework's handler."""
+        handle = super().get_route_handler()
+
+        async def guarded(request: Request) -> Response:
+            need = SCOPES[request.method if request.method != "HEAD" else "GET", self.path_format]
+            principal: Principal | None = request.state.principal
+            if principal is None:
+                raise Unauthorized("a key is needed")
+            if need is not None and not principal.may(need):
+                raise Forbidden(f"this needs a key with the scope {need}")
+            return await handle(request)
+
+        return guarded

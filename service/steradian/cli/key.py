@@ -1,0 +1,67 @@
+"""``steradian key``: keys for a service that others can reach."""
+
+from __future__ import annotations
+
+import os
+from datetime import timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from steradian.cli.console import console
+
+if TYPE_CHECKING:
+    from steradian.storage.keys import KeyStore
+
+app = typer.Typer(help="Make, list and revoke API keys.", no_args_is_help=True)
+Data = Annotated[Path | None, typer.Option(help="The service's data folder. [default: data]")]
+
+
+@app.command()
+def create(
+    name: Annotated[str, typer.Argument(help="Whose key it is, for the history of what is done with it.")],
+    scope: Annotated[
+        list[str] | None, typer.Option(help="read, plan, operate, reconstruct or admin; may be repeated.")
+    ] = None,
+    days: Annotated[float | None, typer.Option(help="Days for which it is valid. [default: for ever]", min=0)] = None,
+    data: Data = None,
+) -> None:
+    """Make a key and print it, once: only its hash is kept."""
+    from steradian.errors import InvalidInput
+    from steradian.storage.keys import Scope
+
+    try:
+        scopes = [Scope(text) for text in scope or ["read"]]
+    except ValueError:
+        raise InvalidInput("scope", ", ".join(scope or []), ", ".join(Scope)) from None
+    lifetime = None if days is None else timedelta(days=days)
+    typer.echo(_store(data).create(name, scopes, lifetime))
+
+
+@app.command("list")
+def list_keys(data: Data = None) -> None:
+    """List the keys, without their secrets."""
+    for row in _store(data).list():
+        state = "revoked" if row.revoked else f"until {row.expires:%Y-%m-%d %H:%M}" if row.expires else "valid"
+        console().print(f"{row.id}  {row.name}  {' '.join(row.scopes)}  {state}", soft_wrap=True)
+
+
+@app.command()
+def revoke(identifier: Annotated[str, typer.Argument(help="As listed.")], data: Data = None) -> None:
+    """Make a key worthless at once."""
+    _store(data).revoke(identifier)
+
+
+def _store(data: Path | None) -> KeyStore:
+    from steradian.settings import PREFIX, Settings
+    from steradian.storage.database import Database, metadata_url
+    from steradian.storage.keys import KeyStore
+    from steradian.storage.paths import DataDirectory
+
+    folder = data if data is not None or f"{PREFIX}DATA" in os.environ else Path("data")
+    settings = Settings.create(data=folder)
+    DataDirectory(settings.data).create()
+    database = Database(metadata_url(settings))
+    database.migrate()
+    return KeyStore(database)

@@ -1,0 +1,37 @@
+"""Who is let in at all: a service that others can reach does not start without a key."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from steradian.errors import InvalidInput
+from steradian.settings import Settings
+from steradian.storage.database import Database
+from steradian.storage.keys import KeyStore, Scope
+
+
+def require_key(settings: Settings, database: Database) -> Path | None:
+    """Refuse to serve on an address that others reach while there is no key.
+
+    Returns
+    -------
+    Path or None
+        The settings' key file, when an admin key was made and written there.
+
+    Raises
+    ------
+    InvalidInput
+        Naming the ways to make one.
+    """
+    keys = KeyStore(database, fixed=settings.api_key)
+    if settings.is_local or keys.any_exists():
+        return None
+    if settings.key_file is None:
+        ways = "127.0.0.1, or make a key first: steradian key create, STERADIAN_API_KEY or STERADIAN_KEY_FILE"
+        raise InvalidInput("host", settings.host, ways)
+    path = settings.key_file
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w") as file:
+        file.write(keys.create("first start", [Scope.ADMIN]) + "\n")
+    return path

@@ -1,0 +1,88 @@
+"""Idempotency keys: a request that is repeated gets the answer that the first one got."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import timedelta
+
+from sqlalchemy import delete, select
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
+
+from steradian.errors import InvalidInput
+from steradian.storage.database import Database
+from steradian.storage.repository import Clock, utc_now
+from steradian.storage.tables import IdempotencyRow
+
+LIFETIME = timedelta(hours=24)
+
+
+@dataclass(frozen=True)
+class Key:
+    """A key, told apart by who used it where, and the hash of the request's body."""
+
+    principal: str
+    path: str
+    text: str
+    body_hash: str
+
+    @property
+    def name(self) -> str:
+        """What it is kept under."""
+        return f"{self.principal}:{self.path}:{self.text}"
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a request is answered with."""
+
+    status: int
+    location: str
+    body: str
+    replayed: bool = False
+
+
+class Answers:
+    """Keeps answers in the transaction of what they tell of."""
+
+    def __init__(self, database: Database, clock: Clock = utc_now) -> None:
+        self.database, self.clock = database, clock
+
+    def once(self, key: Key | None, make: Callable[[Session], Answer]) -> Answer:
+        """Do what ``make`` does once for a key; without a key, always.
+
+        Raises
+        ------
+        InvalidInput
+            When the key was used with another body.
+        """
+        try:
+            return self._once(key, make)
+        except IntegrityError:
+            if key is None:
+                raise
+            return self._once(key, make)  # the same request was answered beside this one
+
+    def _once(self, key: Key | None, make: Callable[[Session], Answer]) -> Answer:
+        with self.database.write() as session:
+            if key is None:
+                return make(session)
+            kept = session.scalars(select(IdempotencyRow).where(IdempotencyRow.key == key.name)).one_or_none()
+            if kept is not None and self.clock() - kept.created > LIFETIME:
+                session.delete(kept)
+                session.flush()
+                kept = None
+            if kept is not None:
+                if kept.body_hash != key.body_hash:
+                    raise InvalidInput("Idempotency-Key", key.text, "a key that was not used with another body")
+                return Answer(kept.status, kept.location, kept.answer, replayed=True)
+            answer = make(session)
+            about = {"status": answer.status, "location": answer.location, "answer": answer.body}
+            session.add(IdempotencyRow(key=key.name, created=self.clock(), body_hash=key.body_hash, **about))
+            return answer
+
+    def prune(self) -> None:
+        """Forget keys that are too old."""
+        with self.database.write() as session:
+            session.execute(delete(IdempotencyRow).where(IdempotencyRow.created < self.clock() - LIFETIME))

@@ -1,0 +1,245 @@
+"""The ledger of jobs: the only place that changes a job's state, each change with who, when and why."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from steradian.errors import Conflict
+from steradian.storage.events import record
+from steradian.storage.jobs import MAX_ATTEMPTS, Died, Failed, JobRequest, JobStatus, Succeeded
+from steradian.storage.repository import Repository
+from steradian.storage.states import DesiredJobState, ReconstructionState, check_job_transition, is_terminal
+from steradian.storage.tables import JobRow
+
+_R = ReconstructionState
+_UNFINISHED = [state for state in _R if not is_terminal(state)]
+
+
+class JobLedger(Repository[JobRow]):
+    """Jobs, their states, attempts and progress."""
+
+    kind, table = "job", JobRow
+
+    def add(self, session: Session, request: JobRequest) -> JobRow:
+        """Note a job that the engine does not have yet; one that is noted already is left as it is."""
+        found = session.scalars(select(JobRow).where(JobRow.id == request.id)).one_or_none()
+        if found is not None:
+            return found
+        now = self.clock()
+        row = JobRow(
+            id=request.id,
+            kind=request.kind,
+            payload=dict(request.payload),
+            priority=request.priority,
+            timeout=request.timeout,
+            submitted=False,
+            state=_R.QUEUED,
+            desired_state=DesiredJobState.SUCCEEDED,
+            created=now,
+            attempt=0,
+            attempts=[],
+            done=0,
+            total=0,
+            history=[{"state": _R.QUEUED, "at": now.isoformat(), "who": request.principal, "why": "requested"}],
+        )
+        session.add(row)
+        record(session, now, "reconstruction", row.id, self._event(row, request.principal, "requested"))
+        return row
+
+    def status(self, job_id: str) -> JobStatus:
+        """Tell how a job stands; raises :class:`NotFound`."""
+        return to_status(self.get(job_id))
+
+    def statuses(self, job_ids: list[str]) -> dict[str, JobStatus]:
+        """Tell how several jobs stand."""
+        with self.database.read() as session:
+            return {row.id: to_status(row) for row in session.scalars(select(JobRow).where(JobRow.id.in_(job_ids)))}
+
+    def mark_submitted(self, job_id: str) -> None:
+        """Note that the engine has it."""
+        self._change(job_id, lambda row: setattr(row, "submitted", True))
+
+    def unsubmitted(self) -> list[JobRow]:
+        """Return those that a crash kept from reaching the engine, oldest first."""
+        query = select(JobRow).where(JobRow.submitted.is_(False), JobRow.state == _R.QUEUED)
+        with self.database.read() as session:
+            return list(session.scalars(query.order_by(JobRow.sequence)))
+
+    def unfinished(self) -> list[JobRow]:
+        """Return all that are not over, oldest first."""
+        query = select(JobRow).where(JobRow.state.in_(_UNFINISHED)).order_by(JobRow.sequence)
+        with self.database.read() as session:
+            return list(session.scalars(query))
+
+    def counts(self) -> dict[str, int]:
+        """Count the jobs in each state."""
+        query = select(JobRow.state, func.count()).group_by(JobRow.state)
+        with self.database.read() as session:
+            return {str(state): count for state, count in session.execute(query)}
+
+    def start(self, job_id: str, worker: str) -> JobRow:
+        """Begin the next attempt, or end the job when too many died; the row's state says which.
+
+        An attempt that is still open belongs to a worker that is gone.
+        """
+
+        def change(session: Session, row: JobRow) -> None:
+            if row.state is _R.RUNNING:
+                self._close_attempt(session, row, Died("its worker died"), worker)
+            if row.state is not _R.QUEUED:
+                return
+            row.attempt += 1
+            opened = {"number": row.attempt, "worker": worker, "started": self.clock().isoformat()}
+            row.attempts = [*row.attempts, opened | {"ended": None, "outcome": None, "detail": None}]
+            row.stage, row.done, row.total = "starting", 0, 1
+            row.started = row.started or self.clock()
+            self._move(session, row, _R.RUNNING, worker, f"attempt {row.attempt}")
+
+        return self._transact(job_id, change)
+
+    def settle(self, job_id: str, outcome: Succeeded | Failed | Died, worker: str) -> JobRow:
+        """Note how an attempt ended; a death queues the job again until it has died too often."""
+
+        def change(session: Session, row: JobRow) -> None:
+            if row.state is _R.RUNNING:
+                self._close_attempt(session, row, outcome, worker)
+            elif row.state is _R.CANCELLING:
+                self._end_cancelled(session, row, worker)
+
+        return self._transact(job_id, change)
+
+    def put_back(self, job_id: str, worker: str) -> JobRow:
+        """Queue a running job again as if its last attempt had not been."""
+
+        def change(session: Session, row: JobRow) -> None:
+            if row.state is _R.RUNNING:
+                self._note_end(row, "put back", None)
+                row.attempt, row.stage, row.done, row.total = row.attempt - 1, "put back", 0, 1
+                self._move(session, row, _R.QUEUED, worker, "the worker was asked to end")
+
+        return self._transact(job_id, change)
+
+    def want_cancelled(self, job_id: str, who: str, reason: str | None) -> JobRow:
+        """Note that a person wants a job cancelled; repeating it changes nothing.
+
+        Raises
+        ------
+        Conflict
+            When it is over otherwise.
+        """
+
+        def change(session: Session, row: JobRow) -> None:
+            if row.desired_state is DesiredJobState.CANCELLED:
+                return
+            if is_terminal(row.state):
+                raise Conflict(f"job {job_id} has {row.state} and cannot be cancelled any more")
+            row.desired_state, row.reason = DesiredJobState.CANCELLED, reason
+            self._move(session, row, _R.CANCELLING, who, reason or "requested")
+
+        return self._transact(job_id, change)
+
+    def cancelled(self, job_id: str, who: str) -> JobRow:
+        """Note that nothing of a job runs any more that a person wants cancelled."""
+
+        def change(session: Session, row: JobRow) -> None:
+            if row.state is _R.CANCELLING:
+                self._end_cancelled(session, row, who)
+
+        return self._transact(job_id, change)
+
+    def set_priority(self, job_id: str, priority: int) -> JobRow:
+        """Note another priority; raises :class:`Conflict` when the job waits no more."""
+
+        def change(session: Session, row: JobRow) -> None:
+            if row.state is not _R.QUEUED:
+                raise Conflict(f"job {job_id} is {row.state}; only a queued one has a place in the queue")
+            row.priority = priority
+
+        return self._transact(job_id, change)
+
+    def report(self, job_id: str, stage: str, done: int, total: int) -> None:
+        """Note how far a job has come."""
+
+        def change(row: JobRow) -> None:
+            row.stage, row.done, row.total = stage[:120], done, total
+
+        self._change(job_id, change)
+
+    def _change(self, job_id: str, change: Callable[[JobRow], object]) -> JobRow:
+        return self._transact(job_id, lambda _session, row: change(row))
+
+    def _transact(self, job_id: str, change: Callable[[Session, JobRow], object]) -> JobRow:
+        with self.database.write() as session:
+            row = self._find(session, job_id, lock=True)
+            change(session, row)
+        return row
+
+    def _close_attempt(self, session: Session, row: JobRow, outcome: Succeeded | Failed | Died, worker: str) -> None:
+        match outcome:
+            case Succeeded(result):
+                self._note_end(row, "succeeded", None)
+                row.result = result
+                self._move(session, row, _R.SUCCEEDED, worker, f"attempt {row.attempt} succeeded")
+            case Failed(code, message):
+                self._note_end(row, "failed", message)
+                self._fail(session, row, worker, code, message)
+            case Died(message):
+                self._note_end(row, "died", message)
+                if row.attempt < MAX_ATTEMPTS:
+                    self._move(session, row, _R.QUEUED, worker, message)
+                else:
+                    self._fail(session, row, worker, "died", f"started {MAX_ATTEMPTS} times, last: {message}")
+
+    def _fail(self, session: Session, row: JobRow, worker: str, code: str, message: str) -> None:
+        row.error_code, row.error = code, message
+        self._move(session, row, _R.FAILED, worker, message)
+
+    def _end_cancelled(self, session: Session, row: JobRow, who: str) -> None:
+        self._note_end(row, "cancelled", row.reason)
+        self._move(session, row, _R.CANCELLED, who, row.reason or "nothing of it runs any more")
+
+    def _note_end(self, row: JobRow, outcome: str, detail: str | None) -> None:
+        if row.attempts and row.attempts[-1]["ended"] is None:
+            ended = {"ended": self.clock().isoformat(), "outcome": outcome, "detail": detail}
+            row.attempts = [*row.attempts[:-1], row.attempts[-1] | ended]
+
+    def _move(self, session: Session, row: JobRow, following: ReconstructionState, who: str, why: str) -> None:
+        check_job_transition(row.id, row.state, following)
+        now = self.clock()
+        row.state = following
+        row.history = [*row.history, {"state": following, "at": now.isoformat(), "who": who, "why": why}]
+        if is_terminal(following):
+            row.ended = now
+        record(session, now, "reconstruction", row.id, self._event(row, who, why))
+
+    def _event(self, row: JobRow, who: str, why: str) -> dict[str, Any]:
+        about: Mapping[str, Any] = {name: row.payload.get(name) for name in ("scan_id", "batch_id")}
+        return {"state": row.state, "attempt": row.attempt, "who": who, "why": why, **about}
+
+
+def to_status(row: JobRow) -> JobStatus:
+    """Copy what a row says of a job."""
+    return JobStatus(
+        id=row.id,
+        state=row.state,
+        desired_state=row.desired_state,
+        reason=row.reason,
+        revision=row.revision,
+        priority=row.priority,
+        attempt=row.attempt,
+        attempts=row.attempts,
+        history=row.history,
+        stage=row.stage,
+        done=row.done or 0,
+        total=row.total or 0,
+        error_code=row.error_code,
+        error=row.error,
+        created=row.created,
+        started=row.started,
+        ended=row.ended,
+        result=row.result or {},
+    )

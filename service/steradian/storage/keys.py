@@ -1,0 +1,147 @@
+"""API keys and tickets. Only hashes are kept: the secrets are random, so one round of SHA-256 is enough."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import secrets
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import timedelta
+from enum import StrEnum
+
+from sqlalchemy import delete, select
+
+from steradian.errors import NotFound, SteradianError
+from steradian.storage.database import Database
+from steradian.storage.repository import Clock, utc_now
+from steradian.storage.tables import KeyRow, TicketRow
+
+PREFIX = "sk"
+TICKET_SECONDS = 30.0
+
+
+class Scope(StrEnum):
+    """What a key allows; ``admin`` allows everything."""
+
+    READ = "read"
+    PLAN = "plan"
+    OPERATE = "operate"
+    RECONSTRUCT = "reconstruct"
+    ADMIN = "admin"
+
+
+class Unauthorized(SteradianError):
+    """The caller has not proved who they are."""
+
+    code = "unauthorized"
+
+
+class Forbidden(SteradianError):
+    """The caller's key does not allow this."""
+
+    code = "forbidden"
+
+
+@dataclass(frozen=True)
+class Principal:
+    """Who asks, and what they may do."""
+
+    name: str
+    scopes: frozenset[Scope]
+
+    def may(self, scope: Scope) -> bool:
+        """Whether something of a scope is allowed."""
+        return Scope.ADMIN in self.scopes or scope in self.scopes
+
+
+class KeyStore:
+    """Makes, checks and revokes keys and tickets.
+
+    Parameters
+    ----------
+    fixed
+        A key with every scope that the settings name; it is not kept in the database.
+    """
+
+    def __init__(self, database: Database, clock: Clock = utc_now, fixed: str | None = None) -> None:
+        self.database, self.clock = database, clock
+        self._fixed = None if fixed is None else _hash(fixed)
+
+    def create(self, name: str, scopes: Iterable[Scope], lifetime: timedelta | None = None) -> str:
+        """Make a key and return it; it cannot be had again."""
+        identifier, secret = secrets.token_hex(6), secrets.token_urlsafe(32)
+        now = self.clock()
+        row = KeyRow(
+            id=identifier,
+            name=name,
+            hash=_hash(secret),
+            scopes=sorted(str(scope) for scope in scopes),
+            created=now,
+            expires=None if lifetime is None else now + lifetime,
+        )
+        with self.database.write() as session:
+            session.add(row)
+        return f"{PREFIX}_{identifier}_{secret}"
+
+    def any_exists(self) -> bool:
+        """Whether anybody could be let in."""
+        return self._fixed is not None or any(self._is_valid(row) for row in self.list())
+
+    def list(self) -> list[KeyRow]:
+        """Return all keys, oldest first, without their secrets."""
+        with self.database.read() as session:
+            return list(session.scalars(select(KeyRow).order_by(KeyRow.sequence)))
+
+    def revoke(self, identifier: str) -> None:
+        """Make a key worthless at once; raises :class:`NotFound`."""
+        with self.database.write() as session:
+            row = session.scalars(select(KeyRow).where(KeyRow.id == identifier)).one_or_none()
+            if row is None:
+                raise NotFound("key", identifier)
+            row.revoked = row.revoked or self.clock()
+
+    def check(self, key: str) -> Principal:
+        """Tell whose key it is.
+
+        Raises
+        ------
+        Unauthorized
+            When it is unknown, revoked or expired; the answer does not say which.
+        """
+        if self._fixed is not None and hmac.compare_digest(_hash(key), self._fixed):
+            return Principal("settings", frozenset({Scope.ADMIN}))
+        prefix, _, rest = key.partition("_")
+        identifier, _, secret = rest.partition("_")
+        with self.database.read() as session:
+            row = session.scalars(select(KeyRow).where(KeyRow.id == identifier[:40])).one_or_none()
+        proven = hmac.compare_digest(_hash(secret), row.hash if row else _hash(""))
+        if prefix != PREFIX or row is None or not proven or not self._is_valid(row):
+            raise Unauthorized("the key is unknown, revoked or expired")
+        return Principal(f"key {row.name} ({row.id})", frozenset(Scope(scope) for scope in row.scopes))
+
+    def issue_ticket(self, principal: Principal) -> str:
+        """Make a ticket that opens one event stream within :data:`TICKET_SECONDS`."""
+        ticket, now = secrets.token_urlsafe(24), self.clock()
+        with self.database.write() as session:
+            session.execute(delete(TicketRow).where(TicketRow.expires < now))
+            expires = now + timedelta(seconds=TICKET_SECONDS)
+            session.add(TicketRow(hash=_hash(ticket), principal=principal.name, expires=expires))
+        return ticket
+
+    def redeem_ticket(self, ticket: str) -> Principal:
+        """Use a ticket up; raises :class:`Unauthorized` when it is unknown, used or too old."""
+        with self.database.write() as session:
+            row = session.get(TicketRow, _hash(ticket), with_for_update=True)
+            if row is not None:
+                session.delete(row)
+        if row is None or row.expires < self.clock():
+            raise Unauthorized("the ticket is unknown, used or too old")
+        return Principal(row.principal, frozenset({Scope.READ}))
+
+    def _is_valid(self, row: KeyRow) -> bool:
+        return row.revoked is None and (row.expires is None or row.expires > self.clock())
+
+
+def _hash(secret: str) -> str:
+    return hashlib.sha256(secret.encode()).hexdigest()

@@ -1,0 +1,163 @@
+"""Scanners in the database: connection and state apart, the operator's lease, the emergency stop."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from steradian.errors import Conflict
+from steradian.storage.events import record
+from steradian.storage.repository import Repository
+from steradian.storage.states import ACTIVE_SCAN_STATES, DesiredScanState, ScanState
+from steradian.storage.tables import ScannerRow, ScanRow
+
+SCANNER_ID = "scanner-0"
+"""The one scanner of a service; an address in the API, so that a second one would be no change of it."""
+
+
+class LeaseHeld(Conflict):
+    """Another operator holds the scanner."""
+
+    code = "lease-held"
+
+
+class EmergencyStopped(Conflict):
+    """Somebody pressed the emergency stop and nobody has released it."""
+
+    code = "emergency-stopped"
+
+
+class ScannerRepository(Repository[ScannerRow]):
+    """Scanners."""
+
+    kind, table = "scanner", ScannerRow
+
+    def ensure(self, *, simulated: bool) -> ScannerRow:
+        """Return the service's scanner, which is noted at the first start."""
+        with self.database.write() as session:
+            row = session.scalars(select(ScannerRow).where(ScannerRow.id == SCANNER_ID)).one_or_none()
+            if row is None:
+                now = self.clock()
+                state = {"connection": "unknown", "state": "idle", "since": now, "fence": 0}
+                row = ScannerRow(id=SCANNER_ID, simulated=simulated, **state)
+                session.add(row)
+            row.simulated = simulated
+        return row
+
+    def report(self, connection: str, state: str, error: str | None = None) -> None:
+        """Note how the scanner stands: whether it is connected, what it does, and what went wrong last."""
+        with self.database.write() as session:
+            row = self._find(session, SCANNER_ID, lock=True)
+            if (row.connection, row.state) == (connection, state) and error is None:
+                return
+            row.connection, row.state, row.since = connection, state, self.clock()
+            row.last_error = error or row.last_error
+            self._event(session, row, "acquisition", error or state)
+
+    def lease(self, holder: str, seconds: float, note: str | None, who: str) -> ScannerRow:
+        """Take the scanner, or hold it for longer; a new holder gets a new, greater fencing number.
+
+        Raises
+        ------
+        LeaseHeld
+            When another operator holds it.
+        """
+        with self.database.write() as session:
+            row = self._find(session, SCANNER_ID, lock=True)
+            if self._is_held(row) and row.holder != holder:
+                raise LeaseHeld(f"the scanner is held by {row.holder} until {row.lease_ends:%H:%M:%S} UTC")
+            if not self._is_held(row):
+                row.fence += 1
+                row.holder = holder
+                self._event(session, row, who, f"leased by {holder}")
+            row.lease_ends, row.note = self.clock() + timedelta(seconds=seconds), note
+        return row
+
+    def release(self, fence: int, who: str) -> None:
+        """Give the scanner back; nothing happens when nobody holds it.
+
+        Raises
+        ------
+        LeaseHeld
+            When the lease has another number.
+        """
+        with self.database.write() as session:
+            row = self._find(session, SCANNER_ID, lock=True)
+            if not self._is_held(row):
+                return
+            if row.fence != fence:
+                raise LeaseHeld(f"the scanner is held by {row.holder} under another number")
+            row.lease_ends = row.holder = row.note = None
+            self._event(session, row, who, "released")
+
+    def admit(self, session: Session, fence: int | None) -> int:
+        """Return the fencing number under which a scan may be asked for.
+
+        Parameters
+        ----------
+        fence
+            The number that the caller holds; ``None`` when it states none.
+
+        Raises
+        ------
+        LeaseHeld
+            When the scanner is leased and ``fence`` is not the lease's number, or ``fence`` is of an old lease.
+        EmergencyStopped
+            When the emergency stop is pressed.
+        """
+        row = self._find(session, SCANNER_ID, lock=True)
+        if row.stopped_at is not None:
+            raise EmergencyStopped(f"{row.stopped_by} pressed the emergency stop; release it first")
+        if self._is_held(row) and fence != row.fence:
+            raise LeaseHeld(f"the scanner is held by {row.holder}; send the lease's number as Scanner-Lease")
+        if fence is not None and fence != row.fence:
+            raise LeaseHeld(f"the lease {fence} is over; the scanner is at {row.fence}")
+        return row.fence
+
+    def refusal(self, scan: ScanRow) -> str | None:
+        """Say why a queued scan must not fire, or ``None``: checked when the scanner is about to be armed."""
+        row = self.get(SCANNER_ID)
+        if row.stopped_at is not None:
+            return "the emergency stop is pressed"
+        if self._is_held(row) and scan.fence != row.fence:
+            return f"it was asked for under lease {scan.fence}, and the scanner is held under {row.fence}"
+        return None
+
+    def stop(self, who: str, reason: str | None) -> ScannerRow:
+        """Press the emergency stop: every scan that runs or waits is aborted, and no other begins."""
+        now = self.clock()
+        with self.database.write() as session:
+            row = self._find(session, SCANNER_ID, lock=True)
+            row.stopped_at, row.stopped_by, row.stop_reason = row.stopped_at or now, row.stopped_by or who, reason
+            why = f"emergency stop: {reason or 'no reason given'}"
+            states = [*ACTIVE_SCAN_STATES, ScanState.QUEUED]
+            for scan in session.scalars(select(ScanRow).where(ScanRow.state.in_(states)).with_for_update()):
+                if scan.desired_state is not DesiredScanState.ABORTED:
+                    scan.desired_state, scan.reason, scan.wished_by = DesiredScanState.ABORTED, why, who
+                    wished = {"state": scan.state, "desired_state": "aborted", "who": who, "why": why}
+                    record(session, now, "scan", scan.id, wished)
+            self._event(session, row, who, why)
+        return row
+
+    def release_stop(self, who: str) -> ScannerRow:
+        """Release the emergency stop; scans begin again only when somebody asks for them."""
+        with self.database.write() as session:
+            row = self._find(session, SCANNER_ID, lock=True)
+            if row.stopped_at is not None:
+                row.stopped_at = row.stopped_by = row.stop_reason = None
+                self._event(session, row, who, "emergency stop released")
+        return row
+
+    def is_held(self, row: ScannerRow) -> bool:
+        """Whether somebody's lease still runs."""
+        return self._is_held(row)
+
+    def _is_held(self, row: ScannerRow) -> bool:
+        return row.lease_ends is not None and row.lease_ends > self.clock()
+
+    def _event(self, session: Session, row: ScannerRow, who: str, why: str) -> None:
+        stopped = row.stopped_at is not None
+        data = {"connection": row.connection, "state": row.state, "emergency_stop": stopped, "who": who, "why": why}
+        record(session, self.clock(), "scanner", row.id, data)

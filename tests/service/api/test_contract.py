@@ -1,0 +1,60 @@
+"""Whatever is sent, the service answers as its document says: generated requests against a real process."""
+
+import json
+from pathlib import Path
+
+import pytest
+import schemathesis
+from hypothesis import HealthCheck, given, settings
+from schemathesis.checks import CHECKS
+
+CHECKED = [
+    "not_a_server_error",
+    "status_code_conformance",
+    "content_type_conformance",
+    "response_schema_conformance",
+    "response_headers_conformance",
+]
+DOCUMENT = json.loads((Path(__file__).parents[3] / "docs" / "openapi.json").read_text())
+SCHEMA = schemathesis.openapi.from_dict(DOCUMENT)
+OPERATIONS = {
+    f"{operation.method} {operation.path}": operation
+    for operation in (found.ok() for found in SCHEMA.get_all_operations())
+    if not operation.path.endswith("/events")  # it does not end; tests of its own
+}
+
+
+@pytest.fixture(autouse=True)
+def free_scanner(http):
+    """Undo what a generated request did to the one scanner."""
+    http.delete("/scanners/scanner-0/emergency-stop")
+    if lease := http.get("/scanners/scanner-0").json()["lease"]:
+        http.delete("/scanners/scanner-0/lease", headers={"Scanner-Lease": str(lease["fence"])})
+
+
+@pytest.fixture
+def existing(free_scanner, mask, plan, scan, scan_with_alines):
+    """Identifiers that lead somewhere: generated ones hardly ever do."""
+    job = scan_with_alines["reconstruction"]
+    return {
+        "mask_id": mask["id"],
+        "plan_id": plan["id"],
+        "scan_id": scan["id"],
+        "scanner_id": "scanner-0",
+        "reconstruction_id": job["id"],
+    }
+
+
+@pytest.mark.parametrize("name", OPERATIONS)
+def test_every_answer_is_as_documented(server, existing, name):
+    checked = [check for check in CHECKED if not (name.endswith("/readyz") and check == "not_a_server_error")]
+
+    @settings(max_examples=10, deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
+    @given(case=OPERATIONS[name].as_strategy())
+    def check(case):
+        if case.path_parameters and len(str(case.path_parameters)) % 2:
+            case.path_parameters |= {key: existing[key] for key in case.path_parameters if key in existing}
+        answer = case.call(base_url=server.url, timeout=20)
+        case.validate_response(answer, checks=CHECKS.get_by_names(checked))
+
+    check()

@@ -1,0 +1,60 @@
+"""The document is what is committed, complete, and true of every answer."""
+
+import json
+import re
+from pathlib import Path
+
+import httpx
+import pytest
+
+from steradian.api.app import create_app
+from steradian.settings import Settings
+
+COMMITTED = Path(__file__).parents[3] / "docs" / "openapi.json"
+
+
+@pytest.fixture(scope="module")
+def document(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("document")
+    (folder / "run").mkdir()
+    app = create_app(Settings.create(data=folder))
+    try:
+        yield app.openapi()
+    finally:
+        app.state.services.close()
+
+
+def test_the_api_changes_only_with_its_committed_document(document):
+    """After a change on purpose: python -m steradian.api.documents > docs/openapi.json."""
+    assert json.loads(COMMITTED.read_text()) == document
+
+
+def test_every_operation_has_a_summary_an_example_and_its_refusals(document):
+    for path, operations in document["paths"].items():
+        for method, operation in operations.items():
+            where = f"{method} {path}"
+            assert operation["summary"], where
+            assert operation["description"], where
+            for status in ("400", "401", "403", "404", "406", "409", "412", "413", "415", "422", "5XX"):
+                assert "application/problem+json" in operation["responses"][status]["content"], where
+            for content in operation.get("requestBody", {}).get("content", {}).values():
+                assert "examples" in content or has_example(document, content["schema"]), where
+            for parameter in operation.get("parameters", []):
+                assert parameter.get("description"), (where, parameter["name"])
+
+
+def has_example(document, schema):
+    for part in [schema, *schema.get("anyOf", [])]:
+        if "$ref" in part:
+            part = document["components"]["schemas"][part["$ref"].rpartition("/")[2]]
+        if "examples" in part:
+            return True
+    return False
+
+
+def test_the_page_for_people_loads_nothing_from_elsewhere(server, document):
+    page = httpx.get(f"{server.url}/docs")
+    assert page.headers["content-type"].startswith("text/html")
+    assert not re.search(r"(src|href)=\"(https?:)?//|<script|@import|url\(", page.text)
+    for path in document["paths"]:
+        assert path in page.text

@@ -1,0 +1,202 @@
+"""Who may do what: every route with every scope, and with keys that are missing, wrong, expired or revoked."""
+
+import socket
+import subprocess
+import sys
+import time
+from datetime import UTC, datetime, timedelta
+
+import httpx
+import pytest
+from fastapi.routing import APIRoute
+
+from steradian.api import app as application
+from steradian.api.security import ANYONE, SCOPES
+from steradian.errors import InvalidInput
+from steradian.settings import Settings
+from steradian.storage.admission import require_key
+from steradian.storage.database import Database
+from steradian.storage.keys import KeyStore, Scope, Unauthorized
+from steradian.storage.paths import DataDirectory
+
+ROUTES = sorted(SCOPES, key=str)
+NONE = dict.fromkeys(("mask_id", "plan_id", "scan_id", "reconstruction_id", "batch_id", "scanner_id"), "none")
+
+
+class Guarded:
+    """A real API process on an address that others could reach, and keys of every kind."""
+
+    def __init__(self, folder):
+        self.settings = Settings.create(data=folder, host="0.0.0.0")  # noqa: S104
+        data = DataDirectory(folder)
+        data.create()
+        self.database = Database(data.metadata_url)
+        self.database.migrate()
+        self.keys = KeyStore(self.database)
+        self.of_scope = {scope: self.keys.create(f"of {scope}", [scope]) for scope in Scope}
+        past = KeyStore(self.database, clock=lambda: datetime.now(UTC) - timedelta(days=2))
+        revoked = self.keys.create("revoked", Scope)
+        self.keys.revoke(revoked.split("_")[1])
+        self.bad = {
+            "wrong": self.of_scope[Scope.ADMIN][:-1] + "#",
+            "unknown": "sk_000000000000_x",
+            "malformed": "x" * 5000,
+            "expired": past.create("expired", Scope, timedelta(days=1)),
+            "revoked": revoked,
+        }
+        with socket.create_server(("127.0.0.1", 0)) as listener:
+            self.url = f"http://127.0.0.1:{listener.getsockname()[1]}"
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "steradian.api", str(listener.fileno())],
+                env=self.settings.environment(),
+                stdin=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                pass_fds=[listener.fileno()],
+            )
+
+    def ask(self, http, method, path, key=None, **more):
+        headers = {"Authorization": f"Bearer {key}"} if key is not None else {}
+        with http.stream(method, self.url + path.format(**NONE), headers=headers, **more) as answer:
+            if answer.status_code >= 400:
+                answer.read()
+            return answer
+
+    def close(self):
+        self.process.stdin.close()
+        self.process.wait(10)
+        self.log = self.process.stderr.read().decode()
+        self.process.stderr.close()
+        self.database.close()
+
+
+@pytest.fixture(scope="module")
+def guarded(tmp_path_factory):
+    guarded = Guarded(tmp_path_factory.mktemp("guarded"))
+    deadline = time.monotonic() + 30
+    while True:
+        try:
+            httpx.get(f"{guarded.url}/healthz")
+            break
+        except httpx.TransportError:
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+    yield guarded
+    guarded.close()
+    for key in [*guarded.of_scope.values(), *guarded.bad.values()]:
+        assert key.rpartition("_")[2] not in guarded.log, "no secret is in the log"
+
+
+@pytest.fixture(scope="module")
+def client():
+    with httpx.Client(timeout=30) as client:
+        yield client
+
+
+def routes():
+    for module in (*application.RESOURCES, application.metrics):
+        for route in module.router.routes:
+            assert isinstance(route, APIRoute)
+            yield from ((method, route) for method in route.methods)
+
+
+def test_every_route_is_in_the_table_and_looks_there():
+    assert {(method, route.path_format) for method, route in routes()} == set(SCOPES)
+    assert all(type(route).__name__ == "GuardedRoute" for _, route in routes())
+
+
+def test_no_handler_takes_authorisation_from_its_input():
+    words = {"scope", "scopes", "principal", "key", "token", "authorization", "api_key", "role", "admin", "ticket"}
+    for _, route in routes():
+        given = [*route.dependant.query_params, *route.dependant.path_params, *route.dependant.cookie_params]
+        for dependency in route.dependant.dependencies:
+            given += [*dependency.query_params, *dependency.cookie_params]
+        assert not {parameter.name for parameter in given} & words, route.path
+
+
+@pytest.mark.parametrize(("method", "path"), ROUTES)
+def test_a_route_is_open_to_its_scope_and_to_no_other(guarded, client, method, path):
+    need = SCOPES[method, path]
+    for scope, key in guarded.of_scope.items():
+        status = guarded.ask(client, method, path, key).status_code
+        allowed = need is ANYONE or scope in {need, Scope.ADMIN}
+        assert (status == 403) is not allowed, (scope, status)
+        assert status not in {401, 500}
+
+
+@pytest.mark.parametrize(("method", "path"), ROUTES)
+def test_a_route_is_closed_without_a_valid_key(guarded, client, method, path):
+    for key in (None, *guarded.bad.values()):
+        answer = guarded.ask(client, method, path, key)
+        assert (answer.status_code, answer.json()["code"]) == (401, "unauthorized")
+        assert answer.headers["www-authenticate"].startswith("Bearer")
+        assert answer.headers["content-type"] == "application/problem+json"
+
+
+def test_a_body_is_not_read_before_the_key_is(guarded, client):
+    assert guarded.ask(client, "POST", "/api/v1/masks", content=b"{").status_code == 401
+    key = guarded.of_scope[Scope.READ]
+    assert guarded.ask(client, "POST", "/api/v1/masks", key, content=b"{").status_code == 403
+    assert guarded.ask(client, "GET", "/api/v1/nowhere").status_code == 401, "not even what exists is told"
+
+
+def test_scopes_in_the_query_change_nothing(guarded, client):
+    key = guarded.of_scope[Scope.READ]
+    query = "?scope=admin&principal=admin&need=read&key=x&scopes=admin"
+    assert guarded.ask(client, "POST", f"/api/v1/masks{query}", key).status_code == 403
+
+
+def test_health_is_open_to_anybody(guarded, client):
+    assert client.get(f"{guarded.url}/healthz").status_code == 200
+    assert client.get(f"{guarded.url}/readyz").status_code == 503
+
+
+def test_a_ticket_opens_one_stream_and_nothing_else(guarded, client):
+    key = {"Authorization": f"Bearer {guarded.of_scope[Scope.READ]}"}
+    ticket = client.post(f"{guarded.url}/api/v1/tickets", headers=key).json()["ticket"]
+    assert guarded.ask(client, "GET", f"/api/v1/scans?ticket={ticket}").status_code == 401
+    assert guarded.ask(client, "GET", f"/api/v1/events?ticket={ticket}").status_code == 200
+    assert guarded.ask(client, "GET", f"/api/v1/events?ticket={ticket}").status_code == 401
+
+
+def test_a_ticket_that_is_too_old_is_refused(guarded):
+    past = KeyStore(guarded.database, clock=lambda: datetime.now(UTC) - timedelta(minutes=1))
+    ticket = past.issue_ticket(guarded.keys.check(guarded.of_scope[Scope.READ]))
+    with pytest.raises(Unauthorized):
+        guarded.keys.redeem_ticket(ticket)
+
+
+def test_only_hashes_are_kept(guarded):
+    text = str([vars(row) for row in guarded.keys.list()])
+    assert all(key.rpartition("_")[2] not in text for key in guarded.of_scope.values())
+
+
+def test_other_addresses_than_the_loopback_need_a_key_before_the_start(tmp_path):
+    database = Database(f"sqlite:///{tmp_path / 'x.sqlite'}")
+    database.migrate()
+    reached = {"data": tmp_path, "host": "0.0.0.0"}  # noqa: S104
+    assert require_key(Settings.create(data=tmp_path), database) is None
+    with pytest.raises(InvalidInput, match="steradian key create"):
+        require_key(Settings.create(**reached), database)
+    require_key(Settings.create(**reached, api_key="a" * 20), database)
+    path = tmp_path / "keys" / "admin"
+    assert require_key(Settings.create(**reached, key_file=path), database) == path
+    assert path.stat().st_mode & 0o777 == 0o600
+    assert KeyStore(database).check(path.read_text().strip()).scopes == {Scope.ADMIN}
+    assert require_key(Settings.create(**reached), database) is None, "now there is one"
+    database.close()
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({}, 201),
+        ({"Host": "evil.example"}, 403),
+        ({"Origin": "https://evil.example"}, 403),
+        ({"Origin": "null"}, 403),
+    ],
+    ids=["plain", "rebound name", "foreign page", "sandboxed page"],
+)
+def test_without_keys_a_foreign_page_in_the_same_machines_browser_can_do_nothing(server, headers, status):
+    body = {"arrangement": "grid", "aperture": 0.011, "count": 3, "interval": 1e-3}
+    answer = httpx.post(f"{server.url}/api/v1/masks", json=body, headers=headers)
+    assert answer.status_code in ({201, 200} if status == 201 else {status})

@@ -1,0 +1,25 @@
+"""The real service, whose workers also take the jobs of ``echo_job.py``: ``service_main.py serve | worker``."""
+
+import signal
+import sys
+import threading
+from pathlib import Path
+
+from steradian import supervisor
+from steradian.settings import Settings
+
+HERE = Path(__file__)
+
+
+def worker_child(settings, slot, output):
+    command = [sys.executable, str(HERE.with_name("worker_main.py")), str(slot)]
+    return supervisor.Child(settings.executor(slot), command, settings.environment(), output=output)
+
+
+if __name__ == "__main__":
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    supervisor._worker = worker_child
+    run = {"serve": supervisor.serve, "worker": supervisor.work}[sys.argv[1]]
+    run(Settings.create(), lambda line: print(line, flush=True), stop)
