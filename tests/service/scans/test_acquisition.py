@@ -111,7 +111,7 @@ def test_a_plan_the_scanner_cannot_do_fails_and_says_why(bench):
     identifier = bench.queue(sampling_interval=1e-10)
     bench.work.step()
     row = bench.scans.get(identifier)
-    assert (row.state, row.error_code) == (S.FAILED, "scan-failed")
+    assert (row.state, row.error_code) == (S.FAILED, "invalid-input")
     assert "sampling_interval" in row.error
 
 
