@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _BATCH = 32  # samples or depths of a cell
 _BLOCKS = 32  # most blocks of columns a piece of work has
+_SMALL = 1 << 14  # lateral modes below which handing a batch to a second thread costs more than it saves
 
 
 def _tables(t: Transform) -> tuple[Any, ...]:
@@ -45,7 +46,8 @@ def execute(
     """Flat image [x][(y][)z] of one set of traces."""
     source = np.empty((plan._source_rows + 1) * plan._source_stride, plan.dtype)
     how: dict[str, Any] = {"threads": plan.threads, "progress": progress, "cancelled": cancelled}
-    _lateral(plan, traces, scale, source, how)
+    alone = how | {"threads": 1} if plan.geometry.padded_points < _SMALL else how
+    _lateral(plan, traces, scale, source, alone)
     target = source
     if plan._lateral.replicated:
         target = np.empty((plan._target_rows + 1) * plan._target_stride, plan.dtype)
@@ -55,7 +57,7 @@ def execute(
     size = plan._out_rows * plan.geometry.shape[-1]
     if not plan._shared:
         image = np.empty(size, plan.dtype)
-    _images(plan, target, image, how)
+    _images(plan, target, image, alone)
     del target
     if image.size > size:
         image.resize(size, refcheck=False)

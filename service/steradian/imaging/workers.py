@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
 import numpy as np
@@ -14,7 +15,7 @@ from steradian.errors import Cancelled
 from steradian.progress import IsCancelled, Progress
 
 Scratch = TypeVar("Scratch")
-_POLL = 0.05  # seconds between two looks at the cancel callable
+_POLL = 0.05  # seconds between two looks at the callables, at least
 
 
 def available() -> int:
@@ -37,7 +38,8 @@ def run(
 ) -> None:
     """Call ``work(i, scratch, flag)`` for i = 0 … pieces−1, on ``threads`` threads with a scratch space each.
 
-    ``flag[0]`` becomes 1 when the work is to stop early: on cancellation, or because another piece failed.
+    The calling thread is one of them and looks up between its pieces. ``flag[0]`` becomes 1 when the work is to stop
+    early: on cancellation, or because another piece failed.
 
     Raises
     ------
@@ -45,17 +47,22 @@ def run(
         If the cancel callable said so.
     """
     flag = np.zeros(1, np.uint8)
-    done = 0
-    counter = iter(range(pieces))
+    counter, finished = iter(range(pieces)), iter(range(1, pieces + 1))  # next() on a range iterator is atomic
+    done, looked = 0, time.monotonic()
 
-    def chain() -> None:
-        space = scratch()
-        for piece in counter:  # next() on a range iterator is atomic
-            if flag[0]:
-                return
-            work(piece, space, flag)
-            nonlocal done
-            done += 1
+    def chain(after_each: Callable[[], None]) -> None:
+        nonlocal done
+        try:
+            space = scratch()
+            for piece in counter:
+                if flag[0]:
+                    return
+                work(piece, space, flag)
+                done = next(finished)
+                after_each()
+        except BaseException:
+            flag[0] = 1
+            raise
 
     def look() -> None:
         if progress is not None:
@@ -63,20 +70,20 @@ def run(
         if cancelled is not None and cancelled():
             raise Cancelled(f"cancelled during: {stage}")
 
+    def look_now_and_then() -> None:
+        nonlocal looked
+        if time.monotonic() - looked >= _POLL:
+            look()
+            looked = time.monotonic()
+
     look()
-    if threads == 1 and cancelled is None and progress is None:
-        chain()
+    others = min(threads, pieces) - 1
+    if others < 1:
+        chain(look_now_and_then)
     else:
-        with ThreadPoolExecutor(min(threads, pieces), thread_name_prefix="steradian") as pool:
-            pending: set[Future[None]] = {pool.submit(chain) for _ in range(min(threads, pieces))}
-            try:
-                while pending:
-                    finished, pending = wait(pending, _POLL, FIRST_COMPLETED)
-                    for future in finished:
-                        future.result()
-                    if pending:
-                        look()
-            except BaseException:
-                flag[0] = 1
-                raise
+        with ThreadPoolExecutor(others, thread_name_prefix="steradian") as pool:
+            futures = [pool.submit(chain, lambda: None) for _ in range(others)]
+            chain(look_now_and_then)
+            for future in futures:
+                future.result()
     look()
