@@ -16,21 +16,6 @@ from steradian.storage.jobs import JobRequest
 from steradian.storage.queue import JobQueue
 
 HERE = Path(__file__).parent
-MARKERS = ("crash: kills processes of a real service; run with -m crash",)
-
-
-def pytest_configure(config):
-    for marker in MARKERS:
-        config.addinivalue_line("markers", marker)
-
-
-def pytest_collection_modifyitems(config, items):
-    """Leave out what kills processes unless it is asked for; a short piece of it runs always."""
-    if "crash" not in config.option.markexpr:
-        left_out = [item for item in items if item.get_closest_marker("crash")]
-        if left_out:
-            config.hook.pytest_deselected(items=left_out)
-            items[:] = [item for item in items if item not in left_out]
 
 
 def _load(name):
