@@ -65,6 +65,10 @@ class JobRunner:
                 if row.state is not _R.QUEUED:
                     return row.state
                 await asyncio.sleep(BACKOFF * 2 ** (row.attempt - 1))
+        except asyncio.CancelledError:
+            # The engine ends a cancelled step at any of its waits, perhaps before that was written down.
+            self._ledger.cancelled(job_id, self._worker)
+            raise
         finally:
             self.idle.set()
 
