@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _BATCH = 32  # samples or depths of a cell
 _BLOCKS = 32  # most blocks of columns a piece of work has
-_SMALL = 1 << 14  # lateral modes below which handing a batch to a second thread costs more than it saves
+_SMALL = 1 << 21  # image points below which handing a batch to a second thread costs more than it saves
 
 
 def _tables(t: Transform) -> tuple[Any, ...]:
@@ -45,19 +45,19 @@ def execute(
 ) -> NDArray[Any]:
     """Flat image [x][(y][)z] of one set of traces."""
     source = np.empty((plan._source_rows + 1) * plan._source_stride, plan.dtype)
+    size = plan._out_rows * plan.geometry.shape[-1]
     how: dict[str, Any] = {"threads": plan.threads, "progress": progress, "cancelled": cancelled}
-    alone = how | {"threads": 1} if plan.geometry.padded_points < _SMALL else how
-    _lateral(plan, traces, scale, source, alone)
+    batches = how | {"threads": 1} if size < _SMALL else how
+    _lateral(plan, traces, scale, source, batches)
     target = source
     if plan._lateral.replicated:
         target = np.empty((plan._target_rows + 1) * plan._target_stride, plan.dtype)
     _depths(plan, source, target, how)
     del source
     image = target
-    size = plan._out_rows * plan.geometry.shape[-1]
     if not plan._shared:
         image = np.empty(size, plan.dtype)
-    _images(plan, target, image, alone)
+    _images(plan, target, image, batches)
     del target
     if image.size > size:
         image.resize(size, refcheck=False)

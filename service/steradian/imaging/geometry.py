@@ -63,11 +63,6 @@ class Geometry:
         return (*(n * self.upsampling for n in self.modes), self.depth[1] - self.depth[0])
 
     @property
-    def padded_points(self) -> int:
-        """Number of lateral modes, padding included."""
-        return int(np.prod(self.padded_modes))
-
-    @property
     def spacing(self) -> tuple[float, ...]:
         """Voxel size in metres, in the order of :attr:`shape`."""
         return (*(X / n / self.upsampling for X, n in zip(self.aperture, self.modes, strict=True)), self.depth_step)
