@@ -4,6 +4,8 @@ from __future__ import annotations
 
 BURST = 20_000
 """Bytes of so many µs of line time may go at once."""
+CATCH_UP = 500_000
+"""The same while the line is busy: a UART goes on sending while this process waits for a processor."""
 BITS = 10
 """Start bit, eight data bits, stop bit."""
 
@@ -21,6 +23,7 @@ class Pacer:
         self._rate = baud / BITS / 1e6
         self._tokens = 0.0
         self._at = 0
+        self._busy = False
 
     @property
     def limited(self) -> bool:
@@ -31,12 +34,13 @@ class Pacer:
         """Return how many of ``wanted`` bytes may go at ``now`` (µs)."""
         if not self.limited:
             return wanted
-        full = max(16.0, self._rate * BURST)
+        full = max(16.0, self._rate * (CATCH_UP if self._busy else BURST))
         self._tokens = min(full, self._tokens + self._rate * max(0, now - self._at))
         self._at = max(self._at, now)
         return min(wanted, int(self._tokens))
 
-    def spend(self, count: int) -> None:
-        """Count bytes that went."""
+    def spend(self, count: int, *, busy: bool = False) -> None:
+        """Count bytes that went; ``busy`` says that the line would have taken more at once."""
+        self._busy = busy
         if self.limited:
             self._tokens -= count

@@ -87,8 +87,8 @@ class Server:
         allowed = self._down.allowance(present, len(self._out))
         if self._out and allowed:
             sent = self.endpoint.write(self._out[:allowed])
-            self._down.spend(sent)
             self._out = self._out[sent:]
+            self._down.spend(sent, busy=sent == allowed and bool(self._out))
 
     def _run_unplugged(self, plug_at: int) -> None:
         self.machine.receive(b"", self.time)
