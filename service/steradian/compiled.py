@@ -11,7 +11,7 @@ from typing import Any
 from numba import njit
 
 
-def compiled(function: Callable[..., Any], *, fast: bool = True) -> Any:
+def compiled(function: Callable[..., Any], *, fast: bool = True, kept: bool = True) -> Any:
     """Compile a loop at its first call; it then releases the interpreter lock and is kept on disk.
 
     Numba keeps it beside the source or in the user's cache; where neither can be written (a read-only container, say)
@@ -24,9 +24,11 @@ def compiled(function: Callable[..., Any], *, fast: bool = True) -> Any:
         touch the files that call it: Numba looks only at the caller's own file to see whether its cache is stale.
     fast
         Allow sums to be reordered and assume finite numbers.
+    kept
+        Keep it on disk; of no use to a function made by another one, whose callers are kept with it inside.
     """
     options: dict[str, Any] = {"nogil": True, "fastmath": fast, "boundscheck": False, "error_model": "numpy"}
     try:
-        return njit(cache=True, **options)(function)
+        return njit(cache=kept, **options)(function)
     except RuntimeError:  # Numba found no place to cache
         return njit(**options)(function)

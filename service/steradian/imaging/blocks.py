@@ -1,4 +1,4 @@
-"""Order in which the lateral modes go from time to depth: blocks of 16 columns, groups of 4 or 2 with equal |j|²."""
+"""Order in which the lateral modes go from time to depth: blocks of 16 columns, groups of 4, 2 or 1 with equal |j|²."""
 
 from __future__ import annotations
 
@@ -24,9 +24,10 @@ class Blocks:
     factors
         Shape (B, 64): what a source column a + ib becomes is (f0·a + f1·b) + i(f2·a + f3·b), 16 lanes each.
     squares
-        |j|² in units of κ², shape (B, 4), or (B, 8) for groups of 2.
+        |j|² in units of κ², shape (B, 4), or (B, 8) for groups of 2, (B, 16) for groups of 1.
     edges
-        Groups in pairs of lanes: read at −N/2 for κ > 0, at +N/2 for κ < 0. Shape as ``squares``.
+        Pairs of lanes, of which the even one is read at −N/2 for κ > 0 and the odd one at +N/2 for κ < 0; true for
+        groups of such pairs (of groups of 1 for the odd one). Shape as ``squares``.
     """
 
     source: Ints
@@ -79,8 +80,10 @@ def blocks(lateral: Lateral, modes: tuple[int, int], scales: tuple[float, float]
     run_start = np.flatnonzero(new)
     run_length = np.diff(np.append(run_start, len(lane_mode)))
     # on a square aperture ±x, ±y and their exchange are alike; the half-plane holds four of these eight
-    lanes = 4 if np.isclose(scales[0], scales[1], rtol=1e-9) else 2
+    lanes = 1 if modes[0] == 1 else 4 if np.isclose(scales[0], scales[1], rtol=1e-9) else 2
     groups_before = np.concatenate([[0], np.cumsum(-(-run_length // lanes))])
+    if lanes == 1 and edge.any():
+        groups_before[-2:] += groups_before[-2] % 2  # the only pair, N/2, is the last run: it begins at an even lane
     run = np.cumsum(new) - 1
     place = groups_before[run] * lanes + np.arange(len(lane_mode)) - run_start[run]
 
@@ -100,7 +103,8 @@ def blocks(lateral: Lateral, modes: tuple[int, int], scales: tuple[float, float]
     parts = np.zeros((4, count * 16))
     parts[:, place] = factor.real, -sign * factor.imag, factor.imag, sign * factor.real
     squares, edges = np.zeros(count * 16 // lanes), np.zeros(count * 16 // lanes, np.bool_)
-    squares[place // lanes], edges[place // lanes] = square[lane_mode], edge[lane_mode]
+    squares[place // lanes] = square[lane_mode]
+    edges[place // lanes] = edge[lane_mode] & ((copy == 1) | (lanes > 1))
     return Blocks(
         source.reshape(count, 16),
         target.reshape(count, 16),

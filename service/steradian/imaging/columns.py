@@ -2,7 +2,7 @@
 
 Per mode: window and transform over time, interpolation at κ (paper, NER-NUFFT, equation 5), the factor 2l/κ, inverse
 transform over depth; all within the processor's second cache. Four modes (two, if κ grows
-differently along x and y) with the same |j|² share one stencil.
+differently along x and y; one in 2-D) with the same |j|² share one stencil.
 """
 
 from __future__ import annotations
@@ -13,9 +13,22 @@ import numpy as np
 
 from steradian.compiled import compiled
 from steradian.imaging.fft import fft
-from steradian.imaging.simd import collect, distribute, load2, load4, load16, splat2, splat4, splat16, store
+from steradian.imaging.simd import (
+    collect,
+    distribute,
+    load1,
+    load2,
+    load4,
+    load16,
+    splat1,
+    splat2,
+    splat4,
+    splat16,
+    store,
+)
 
 PAD = 24  # cells repeated at either end of the spectrum, so that no stencil has to wrap
+PIECE = 64  # values of l interpolated for all groups of a block in turn: what they read then stays in the first cache
 
 
 @compiled
@@ -47,24 +60,28 @@ def _load(
 
 
 @compiled
+def _reach(square: float, band: float) -> int:
+    """Count the l with κ < band."""
+    return int(np.ceil(np.sqrt(band * band - square))) if square < band * band else 0
+
+
+@compiled
 def _stencils(
-    square: float, band: float, ratio: float, turns: float, width: int, nearest: int, taps_of: Any, sine: Any,
-    cosine: Any, index: Any, fraction: Any, phase: Any, gain: Any, taps: Any, pitch: int,
-) -> int:  # fmt: skip
-    """First grid points, taps and factors (2l/κ)·e^{−2πi·turns·κ} of all l with κ < band; their number."""
-    if square >= band * band:
-        return 0
-    count = int(np.ceil(np.sqrt(band * band - square)))
+    square: float, first: int, count: int, ratio: float, turns: float, width: int, nearest: int, taps_of: Any,
+    sine: Any, cosine: Any, index: Any, fraction: Any, phase: Any, gain: Any, taps: Any,
+) -> None:  # fmt: skip
+    """First grid points, taps and factors (2l/κ)·e^{−2πi·turns·κ} of ``count`` ≤ PIECE values of l from ``first``."""
     lead = 0.5 - 0.5 * width if nearest else -0.5 * width
-    for l in range(count):  # noqa: E741
-        kappa = np.sqrt(float(l) * float(l) + square)
+    for n in range(count):
+        l = float(first + n)  # noqa: E741
+        kappa = np.sqrt(l * l + square)
         u = kappa * ratio + (0.0 if nearest else lead)
         whole = np.floor(u + 0.5) if nearest else np.floor(u)
-        index[l] = np.int32(whole) + (0 if nearest else 1)
-        fraction[l] = 2.0 * (u - whole) - 1.0
+        index[n] = np.int32(whole) + (0 if nearest else 1)
+        fraction[n] = 2.0 * (u - whole) - 1.0
         turn = kappa * turns
-        phase[l] = turn - np.rint(turn)
-        gain[l] = 2.0 * l / kappa if kappa > 0 else 2.0
+        phase[n] = turn - np.rint(turn)
+        gain[n] = 2.0 * l / kappa if kappa > 0 else 2.0
     degree = taps_of.shape[1] - 1
     pi = splat16(fraction.dtype.type(np.pi))
     for o in range(0, count, 16):
@@ -73,7 +90,7 @@ def _stencils(
             value = splat16(taps_of[t, degree])
             for d in range(degree - 1, -1, -1):
                 value = value * y + splat16(taps_of[t, d])
-            store(taps, t * pitch + o, value)
+            store(taps, t * PIECE + o, value)
         # half angles, so that the series converge fast: cos 2a = 1 − 2 sin² a, sin 2a = 2 sin a cos a
         a = load16(phase, o) * pi
         a2 = a * a
@@ -85,69 +102,42 @@ def _stencils(
         two = splat16(fraction.dtype.type(2.0)) * s * g
         store(gain, o, g - two * s)
         store(phase, o, two * c)
-    return count
 
 
-@compiled
-def _gather(
-    x: Any, xo: int, length: int, h: Any, size: int, lane: int, count: int, width: int, index: Any, phase: Any,
-    gain: Any, taps: Any, pitch: int,
-) -> None:  # fmt: skip
-    """H(±l) of four modes; gain and phase are real part and minus the imaginary part of the factor."""
-    zero = splat4(x.dtype.type(0.0))
-    for l in range(count):  # noqa: E741
-        i = xo + index[l] * 32 + lane
-        j = xo + (length - index[l]) * 32 + lane
-        ar, ai, br, bi = zero, zero, zero, zero
-        for t in range(width):
-            w = splat4(taps[t * pitch + l])
-            ar = ar + w * load4(x, i)
-            ai = ai + w * load4(x, i + 16)
-            br = br + w * load4(x, j)
-            bi = bi + w * load4(x, j + 16)
-            i += 32
-            j -= 32
-        c, s = splat4(gain[l]), splat4(phase[l])
-        store(h, l * 32 + lane, ar * c + ai * s)
-        store(h, l * 32 + lane + 16, ai * c - ar * s)
-        if l > 0:
-            o = (size - l) * 32 + lane
-            store(h, o, br * c - bi * s)
-            store(h, o + 16, bi * c + br * s)
-    for l in range(count, size - max(count, 1) + 1):  # noqa: E741
-        store(h, l * 32 + lane, zero)
-        store(h, l * 32 + lane + 16, zero)
+def _gather_of(load: Any, splat: Any) -> Any:
+    """Make the interpolation for groups of as many modes as ``load`` takes lanes."""
+
+    def gather(
+        x: Any, xo: int, length: int, h: Any, size: int, lane: int, first: int, count: int, width: int, index: Any,
+        phase: Any, gain: Any, taps: Any,
+    ) -> None:  # fmt: skip
+        """H(±l) of a group, ``count`` values of l; gain and phase are the factor's real and minus imaginary part."""
+        zero = splat(x.dtype.type(0.0))
+        for n in range(count):
+            i = xo + index[n] * 32 + lane
+            j = xo + (length - index[n]) * 32 + lane
+            ar, ai, br, bi = zero, zero, zero, zero
+            for t in range(width):
+                w = splat(taps[t * PIECE + n])
+                ar = ar + w * load(x, i)
+                ai = ai + w * load(x, i + 16)
+                br = br + w * load(x, j)
+                bi = bi + w * load(x, j + 16)
+                i += 32
+                j -= 32
+            c, s = splat(gain[n]), splat(phase[n])
+            l = first + n  # noqa: E741
+            store(h, l * 32 + lane, ar * c + ai * s)
+            store(h, l * 32 + lane + 16, ai * c - ar * s)
+            if l > 0:
+                o = (size - l) * 32 + lane
+                store(h, o, br * c - bi * s)
+                store(h, o + 16, bi * c + br * s)
+
+    return compiled(gather, kept=False)
 
 
-@compiled
-def _gather_pairs(
-    x: Any, xo: int, length: int, h: Any, size: int, lane: int, count: int, width: int, index: Any, phase: Any,
-    gain: Any, taps: Any, pitch: int,
-) -> None:  # fmt: skip
-    """H(±l) of two modes; gain and phase are real part and minus the imaginary part of the factor."""
-    zero = splat2(x.dtype.type(0.0))
-    for l in range(count):  # noqa: E741
-        i = xo + index[l] * 32 + lane
-        j = xo + (length - index[l]) * 32 + lane
-        ar, ai, br, bi = zero, zero, zero, zero
-        for t in range(width):
-            w = splat2(taps[t * pitch + l])
-            ar = ar + w * load2(x, i)
-            ai = ai + w * load2(x, i + 16)
-            br = br + w * load2(x, j)
-            bi = bi + w * load2(x, j + 16)
-            i += 32
-            j -= 32
-        c, s = splat2(gain[l]), splat2(phase[l])
-        store(h, l * 32 + lane, ar * c + ai * s)
-        store(h, l * 32 + lane + 16, ai * c - ar * s)
-        if l > 0:
-            o = (size - l) * 32 + lane
-            store(h, o, br * c - bi * s)
-            store(h, o + 16, bi * c + br * s)
-    for l in range(count, size - max(count, 1) + 1):  # noqa: E741
-        store(h, l * 32 + lane, zero)
-        store(h, l * 32 + lane + 16, zero)
+_gather4, _gather2, _gather1 = _gather_of(load4, splat4), _gather_of(load2, splat2), _gather_of(load1, splat1)
 
 
 @compiled
@@ -159,9 +149,9 @@ def columns(
     a: Any, b: Any, index: Any, fraction: Any, phase: Any, gain: Any, taps: Any, tmp: Any,
 ) -> None:  # fmt: skip
     """Blocks ``first`` … ``last`` of 16 columns from ``source`` (time) to ``target`` (depth)."""
-    pitch = fraction.size
     xo, lanes = np.int64(PAD * 32), 16 // squares.shape[1]
     zero, one = np.int64(0), np.int64(1)
+    nothing = splat16(a.dtype.type(0.0))
     for block in range(first, last):
         if flag[0]:
             return
@@ -174,22 +164,34 @@ def columns(
         for o in range(0, PAD * 32, 16):
             store(x, o, load16(x, length * 32 + o))
             store(x, xo + length * 32 + o, load16(x, xo + o))
+        low, high = size, 0
         for group in range(squares.shape[1]):
-            count = _stencils(
-                squares[block, group], 0.5 * size, ratio, turns, width, nearest, taps_of, sine, cosine, index, fraction,
-                phase, gain, taps, pitch,
-            )  # fmt: skip
-            lane = lanes * group
-            if lanes == 4:
-                _gather(x, xo, length, h, size, lane, count, width, index, phase, gain, taps, pitch)
-            else:
-                _gather_pairs(x, xo, length, h, size, lane, count, width, index, phase, gain, taps, pitch)
-            if edges[block, group]:
-                for l in range(1, count):  # noqa: E741
-                    for e in range(lane, lane + lanes, 2):
-                        o = (size - l) * 32 + e
-                        h[o] = h[o + 1]
-                        h[o + 16] = h[o + 17]
+            reach = _reach(squares[block, group], 0.5 * size)
+            low, high = min(low, reach), max(high, reach)
+        for o in range(low * 32, (size - max(low, 1) + 1) * 32, 16):
+            store(h, o, nothing)
+        for start in range(0, high, PIECE):
+            for group in range(squares.shape[1]):
+                square, lane = squares[block, group], lanes * group
+                count = min(PIECE, _reach(square, 0.5 * size) - start)
+                if count <= 0:
+                    continue
+                _stencils(
+                    square, start, count, ratio, turns, width, nearest, taps_of, sine, cosine, index, fraction, phase,
+                    gain, taps,
+                )  # fmt: skip
+                if lanes == 4:
+                    _gather4(x, xo, length, h, size, lane, start, count, width, index, phase, gain, taps)
+                elif lanes == 2:
+                    _gather2(x, xo, length, h, size, lane, start, count, width, index, phase, gain, taps)
+                else:
+                    _gather1(x, xo, length, h, size, lane, start, count, width, index, phase, gain, taps)
+                if edges[block, group]:
+                    for l in range(max(start, 1), start + count):  # noqa: E741
+                        for e in range(lane - lane % 2, lane + lanes, 2):
+                            o = (size - l) * 32 + e
+                            h[o] = h[o + 1]
+                            h[o + 16] = h[o + 17]
         result = x if fft(h, zero, x, zero, one, size, fz[0], fz[1], fz[2], fz[3], fz[4], tmp) else h
         for z in range(0, depth_count, 16):
             count = min(16, depth_count - z)

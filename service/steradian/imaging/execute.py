@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from steradian.errors import InvalidInput
 from steradian.imaging import workers
-from steradian.imaging.columns import PAD, columns
+from steradian.imaging.columns import PAD, PIECE, columns
 from steradian.imaging.factors import Transform
 from steradian.imaging.forward import forward, pack
 from steradian.imaging.inverse import backward
 from steradian.progress import IsCancelled, Progress
 
 if TYPE_CHECKING:
+    from steradian.imaging.lateral import Spread
     from steradian.imaging.plan import ReconstructionPlan
 
 _BATCH = 32  # samples or depths of a cell
@@ -65,9 +66,15 @@ def execute(
 
 
 def _lateral(
-    plan: ReconstructionPlan, traces: NDArray[Any], scale: float, source: NDArray[Any], how: dict[str, Any]
+    plan: ReconstructionPlan,
+    traces: NDArray[Any],
+    scale: float,
+    source: NDArray[Any],
+    how: dict[str, Any],
+    some: Spread | None = None,
 ) -> None:
-    lateral, spread = plan._lateral, plan._lateral.spread
+    """Lateral modes of the traces; of ``some`` sensors' traces added to what is there, for an image that grows."""
+    lateral, spread = plan._lateral, some or plan._lateral.spread
     fx, fy, *_ = plan.transforms()
     nx, ny = lateral.grid
     line = max(nx, ny + spread.wy.shape[1])
@@ -91,7 +98,7 @@ def _lateral(
             packed, spread.separable, spread.starts, spread.first, spread.sensors, spread.wx, spread.wy, nx, ny,
             lateral.xs, lateral.xs_opposite, lateral.edge_xs, lateral.edge_xs_opposite, lateral.ys, lateral.ys_opposite,
             lateral.edge_rows, lateral.edge_swap, _tables(fx), _tables(fy), flag, row, other, middle, tmp,
-            source, plan._source_stride, start, count,
+            source, plan._source_stride, start, count, some is not None,
         )  # fmt: skip
 
     workers.run("lateral transform", -(-plan.geometry.samples // _BATCH), scratch, work, **how)
@@ -113,15 +120,14 @@ def _depths(plan: ReconstructionPlan, source: NDArray[Any], target: NDArray[Any]
 
     def scratch() -> tuple[NDArray[Any], ...]:
         cells = max(plan._length, g.record) + 2 * PAD
-        pitch = -(-(g.record // 2 + 2) // 16) * 16
         return (
             np.zeros(cells * 32, plan.dtype),
             np.zeros(cells * 32, plan.dtype),
-            np.zeros(pitch, np.int32),
-            np.zeros(pitch, plan.dtype),
-            np.zeros(pitch, plan.dtype),
-            np.zeros(pitch, plan.dtype),
-            np.zeros(pitch * len(plan._taps), plan.dtype),
+            np.zeros(PIECE, np.int32),
+            np.zeros(PIECE, plan.dtype),
+            np.zeros(PIECE, plan.dtype),
+            np.zeros(PIECE, plan.dtype),
+            np.zeros(PIECE * len(plan._taps), plan.dtype),
             np.zeros(max(ft.scratch, fz.scratch, 16) * 32, plan.dtype),
         )
 

@@ -85,22 +85,29 @@ def _place_row(row: Any, line: int, packed: Any, starts: Any, cells: Any, sensor
 
 
 @compiled
-def _separate(p: Any, po: int, q: Any, qo: int, row: Any, at: int, im_at: int, count: int) -> None:
-    """Write Â and B̂ at one mode from C there (p) and at the opposite mode (q); the factor 2 is left in."""
+def _separate(p: Any, po: int, q: Any, qo: int, row: Any, at: int, im_at: int, count: int, add: bool) -> None:
+    """Write, or add, Â and B̂ at one mode from C there (p) and at the opposite mode (q); the factor 2 is left in."""
     ar, ai, br, bi = load16(p, po), load16(p, po + 16), load16(q, qo), load16(q, qo + 16)
     if count == 32:
+        if add:
+            store(row, at, load16(row, at) + ar + br)
+            store(row, at + 16, load16(row, at + 16) + ai + bi)
+            store(row, im_at, load16(row, im_at) + ai - bi)
+            store(row, im_at + 16, load16(row, im_at + 16) + br - ar)
+            return
         store(row, at, ar + br)
         store(row, at + 16, ai + bi)
         store(row, im_at, ai - bi)
         store(row, im_at + 16, br - ar)
     else:
         for n in range(count):
+            real = row[at + n] if add else row.dtype.type(0)
+            imaginary = row[im_at + n] if add else row.dtype.type(0)
+            row[at + n] = real + p[po + n] + q[qo + n]
             if n < 16:
-                row[at + n] = p[po + n] + q[qo + n]
-                row[im_at + n] = p[po + 16 + n] - q[qo + 16 + n]
+                row[im_at + n] = imaginary + p[po + 16 + n] - q[qo + 16 + n]
             else:
-                row[at + n] = p[po + n] + q[qo + n]
-                row[im_at + n] = q[qo + n - 16] - p[po + n - 16]
+                row[im_at + n] = imaginary + q[qo + n - 16] - p[po + n - 16]
 
 
 @compiled
@@ -108,28 +115,34 @@ def forward(
     packed: Any, separable: bool, starts: Any, first: Any, sensors: Any, wx: Any, wy: Any, nx: int, ny: int,
     xs: Any, xs_opposite: Any, edge_xs: Any, edge_xs_opposite: Any, ys: Any, ys_opposite: Any, edge_rows: Any,
     edge_swap: Any, fx: Any, fy: Any, flag: Any, row: Any, work: Any, middle: Any, tmp: Any,
-    target: Any, stride: int, start: int, count: int,
+    target: Any, stride: int, start: int, count: int, add: bool,
 ) -> None:  # fmt: skip
-    """Spread, transform along y and x, and store the modes' samples ``start`` … of this batch.
+    """Spread, transform along y and x, and store (or add to what is there) the modes' samples of this batch.
 
     ``target`` holds for column c = i·len(ys) + k the real parts at row 2c and the imaginary ones at row 2c + 1.
     """
     half = ys.size
     zero = np.int64(0)
+    done = row
     for line in range(nx):
+        done = row
         if flag[0]:
             return
         if separable:
             hit = _spread_row(row, line, packed, starts, first, wx, wy, nx, ny)
         else:
             hit = _place_row(row, line, packed, starts, first, sensors, wy[:, 0], ny)
-        if not hit:
+        if not hit and nx > 1:
             for k in range(2 * half):
                 o = (k * nx + line) * 32
                 middle[o : o + 32] = 0
             continue
-        flip = fft(row, zero, work, zero, zero, ny, fy[0], fy[1], fy[2], fy[3], fy[4], tmp)
-        done = work if flip else row
+        if not hit:
+            row[: ny * 32] = 0
+        if fft(row, zero, work, zero, zero, ny, fy[0], fy[1], fy[2], fy[3], fy[4], tmp):
+            done = work
+        if nx == 1:
+            break
         for k in range(half):
             o, i = (2 * k * nx + line) * 32, ys[k] * 32
             store(middle, o, load16(done, i))
@@ -141,25 +154,24 @@ def forward(
     for k in range(half):
         if flag[0]:
             return
-        po = 2 * k * nx * 32
-        p = middle
-        if nx > 1 and fft(middle, po, work, zero, zero, nx, fx[0], fx[1], fx[2], fx[3], fx[4], tmp) == 1:
-            p = work
-        po = 0 if fx[0].size % 2 else po
-        q, qo = p, po
-        if ys_opposite[k] != ys[k]:
-            qo = (2 * k + 1) * nx * 32
-            q = middle
-            if nx > 1 and fft(middle, qo, row, zero, zero, nx, fx[0], fx[1], fx[2], fx[3], fx[4], tmp) == 1:
-                q = row
-            qo = 0 if fx[0].size % 2 else qo
+        p, po = done, ys[k] * 32
+        q, qo = done, ys_opposite[k] * 32
+        if nx > 1:
+            po = 2 * k * nx * 32
+            p = work if fft(middle, po, work, zero, zero, nx, fx[0], fx[1], fx[2], fx[3], fx[4], tmp) else middle
+            po = 0 if fx[0].size % 2 else po
+            q, qo = p, po
+            if ys_opposite[k] != ys[k]:
+                qo = (2 * k + 1) * nx * 32
+                q = row if fft(middle, qo, row, zero, zero, nx, fx[0], fx[1], fx[2], fx[3], fx[4], tmp) else middle
+                qo = 0 if fx[0].size % 2 else qo
         for i in range(xs.size):
             at = 2 * (i * half + k) * stride + start
-            _separate(p, po + xs[i] * 32, q, qo + xs_opposite[i] * 32, target, at, at + stride, count)
+            _separate(p, po + xs[i] * 32, q, qo + xs_opposite[i] * 32, target, at, at + stride, count, add)
             if edge_rows[i, k] >= 0:
                 at = edge_rows[i, k] * stride + start
                 a, b = edge_xs[i] * 32, edge_xs_opposite[i] * 32
                 if edge_swap[k]:
-                    _separate(q, qo + a, p, po + b, target, at, at + stride, count)
+                    _separate(q, qo + a, p, po + b, target, at, at + stride, count, add)
                 else:
-                    _separate(p, po + a, q, qo + b, target, at, at + stride, count)
+                    _separate(p, po + a, q, qo + b, target, at, at + stride, count, add)

@@ -166,6 +166,36 @@ def entries_spread(
     )
 
 
+def part(spread: Spread, sensors: Ints) -> Spread:
+    """Spread of some of the sensors alone: for traces packed one a row in the order of ``sensors`` (each once)."""
+    row = np.full(len(spread.scale), -1, np.int64)
+    row[sensors] = np.arange(len(sensors))
+    rows = row[spread.order] if spread.separable else row[spread.sensors]
+    kept = rows >= 0
+    starts = np.concatenate([[0], np.cumsum(kept)])[spread.starts].astype(np.int64)
+    if spread.separable:
+        return Spread(
+            True,
+            rows[kept],
+            spread.scale[kept],
+            starts,
+            spread.first[kept],
+            spread.sensors,
+            np.ascontiguousarray(spread.wx[kept]),
+            np.ascontiguousarray(spread.wy[kept]),
+        )
+    return Spread(
+        False,
+        np.arange(len(sensors)),
+        spread.scale[sensors],
+        starts,
+        spread.first[kept],
+        rows[kept],
+        spread.wx,
+        np.ascontiguousarray(spread.wy[kept]),
+    )
+
+
 def non_uniform(
     places: NDArray[np.float64],
     scale: NDArray[np.float64],

@@ -1,4 +1,4 @@
-"""Vectors of 16, 4 and 2 lanes inside Numba functions.
+"""Vectors of 16, 4, 2 and 1 lanes inside Numba functions.
 
 LLVM does not vectorise a butterfly whose eight streams may overlap, and Numba has no ``restrict``. So the kernels of
 this package load, combine and store whole vectors themselves. A vector maps to whatever registers the machine has.
@@ -103,10 +103,12 @@ def _splat(lanes: int) -> Any:
 load16: Any = intrinsic(_load(16))
 load4: Any = intrinsic(_load(4))
 load2: Any = intrinsic(_load(2))
+load1: Any = intrinsic(_load(1))
 store: Any = intrinsic(_store)
 splat16: Any = intrinsic(_splat(16))
 splat4: Any = intrinsic(_splat(4))
 splat2: Any = intrinsic(_splat(2))
+splat1: Any = intrinsic(_splat(1))
 
 
 def _row(builder: Any, rows: Any, context: Any, rows_type: Any, i: int, at: Any) -> Any:
