@@ -57,7 +57,7 @@ def reverse(tour: NDArray[np.int64], place: NDArray[np.int64], log: NDArray[np.i
 @exact
 def two_opt(
     positions: NDArray[np.float64],
-    neighbours: NDArray[np.int32],
+    neighbours: NDArray[np.int64],
     tour: NDArray[np.int64],
     place: NDArray[np.int64],
     log: NDArray[np.int64],
@@ -90,7 +90,7 @@ def two_opt(
 @exact
 def or_opt(
     positions: NDArray[np.float64],
-    neighbours: NDArray[np.int32],
+    neighbours: NDArray[np.int64],
     tour: NDArray[np.int64],
     place: NDArray[np.int64],
     log: NDArray[np.int64],

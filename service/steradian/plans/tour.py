@@ -65,16 +65,16 @@ def join(positions: NDArray[np.float64], pieces: Sequence[NDArray[np.int64]]) ->
     return np.concatenate(joined)
 
 
-def nearest(positions: NDArray[np.float64], count: int) -> NDArray[np.int32]:
+def nearest(positions: NDArray[np.float64], count: int) -> NDArray[np.int64]:
     """Nearest neighbours (M, K) of each point, closest first; K is ``count`` where there are so many."""
     from scipy.spatial import KDTree
 
     count = min(count, len(positions) - 1)
-    found = np.asarray(KDTree(positions).query(positions, k=count + 1)[1]).astype(np.int32)
+    found = np.asarray(KDTree(positions).query(positions, k=count + 1)[1]).astype(np.int64)
     # a point is not always the first of its own neighbours where others lie at the same place
-    own = found == np.arange(len(positions), dtype=np.int32)[:, None]
+    own = found == np.arange(len(positions))[:, None]
     own[~own.any(axis=1), -1] = True
-    others: NDArray[np.int32] = found[~own].reshape(len(positions), count)
+    others: NDArray[np.int64] = found[~own].reshape(len(positions), count)
     return others
 
 
@@ -84,7 +84,7 @@ def _open_length(positions: NDArray[np.float64], tour: NDArray[np.int64]) -> flo
 
 @exact
 def _nearest_neighbour(
-    positions: NDArray[np.float64], neighbours: NDArray[np.int32], curve: NDArray[np.int64]
+    positions: NDArray[np.float64], neighbours: NDArray[np.int64], curve: NDArray[np.int64]
 ) -> NDArray[np.int64]:
     count = len(positions)
     before, after = np.empty(count, np.int64), np.empty(count, np.int64)  # the unvisited, along the curve
@@ -126,7 +126,7 @@ def _nearest_neighbour(
 @exact
 def _settle(
     positions: NDArray[np.float64],
-    neighbours: NDArray[np.int32],
+    neighbours: NDArray[np.int64],
     tour: NDArray[np.int64],
     place: NDArray[np.int64],
     log: NDArray[np.int64],
@@ -183,9 +183,10 @@ def _kick(
     c, d, n = tour[(middle + 1) % size], tour[last], tour[(last + 1) % size]
     gained[0] += length(positions, p, a) + length(positions, b, c) + length(positions, d, n)
     gained[0] -= length(positions, p, c) + length(positions, d, a) + length(positions, b, n)
-    turn(tour, place, log, a, d, 1)
-    turn(tour, place, log, d, c, 1)
-    turn(tour, place, log, b, a, 1)
+    onward = np.int64(1)
+    turn(tour, place, log, a, d, onward)
+    turn(tour, place, log, d, c, onward)
+    turn(tour, place, log, b, a, onward)
     filled = 0
     for point in (p, a, b, c, d, n):
         if point < size - 1 and not queued[point]:
@@ -198,7 +199,7 @@ def _kick(
 @exact
 def _improve(
     positions: NDArray[np.float64],
-    neighbours: NDArray[np.int32],
+    neighbours: NDArray[np.int64],
     start: NDArray[np.int64],
     budget: int,
     longest: int,
@@ -216,10 +217,11 @@ def _improve(
     log, gained = np.zeros((1000, 2), np.int64), np.zeros(1)
     _settle(positions, neighbours, tour, place, log, gained, waiting, count, queued, budget, longest)
     np.random.seed(1)  # noqa: NPY002
+    steps, far = np.int64(100_000), np.int64(1000)  # literals would be compiled for once more
     for _ in range(kicks if count >= 8 else 0):
         log[0, 0], gained[0] = 0, 0.0
         filled = _kick(positions, tour, place, log, gained, waiting, queued)
-        _settle(positions, neighbours, tour, place, log, gained, waiting, filled, queued, 100_000, 1000)
+        _settle(positions, neighbours, tour, place, log, gained, waiting, filled, queued, steps, far)
         if gained[0] < 0 and log[0, 0] < len(log):
             for entry in range(log[0, 0], 0, -1):
                 first, last = log[entry, 0], log[entry, 1]
