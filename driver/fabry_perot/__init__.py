@@ -4,7 +4,7 @@ The *device* is the scanner's firmware side (:mod:`fabry_perot.device`), the *dr
 (:mod:`fabry_perot.host`, :func:`connect`), the *link* the bytes between them (``PROTOCOL.md``).
 """
 
-from fabry_perot.aline import ALine
+from fabry_perot.aline import ALine, ALineBatch
 from fabry_perot.asynchronous import AsyncScanner, connect_async
 from fabry_perot.capabilities import Capabilities
 from fabry_perot.connecting import Found, connect, discover
@@ -30,6 +30,7 @@ from fabry_perot.tuning import TuningCurve, TuningDrift, TuningMap
 
 __all__ = [
     "ALine",
+    "ALineBatch",
     "AsyncScanner",
     "Capabilities",
     "DeviceError",

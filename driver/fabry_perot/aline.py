@@ -1,8 +1,16 @@
-"""The A-line: what one interrogation of one point recorded."""
+"""The A-line: what one interrogation of one point recorded, alone and in batches.
+
+On its way through the driver an A-line is a *record*: the meta and the samples as little-endian int16, which is what
+arrives when it was sent plainly and whole. It is unpacked when somebody looks at it.
+"""
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +18,34 @@ from numpy.typing import NDArray
 from fabry_perot.encoding import Encoding, decode
 from fabry_perot.errors import FrameError
 from fabry_perot.framing import crc32c
-from fabry_perot.messages import LAYOUT, ALineMeta, unpack
+from fabry_perot.messages import LAYOUT, ALineMeta
 
-_META = LAYOUT[ALineMeta].size
+_META = LAYOUT[ALineMeta]
+META_SIZE = _META.size
+_PEEK = struct.Struct("<16xI8xH")
+"""Checksum and number of samples in a record."""
+
+
+def check_record(blob: bytes, encoding: int = Encoding.INT16) -> bytes:
+    """Return the record of an A-line from its blob (meta ‖ encoded samples).
+
+    Raises
+    ------
+    FrameError
+        Length or checksum of the samples are wrong, or the encoding is unknown.
+    """
+    if len(blob) < META_SIZE:
+        raise FrameError(f"{len(blob)} bytes where an A-line has at least {META_SIZE}")
+    crc, count = _PEEK.unpack_from(blob)
+    data = blob[META_SIZE:]
+    if encoding != Encoding.INT16:
+        data = decode(data, encoding, count).astype("<i2", copy=False).tobytes()
+        blob = blob[:META_SIZE] + data
+    if len(data) != 2 * count:
+        raise FrameError(f"{len(data)} bytes for {count} samples")
+    if crc32c(data) != crc:
+        raise FrameError("samples do not match their checksum")
+    return blob
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,23 +97,13 @@ class ALine:
     quality: int
 
     @classmethod
-    def from_blob(cls, number: int, point: int, blob: bytes, encoding: int = 0) -> ALine:
-        """Return the A-line in ``blob`` (meta ‖ encoded samples).
-
-        Raises
-        ------
-        FrameError
-            Length or checksum of the samples are wrong.
-        """
-        meta = unpack(ALineMeta, blob, tail=True)
-        data = blob[_META:]
-        samples = decode(data, encoding, meta.samples)
-        if crc32c(data if encoding == Encoding.INT16 else samples.astype("<i2", copy=False).tobytes()) != meta.crc:
-            raise FrameError(f"A-line {number}: samples do not match their checksum")
+    def from_record(cls, number: int, point: int, record: bytes) -> ALine:
+        """Return the A-line in a checked record."""
+        meta = ALineMeta(*_META.unpack_from(record))
         return cls(
             number,
             point,
-            samples,
+            np.frombuffer(record, "<i2", offset=META_SIZE).astype(np.int16, copy=False),
             meta.scale,
             meta.interval * 1e-12,
             meta.fire_time * 1e-6,
@@ -92,3 +115,93 @@ class ALine:
             meta.dc * 1e-3,
             meta.quality,
         )
+
+
+_FIELDS = {
+    "scale": ("scale", 1.0),
+    "sampling_interval": ("interval", 1e-12),
+    "fire_time_s": ("fire_time", 1e-6),
+    "shot": ("shot", 1),
+    "averages": ("averages", 1),
+    "energy": ("energy", 1e-4),
+    "wavelength_m": ("wavelength", 1e-12),
+    "time_zero_offset_s": ("time_zero", 1e-10),
+    "dc_v": ("dc", 1e-3),
+    "quality": ("quality", 1),
+}
+"""Attributes of an A-line that are numbers: field of the record and its unit."""
+
+
+@lru_cache(maxsize=8)
+def record_type(samples: int) -> np.dtype[np.void]:
+    """Return the structure of a record of so many samples."""
+    names = "fire_time wavelength shot crc scale interval count averages energy dc quality shift time_zero".split()
+    kinds = "<u8 <u4 <u4 <u4 <f4 <u4 <u2 <u2 <u2 <i2 u1 u1 <i2".split()
+    return np.dtype([*zip(names, kinds, strict=True), ("samples", "<i2", (samples,))])
+
+
+class ALineBatch(Sequence[ALine]):
+    """A-lines of one length in order of their number: a sequence of :class:`ALine`, and columns of all of them.
+
+    An :class:`ALine` is made when it is looked at. Columns cost nothing per A-line, so that is how to store many.
+
+    Parameters
+    ----------
+    first
+        Number of the first one; the others follow it.
+    points
+        Their points.
+    records
+        Their checked records, all of the same length.
+    """
+
+    __slots__ = ("_points", "_records", "_table", "first")
+
+    def __init__(self, first: int = 0, points: Sequence[int] = (), records: Sequence[bytes] = ()) -> None:
+        self.first = first
+        self._points, self._records = points, records
+        self._table: NDArray[np.void] | None = None
+
+    def __len__(self) -> int:
+        return len(self._records)
+
+    @overload
+    def __getitem__(self, index: int) -> ALine: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[ALine]: ...
+    def __getitem__(self, index: int | slice) -> ALine | list[ALine]:
+        if isinstance(index, slice):
+            return [self[place] for place in range(*index.indices(len(self)))]
+        place = range(len(self))[index]
+        return ALine.from_record(self.first + place, self._points[place], self._records[place])
+
+    @property
+    def table(self) -> NDArray[np.void]:
+        """(n,) records of :func:`record_type`, read-only, in the protocol's units."""
+        if self._table is None:
+            size = len(self._records[0]) if self._records else META_SIZE
+            data = b"".join(self._records)
+            self._table = np.frombuffer(data, record_type((size - META_SIZE) // 2), len(self._records))
+        return self._table
+
+    @property
+    def samples(self) -> NDArray[np.int16]:
+        """(n, N_t) int16 counts, read-only."""
+        return np.asarray(self.table["samples"])
+
+    def column(self, name: str) -> NDArray[Any]:
+        """Return (n,) values of one attribute of :class:`ALine` by name, in its unit; of ``samples`` (n, N_t).
+
+        Raises
+        ------
+        KeyError
+            An A-line has no such attribute.
+        """
+        if name == "samples":
+            return self.samples
+        if name == "number":
+            return np.arange(self.first, self.first + len(self))
+        if name == "point":
+            return np.array(self._points, np.int64)
+        field, unit = _FIELDS[name]
+        return np.asarray(self.table[field] * unit)

@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from types import TracebackType
 from typing import Any, ParamSpec, Self, TypeVar
 
-from fabry_perot.aline import ALine
+from fabry_perot.aline import ALine, ALineBatch
 from fabry_perot.capabilities import Capabilities
 from fabry_perot.connecting import connect
 from fabry_perot.host import ScanReport
@@ -79,8 +79,8 @@ class AsyncScanner:
         """Start scanning."""
         await self._run(self._scanner.start, token)
 
-    async def alines(self) -> AsyncIterator[list[ALine]]:
-        """Yield lists of A-lines as they arrive, until the plan is done."""
+    async def alines(self) -> AsyncIterator[ALineBatch]:
+        """Yield batches of A-lines as they arrive, until the plan is done."""
         batches = self._scanner.alines()
         while (batch := await self._run(_following, batches)) is not None:
             yield batch
@@ -139,7 +139,7 @@ class AsyncScanner:
         self._calls.shutdown(wait=False)
 
 
-def _following(batches: Iterator[list[ALine]]) -> list[ALine] | None:
+def _following(batches: Iterator[ALineBatch]) -> ALineBatch | None:
     return next(batches, None)
 
 

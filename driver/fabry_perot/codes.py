@@ -17,6 +17,8 @@ ALL_FRAGMENTS = 0xFF
 """In a missing list: the whole A-line."""
 MAX_MISSING = 64
 """Longest missing list in one ALINE_ACK."""
+MAX_GROUP = 255
+"""Most A-lines in one frame."""
 FLAG_RETUNE, FLAG_MONITOR, FLAG_FIDUCIAL = 1, 2, 4
 """Bits of a point's ``flags``."""
 

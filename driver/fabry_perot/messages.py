@@ -56,7 +56,7 @@ class PlanStatus(NamedTuple):
 
 
 class ALineHead(NamedTuple):
-    """Before each fragment of an A-line's blob (40-byte meta ‖ encoded samples)."""
+    """Before each fragment of an A-line's blob (40-byte meta ‖ encoded samples), or before ``more`` + 1 whole blobs."""
 
     plan: int
     number: int
@@ -64,7 +64,7 @@ class ALineHead(NamedTuple):
     fragment: int
     fragments: int
     encoding: int
-    reserved: int
+    more: int
 
 
 class ALineMeta(NamedTuple):

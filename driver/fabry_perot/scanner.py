@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fabry_perot.aline import ALine
+from fabry_perot.aline import ALine, ALineBatch
 from fabry_perot.attention import Attention
 from fabry_perot.clock import Clock
 from fabry_perot.codes import Operation
@@ -79,6 +79,7 @@ class Scanner(Controls):
         encoding: str = "auto",
         resume: bool = False,
         start: int = 0,
+        tag: int = 0,
     ) -> None:
         """Upload a plan.
 
@@ -106,6 +107,8 @@ class Scanner(Controls):
         start
             First point to measure; A-lines of those before it are stored already, and A-lines keep their numbers. For
             a scan whose scanner and host both went down.
+        tag
+            Any u32: uploads of the same points with another tag are other plans, for ``resume`` too.
 
         Raises
         ------
@@ -129,6 +132,7 @@ class Scanner(Controls):
             averages=averages,
             wavelength=self.capabilities.wavelengths(wavelength, len(where)),
             encoding=self.capabilities.encoding(encoding),
+            tag=tag,
         )
         if not 0 <= start < plan.length:
             raise PlanInvalid("start", start, f"0 … {plan.length - 1}")
@@ -179,8 +183,29 @@ class Scanner(Controls):
             if self._plan is not None:
                 self._keeper.engage(self._plan, int(answer.get("laser_shots", 0)), now)
 
-    def alines(self) -> Iterator[list[ALine]]:
-        """Yield lists of A-lines in order of their number, as they arrive, until the plan is done.
+    @property
+    def recovering(self) -> bool:
+        """Whether the scan stands because line or device failed, and is being taken up again."""
+        with self._session.changed:
+            return self._keeper.engaged and self._keeper.minding
+
+    @property
+    def holds(self) -> bool:
+        """Whether :meth:`alines` has, or may have, more to deliver of what was fired already."""
+        with self._session.changed:
+            host, status, assembly = self._host, self._host.status, self._host.assembly
+            if assembly is None or host.failure is not None:
+                return False
+            settled = status is not None and status.state == host.device_state and status.state not in RUNNING
+            if status is None or not settled or assembly.complete > assembly.delivered:
+                return True
+            return status.plan == assembly.plan and assembly.delivered < status.produced
+
+    def alines(self, *, idle: bool = False) -> Iterator[ALineBatch]:
+        """Yield batches of A-lines in order of their number, as they arrive, until the plan is done.
+
+        With ``idle`` an empty batch comes every now and then while there are none, so that the application can look
+        after other things.
 
         Each comes exactly once. Store a batch durably, then :meth:`acknowledge` its last A-line: the device keeps
         everything that was not acknowledged and stops firing when its ring is full. An interruption of the line or a
@@ -203,12 +228,12 @@ class Scanner(Controls):
                 if not batch:
                     self._session.changed.wait(STEP)
             self._session.flush()
-            if batch:
+            if batch or idle:
                 yield batch
         self._keep_nothing()
         self._settle()
 
-    def _next_batch(self) -> list[ALine] | None:
+    def _next_batch(self) -> ALineBatch | None:
         """Return what has arrived, ``None`` when the plan is done; raises why nothing more will come."""
         now, host = self._session.now(), self._host
         host.renew(now)
@@ -223,7 +248,7 @@ class Scanner(Controls):
         patience = int(self._policy.patience * 1e6) if kept and self._policy else host.timing.patience
         error = stop_reason(host, now, patience)
         if error is None or (kept and self._keeper.minding and not self._dozed_off()):
-            return []
+            return ALineBatch()
         self._keeper.release()
         raise error
 

@@ -12,7 +12,10 @@ from fabry_perot.errors import LinkLost, PortBusy, PortUnavailable
 
 READ_WAIT = 0.02
 """Longest wait for bytes in one read, in s."""
-SOCKET_CHUNK = 4096
+SOCKET_WAIT, SOCKET_CHUNK = 0.004, 4096
+"""Longest wait for so many bytes from a socket, in s."""
+WRITE_WAIT = 5.0
+"""A write that takes longer, in s, means the port is gone."""
 
 
 class Transport(Protocol):
@@ -100,9 +103,9 @@ def open_transport(url: str, baudrate: int = 3_000_000) -> Transport:
     """
     try:
         if "://" in url:
-            wait = 0.004
-            return SocketTransport(serial.serial_for_url(url, timeout=wait, write_timeout=5.0))
-        port = serial.Serial(url, baudrate, timeout=READ_WAIT, write_timeout=5.0, exclusive=True)
+            stuck = None if url.startswith("rfc2217:") else WRITE_WAIT  # which has 5 s of its own, and takes no other
+            return SocketTransport(serial.serial_for_url(url, baudrate, timeout=SOCKET_WAIT, write_timeout=stuck))
+        port = serial.Serial(url, baudrate, timeout=READ_WAIT, write_timeout=WRITE_WAIT, exclusive=True)
         return TerminalTransport(port)
     except (serial.SerialException, OSError, ValueError) as error:
         text = str(error)

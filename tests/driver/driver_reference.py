@@ -88,7 +88,13 @@ class ALines:
     def take(self, frame: dict) -> None:
         if frame["type"] != 0xA0:
             return
-        plan, number, point, fragment, fragments, encoding, _ = struct.unpack_from("<IIIBBBB", frame["payload"])
+        plan, number, point, fragment, fragments, encoding, more = struct.unpack_from("<IIIBBBB", frame["payload"])
+        if more:
+            size = (len(frame["payload"]) - 16) // (more + 1)
+            for i in range(more + 1):
+                blob = frame["payload"][16 + i * size : 16 + (i + 1) * size]
+                self.lines[plan, number + i] = {"point": point + i, **self.meta(blob, encoding)}
+            return
         parts = self.parts.setdefault((plan, number), {})
         parts[fragment] = frame["payload"][16:]
         if len(parts) == fragments:

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
+import socket
+import threading
 
 import numpy as np
 import pytest
+import serial
+from serial import rfc2217
 
 import fabry_perot
 from fabry_perot import connecting, framing
@@ -57,7 +62,7 @@ def test_the_asyncio_driver_scans_tunes_and_reports_like_the_synchronous_one(sim
             assert scanner.capabilities.simulated
             assert (await scanner.tune(0.0, 0.0, steps=11)).levels.shape == (11,)
             assert len((await scanner.pretune(where(2), steps=11)).wavelength) == 2
-            assert await scanner.set(interrogation_uw=900) == {"interrogation_uw": 900}
+            assert (await scanner.set(interrogation_uw=900))["interrogation_uw"] == 900
             await scanner.park()
             await scanner.upload(where(60), **PARAMETERS)
             token = await scanner.arm()
@@ -118,3 +123,87 @@ def test_a_packed_scan_over_a_paced_line_is_the_same_and_faster(tmp_path):
             took[encoding] = scanner.statistics()["device_time"] * 1e-6 - lines[encoding][0].fire_time_s
     assert all(line.samples.shape == (1024,) for line in lines["auto"])
     assert took["auto"] < took["int16"]
+
+
+class PortWithModemLines(serial.Serial):
+    """A pseudo-terminal with the modem lines it lacks, which a terminal server reports."""
+
+    cts = dsr = cd = property(lambda self: True)
+    ri = property(lambda self: False)
+
+    def _update_dtr_state(self) -> None: ...
+
+    def _update_rts_state(self) -> None: ...
+
+
+class NetworkAdapter:
+    """A serial port behind RFC 2217, as a terminal server has it: pyserial's own server in front of a real port."""
+
+    def __init__(self, path: str) -> None:
+        self._port = PortWithModemLines(path, timeout=0.02, write_timeout=5.0)
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.url = "rfc2217://{}:{}".format(*self._listener.getsockname())
+        self.negotiated: list[int] = []
+        self._over = threading.Event()
+        self._threads = [threading.Thread(target=self._serve, daemon=True)]
+        self._threads[0].start()
+
+    def _serve(self) -> None:
+        self._client, _ = self._listener.accept()
+        self._manager = rfc2217.PortManager(self._port, self)
+        self._threads.append(threading.Thread(target=self._upward, daemon=True))
+        self._threads[1].start()
+        while not self._over.is_set():
+            data = self._port.read(self._port.in_waiting or 1)
+            if data:
+                self.write(b"".join(self._manager.escape(data)))
+
+    def _upward(self) -> None:
+        while data := self._client.recv(4096):
+            self._port.write(b"".join(self._manager.filter(data)))
+            self.negotiated.append(self._port.baudrate)
+        self._over.set()
+
+    def write(self, data: bytes) -> None:
+        """Send to the client, for the port manager too."""
+        with contextlib.suppress(OSError):
+            self._client.sendall(data)
+
+    def close(self) -> None:
+        self._over.set()
+        self._listener.close()
+        with contextlib.suppress(OSError, AttributeError):
+            self._client.shutdown(socket.SHUT_RDWR)
+        for thread in self._threads:
+            thread.join(5.0)
+        self._client.close()
+        self._port.close()
+
+
+@pytest.mark.filterwarnings("ignore:set:DeprecationWarning")  # pyserial's own
+def test_a_scanner_behind_a_real_rfc_2217_server_scans_without_a_damaged_a_line_at_the_baud_rate_asked_for():
+    with launch(speed=5, noise_db=60.0) as simulator:
+        with fabry_perot.connect(simulator.url, timing=PATIENT) as scanner:
+            direct = acquire(scanner)
+        adapter = NetworkAdapter(simulator.url)
+        try:
+            with fabry_perot.connect(adapter.url, baudrate=921_600, timing=PATIENT) as scanner:
+                remote = acquire(scanner)
+                report = scanner.report()
+        finally:
+            adapter.close()
+    assert [line.number for line in remote] == list(range(25))
+    assert (report.stored, report.bad_frames) == (25, 0)
+    assert 921_600 in adapter.negotiated, "the baud rate went to the far end's port"
+    for near, far in zip(direct, remote, strict=True):
+        assert np.corrcoef(near.samples, far.samples)[0, 1] > 0.99, "the same points of the same phantom"
+
+
+def acquire(scanner: fabry_perot.Scanner) -> list:
+    scanner.upload(where(25), samples=600, sampling_interval=8e-9, pulse_rate=100.0)
+    scanner.start(scanner.arm())
+    lines: list = []
+    for batch in scanner.alines():
+        lines += batch
+        scanner.acknowledge(batch[-1])
+    return lines

@@ -7,11 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fabry_perot.codes import Operation, Result, Type
 from fabry_perot.device.lease import LaserLease
+from fabry_perot.device.operations import carry_out
+from fabry_perot.device.outbox import DEPTH, Outbox
 from fabry_perot.device.planbuffer import PlanBuffer
 from fabry_perot.device.replies import ReplyCache
 from fabry_perot.device.ring import ALineRing
-from fabry_perot.messages import POINT
+from fabry_perot.framing import Deframer
+from fabry_perot.messages import LAYOUT, POINT, ALineHead
 from fabry_perot.states import RUNNING, TRANSITIONS, DeviceState, Event
 
 S, E = DeviceState, Event
@@ -133,3 +137,155 @@ def test_old_request_ids_are_stale_once_their_reply_is_forgotten():
     assert cache.find(1) is None
     assert cache.stale(1)
     assert not cache.stale(4)
+
+
+PLAN_NEW = {"plan": 1, "length": 4, "samples": 64, "interval_ps": 8000, "pulse_rate_mhz": 50_000, "purge": True}
+SWEEP = {"x": 0, "y": 0, "from_pm": 1_500_000, "to_pm": 1_600_000, "steps": 11}
+
+
+@pytest.mark.parametrize(
+    ("operation", "good", "change", "field"),
+    [
+        (Operation.PLAN_NEW, PLAN_NEW, {"samples": 0}, "samples"),
+        (Operation.PLAN_NEW, PLAN_NEW, {"interval_ps": 0}, "interval_ps"),
+        (Operation.PLAN_NEW, PLAN_NEW, {"pulse_rate_mhz": 1 << 40}, "pulse_rate_mhz"),
+        (Operation.PLAN_NEW, PLAN_NEW, {"plan": 0}, "length"),
+        (Operation.PLAN_NEW, PLAN_NEW, {"length": 0}, "length"),
+        (Operation.PLAN_NEW, PLAN_NEW, {"start": 4}, "length"),
+        (Operation.PLAN_NEW, PLAN_NEW, {"encoding": 7}, "encoding"),
+        (Operation.PLAN_NEW, PLAN_NEW, {"group": 0}, "group"),
+        (Operation.PLAN_NEW, PLAN_NEW, {"group": 256}, "group"),
+        (Operation.SET, {"power": 1}, {"power": 11}, "power"),
+        (Operation.TUNE_SCAN, SWEEP, {"x": 11_000_000}, "x_nm"),
+        (Operation.TUNE_SCAN, SWEEP, {"y": -11_000_000}, "y_nm"),
+        (Operation.TUNE_SCAN, SWEEP, {"to_pm": 1_500_000}, "wavelength_pm"),
+        (Operation.TUNE_SCAN, SWEEP, {"steps": 257}, "wavelength_pm"),
+    ],
+)
+def test_a_parameter_out_of_range_is_refused_by_its_name_and_changes_nothing(bench, operation, good, change, field):
+    bench.connect()
+    before = bench.device.statistics()
+    result, body = carry_out(bench.device, operation, {**good, **change})
+    assert (result, body) == (Result.OUT_OF_RANGE, {"field": field})
+    assert bench.device.statistics() == before
+    assert carry_out(bench.device, operation, good)[0] is Result.OK
+
+
+def test_what_would_disturb_a_scan_is_refused_while_it_runs(bench):
+    bench.scan(50)
+    bodies = {Operation.PLAN_NEW: PLAN_NEW, Operation.SET: {"power": 1}, Operation.TUNE_SCAN: SWEEP}
+    for operation, body in bodies.items():
+        assert carry_out(bench.device, operation, body)[0] is Result.WRONG_STATE
+    for operation in (Operation.PARK, Operation.ARM, Operation.RELEASE, Operation.CLEAR_FAULT, Operation.START):
+        body = {"token": 1, "echo": 1, "ttl": 1}
+        assert carry_out(bench.device, operation, body)[0] is Result.WRONG_STATE
+    bench.finish()
+    bench.check_exact(50)
+
+
+def test_a_plan_is_not_replaced_without_purge_while_a_lines_of_it_are_held(bench):
+    bench.acknowledging = False
+    bench.scan(20)
+    bench.until(lambda: len(bench.stored) == 20)
+    assert carry_out(bench.device, Operation.PLAN_NEW, {**PLAN_NEW, "purge": False}) == (Result.RING_NOT_EMPTY, {})
+    assert bench.device.ring.fill == 20
+
+
+def test_a_scanner_that_cannot_tune_says_so_and_an_unknown_operation_too(bench):
+    bench.connect()
+    bench.device.limits["tuning_us"] = 0
+    assert carry_out(bench.device, Operation.TUNE_SCAN, SWEEP)[0] is Result.NOT_SUPPORTED
+    assert carry_out(bench.device, 99, {})[0] is Result.UNKNOWN_OPERATION
+
+
+def test_a_pulse_that_was_missed_is_skipped_and_not_fired_late(bench):
+    bench.scan(50)
+    bench.run(50)
+    fired = len(bench.instrument.log)
+    bench.device.poll(bench.device.now + 42_300)
+    assert len(bench.instrument.log) == fired
+    bench.finish()
+    assert all(time % 5_000 == 0 for time, _, _ in bench.instrument.log)
+    bench.check_exact(50)
+
+
+def test_the_scan_itself_asks_for_a_lease_before_each_shot(bench):
+    bench.scan(50)
+    fired, device = len(bench.instrument.log), bench.device
+    device.lease.revoke(device.now)
+    device.scan.advance(device.scan.due)
+    assert device.state is DeviceState.SCANNING
+    assert len(bench.instrument.log) == fired
+
+
+def ring_of(*blobs: tuple[int, int, int], group: int = 255, limit: int = 99) -> ALineRing:
+    """A ring holding A-lines given as (point, encoding, length of the blob)."""
+    ring = ALineRing(32)
+    ring.clear(9)
+    ring.group = group
+    ring.acknowledge(0, limit, [])
+    for point, encoding, size in blobs:
+        ring.append(point, bytes(size), encoding)
+    return ring
+
+
+def sent(ring: ALineRing, size: int = 1016) -> list[tuple[int, int, int, bool]]:
+    """(number, fragments, A-lines in it, again) of all frames the ring has to send."""
+    frames = []
+    while (part := ring.next_payload(size)) is not None:
+        head = ALineHead(*LAYOUT[ALineHead].unpack_from(part[0]))
+        frames.append((head.number, head.fragments, head.more + 1, part[1]))
+        assert len(part[0]) <= size
+    return frames
+
+
+PLAIN = [(point, 0, 100) for point in range(12)]
+
+
+@pytest.mark.parametrize(
+    ("ring", "frames"),
+    [
+        (ring_of(*PLAIN), [(0, 1, 10, False), (10, 1, 2, False)]),
+        (ring_of(*PLAIN, group=5), [(0, 1, 5, False), (5, 1, 5, False), (10, 1, 2, False)]),
+        (ring_of(*PLAIN, group=1), [(number, 1, 1, False) for number in range(12)]),
+        (ring_of(*PLAIN, limit=7), [(0, 1, 7, False)]),
+        (ring_of((0, 0, 100), (1, 0, 100), (2, 0, 98), (3, 0, 98)), [(0, 1, 2, False), (2, 1, 2, False)]),
+        (ring_of((0, 0, 100), (1, 1, 100), (2, 1, 100)), [(number, 1, 1, False) for number in range(3)]),
+        (ring_of((0, 0, 100), (2, 0, 100)), [(0, 1, 1, False), (1, 1, 1, False)]),
+        (ring_of((0, 0, 1001), (1, 0, 100)), [(0, 2, 1, False), (0, 2, 1, False), (1, 1, 1, False)]),
+    ],
+    ids=["payload", "group", "one", "credit", "length", "packed", "points", "long"],
+)
+def test_a_lines_share_a_frame_as_far_as_payload_group_credit_and_their_kind_allow(ring, frames):
+    assert sent(ring) == frames
+
+
+def test_what_is_asked_for_again_goes_by_itself_and_only_if_it_is_held_and_exists():
+    ring = ring_of(*PLAIN)
+    sent(ring)
+    ring.acknowledge(2, 99, [(1, 0xFF), (3, 0xFF), (4, 9), (5, 0), (5, 0), (6, 0xFF), (40, 0)])
+    ring.acknowledge(6, 99, [])
+    assert sent(ring) == [(6, 1, 1, True)]
+    ring.acknowledge(6, 99, [(7, 9), (8, 0)])
+    assert sent(ring) == [(8, 1, 1, True)]
+
+
+def test_an_acknowledgement_of_what_was_never_fired_is_ignored():
+    ring = ring_of(*PLAIN)
+    ring.acknowledge(13, 99, [])
+    assert (ring.acknowledged, ring.fill) == (0, 12)
+    for _ in range(20):
+        ring.append(0, b"")
+    with pytest.raises(OverflowError):
+        ring.append(0, b"")
+
+
+def test_the_first_control_messages_go_first_and_a_full_outbox_drops_what_will_be_repeated():
+    outbox = Outbox(7)
+    for count in range(DEPTH + 5):
+        outbox.put(Type.PLAN_STATUS, bytes([count]))
+    outbox.put(Type.FAULT, b"urgent", urgent=True)
+    frames = []
+    while (data := outbox.next_control()) is not None:
+        frames += Deframer().feed(data)
+    assert [frame.payload for frame in frames] == [b"urgent", *(bytes([count]) for count in range(DEPTH))]

@@ -127,5 +127,5 @@ def test_a_valid_checksum_alone_does_not_make_a_frame(body, counter):
 
 
 def test_a_payload_beyond_the_limit_is_refused_before_it_is_sent():
-    with pytest.raises(FrameError, match="8192"):
+    with pytest.raises(FrameError, match="32768"):
         encode_frame(Frame(1, 0, 0, 0, 0, bytes(MAX_PAYLOAD + 1)))

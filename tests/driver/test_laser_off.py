@@ -21,9 +21,14 @@ where = np.random.default_rng(0).uniform(-6e-3, 6e-3, (3000, 2)).round(6)
 scanner = fabry_perot.connect(sys.argv[1], recovery=None)
 scanner.upload(where, samples=64, sampling_interval=8e-9, pulse_rate=100.0)
 scanner.start(scanner.arm())
-for batch in scanner.alines():
-    scanner.acknowledge(batch[-1])
-    print(batch[-1].number, flush=True)
+while True:
+    try:
+        for batch in scanner.alines():
+            scanner.acknowledge(batch[-1])
+            print(batch[-1].number, flush=True)
+        break
+    except fabry_perot.LeaseLapsed:  # a busy machine
+        scanner.resume()
 """
 TTL = 500_000
 ENDS = ("kill", "stop", "unplug")

@@ -65,6 +65,7 @@ PLAN_NEW = {
     "purge": True,
     "start": 5,
     "encoding": 1,
+    "group": 255,
 }
 FRAMES = {
     "HELLO": Frame(Type.HELLO, 0, 0, 0, 1, pack(Hello(1, 1, 8192, 0x12345678))),
@@ -74,6 +75,9 @@ FRAMES = {
     "PLAN_DATA": Frame(Type.PLAN_DATA, 0, 7, 0x0102, 5, PLAN_HEAD.pack(PLAN, 0, 1) + point()),
     "ALINE_ACK": Frame(Type.ALINE_ACK, 0, 7, 0x0102, 6, pack(ALineAck(PLAN, 10, 522)) + MISSING.pack(11, 0xFF)),
     "ALINE": Frame(Type.ALINE, 0, 7, 0x0102, 7, pack(ALineHead(PLAN, 11, 11, 0, 1, 0, 0)) + pack(META) + SAMPLES),
+    "ALINE OF TWO": Frame(
+        Type.ALINE, 0, 7, 0x0102, 15, pack(ALineHead(PLAN, 11, 11, 0, 1, 0, 1)) + 2 * (pack(META) + SAMPLES)
+    ),
     "HELLO_ACK": Frame(
         Type.HELLO_ACK,
         0,

@@ -10,6 +10,7 @@ from driver_bench import Bench, truth
 from driver_reference import ALines, castagnoli, frames
 
 from fabry_perot import faults
+from fabry_perot.codes import Type
 from fabry_perot.encoding import Encoding
 from fabry_perot.framing import Deframer
 from fabry_perot.host import Plan
@@ -68,3 +69,24 @@ def test_the_second_reader_finds_state_and_counters_in_status_where_the_document
 
 def test_the_second_readers_checksum_is_castagnolis():
     assert castagnoli(b"123456789") == 0xE3069283
+
+
+def test_a_lines_that_wait_share_frames_which_the_second_reader_takes_apart_and_a_lost_one_costs_none_of_them():
+    bench = Bench(max_payload=8192)
+    bench.instrument.move = lambda index, now: now
+    recorder = faults.Recorder()
+    bench.down.filters += [recorder, faults.FramesOfType(Type.ALINE, lambda count: count == 3)]
+    bench.scan(60, samples=500, rate=5000.0)
+    bench.finish()
+    bench.check_exact(60)
+    shared = [f["payload"][15] for f in frames(recorder.data) if f["type"] == Type.ALINE]
+    assert max(shared) >= 3, "5 A-lines come up in the ms between two looks at the line"
+    assert len(shared) < 40
+    reader = ALines()
+    for frame in frames(recorder.data):
+        reader.take(frame)
+    (plan,) = {plan for plan, _ in reader.lines}
+    for number in range(60):
+        assert reader.lines[plan, number]["point"] == number
+        assert reader.lines[plan, number]["values"] == truth(number, 500).tolist()
+    assert bench.host.assembly.repairs >= max(1, shared[3] + 1)

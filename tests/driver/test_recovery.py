@@ -8,11 +8,14 @@ from functools import cache, partial
 
 import numpy as np
 import pytest
+from driver_world import World
 
 import fabry_perot
-from fabry_perot import Recovery, phantoms
+from fabry_perot import Recovery, faults, phantoms
+from fabry_perot.codes import AbortLevel, Type
 from fabry_perot.simulator import launch
 from fabry_perot.simulator.instrument import peak_pressure
+from fabry_perot.states import DeviceState
 
 SAMPLES = 1024
 PATIENT = Recovery(patience=60.0)
@@ -125,3 +128,42 @@ def test_without_recovery_a_restart_is_reported_as_what_it_is():
         scanner.start(scanner.arm())
         with pytest.raises(fabry_perot.DeviceRestarted):
             take_all(scanner, 500, [(5, partial(simulator.command, "reboot", seconds=0.1))])
+
+
+def test_a_step_of_recovery_that_goes_unanswered_is_tried_again_later():
+    world = World()
+    world.begin()
+    world.run(60)
+    world.unplug(100)
+    world.run(100)
+    lost = faults.FramesOfType(Type.REQ, lambda count: count < 6)
+    world.up.filters.append(lost)
+    world.run(4_000)
+    world.until(lambda: len(world.disk) == 40, 10_000)
+    assert lost.seen > 6, "RELEASE was given up once and asked for anew"
+    assert len(world.instrument.log) == 40
+
+
+def test_an_interruption_that_outlasts_the_patience_ends_the_scan_with_a_lost_link():
+    world = World()
+    world.begin()
+    world.run(60)
+    world.keeper._policy = Recovery(patience=2.0)
+    world.unplug(1 << 40)
+    world.run(2_500)
+    assert isinstance(world.host.failure, fabry_perot.LinkLost)
+    assert world.device.state is DeviceState.SAFE_HOLD
+
+
+def test_an_emergency_stop_during_recovery_ends_it_and_fires_nothing_more():
+    world = World()
+    world.begin()
+    world.run(60)
+    world.reboot(100)
+    world.until(lambda: world.keeper._steps is not None and world.device.plan.length > 0, 5_000)
+    fired = len(world.instrument.log)
+    world.abort(AbortLevel.EMERGENCY_STOP)
+    world.run(3_000)
+    assert world.device.state is DeviceState.ESTOP
+    assert len(world.instrument.log) == fired
+    assert not world.keeper.minding

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import pickle
+
 import pytest
 
 from fabry_perot.codes import AbortLevel, Operation, Type
-from fabry_perot.errors import DeviceRestarted, Refused
+from fabry_perot.errors import DeviceRestarted, PlanInvalid, Refused
 from fabry_perot.framing import Frame, encode_frame
 from fabry_perot.host import Host
+from fabry_perot.instrument import InstrumentError
 from fabry_perot.messages import REQUEST_HEAD, Lease, pack
 from fabry_perot.states import DeviceState
 
@@ -126,7 +129,7 @@ def test_frames_of_another_session_or_boot_do_nothing_at_the_host(bench, faults)
     plan = bench.upload(10)
     assert plan.uid == bench.host.assembly.plan, "the same plan again, so only the session tells"
     bench.host.receive(recorder.data, bench.clock.now())
-    assert bench.host.take() == []
+    assert not bench.host.take()
     assert bench.host.foreign_frames > 10
 
 
@@ -275,3 +278,29 @@ def test_an_interrupted_average_is_fired_anew_and_its_shots_are_accounted_for(be
     assert all(line.averages == 10 for line in bench.stored)
     assert bench.device.scan.shots == 6 * 10 + bench.device.scan.shots_wasted
     assert bench.device.scan.shots_wasted >= 4
+
+
+def test_a_fault_of_the_hardware_in_mid_scan_is_latched_reported_by_its_code_and_fires_nothing_more(bench):
+    bench.scan(50)
+    bench.run(60)
+
+    def fail(now: int) -> None:
+        raise InstrumentError(7, "the mirror does not move")
+
+    bench.instrument.on_fire = fail
+    bench.run(300)
+    assert bench.device.state is bench.host.device_state is DeviceState.FAULT
+    assert bench.host.status.fault == 7
+    fired = len(bench.instrument.log)
+    bench.instrument.on_fire = lambda now: None
+    bench.run(1_000)
+    assert len(bench.instrument.log) == fired
+    bench.call(Operation.CLEAR_FAULT)
+    assert bench.device.state is DeviceState.SAFE_HOLD
+
+
+@pytest.mark.parametrize("error", [PlanInvalid("samples", 9, "1 … 8"), Refused("ARM", "no-lease", "READY")])
+def test_an_error_says_the_same_on_the_other_side_of_a_process_boundary(error):
+    again = pickle.loads(pickle.dumps(error))  # noqa: S301
+    assert str(again) == str(error)
+    assert vars(again) == vars(error)

@@ -111,7 +111,7 @@ def test_a_real_scanner_is_tuned_its_map_kept_and_its_drift_seen(tmp_path):
         tuned.save(tmp_path / "map.npz")
         simulator.command("drift", pm=200)
         drift = TuningMap.load(tmp_path / "map.npz").compare(scanner.pretune(where, steps=201))
-        assert scanner.set(interrogation_uw=500) == {"interrogation_uw": 500}
+        assert scanner.set(interrogation_uw=500)["interrogation_uw"] == 500
         weaker = scanner.tune(*where[0])
         with pytest.raises(PlanInvalid, match="interrogation_uw"):
             scanner.set(colour=1)

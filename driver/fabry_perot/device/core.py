@@ -15,7 +15,7 @@ from fabry_perot.device.replies import ReplyCache
 from fabry_perot.device.ring import ALineRing
 from fabry_perot.device.timing import DeviceTiming
 from fabry_perot.errors import FrameError
-from fabry_perot.framing import MAX_PAYLOAD, OVERHEAD, Deframer, crc32c
+from fabry_perot.framing import OVERHEAD, USB_PAYLOAD, Deframer, crc32c
 from fabry_perot.instrument import Acquisition, Instrument, InstrumentError
 from fabry_perot.messages import Fault, PlanStatus, Status, pack, pack_body
 from fabry_perot.states import LATCHED, RUNNING, TRANSITIONS, DeviceState, Event, HoldCause
@@ -62,7 +62,7 @@ class Device:
         timing: DeviceTiming | None = None,
         ring: int = 512,
         plan_points: int = 8192,
-        max_payload: int = MAX_PAYLOAD,
+        max_payload: int = USB_PAYLOAD,
         reset_cause: int = 1,
     ) -> None:
         self.instrument, self.boot, self.now = instrument, boot, now

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fabry_perot.codes import Operation, Result, Type
+from fabry_perot.codes import MAX_GROUP, Operation, Result, Type
 from fabry_perot.instrument import Acquisition
 from fabry_perot.messages import ALineGone, pack
 from fabry_perot.states import RUNNING, DeviceState, Event
@@ -43,7 +43,7 @@ def _get(device: Device, body: Body) -> Outcome:
 
 def _plan_new(device: Device, body: Body) -> Outcome:
     plan, length, purge = int(body["plan"]), int(body["length"]), bool(body.get("purge", False))
-    start, encoding = int(body.get("start", 0)), int(body.get("encoding", 0))
+    start, encoding, group = int(body.get("start", 0)), int(body.get("encoding", 0)), int(body.get("group", 1))
     acquisition = Acquisition(int(body["samples"]), int(body["interval_ps"]), int(body["pulse_rate_mhz"]))
     bounds = device.limits
     for value, name in (
@@ -57,12 +57,15 @@ def _plan_new(device: Device, body: Body) -> Outcome:
         return Result.OUT_OF_RANGE, {"field": "length"}
     if encoding not in bounds["encodings"]:
         return Result.OUT_OF_RANGE, {"field": "encoding"}
+    if not 1 <= group <= MAX_GROUP:
+        return Result.OUT_OF_RANGE, {"field": "group"}
     if device.ring.fill and not purge:
         return Result.RING_NOT_EMPTY, {}
     if not device.step(Event.PLAN_NEW):
         return Result.WRONG_STATE, {}
     old, first = device.ring.plan, device.ring.acknowledged
     purged = device.ring.clear(plan, start)
+    device.ring.group = group
     if purged:
         device.outbox.put(Type.ALINE_GONE, pack(ALineGone(old, first, purged, 1)))
     device.plan.begin(plan, length, start)

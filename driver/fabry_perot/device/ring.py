@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections import deque
+from itertools import islice
 
 from fabry_perot.codes import ALL_FRAGMENTS
+from fabry_perot.encoding import Encoding
 from fabry_perot.messages import ALineHead, pack
 
 
@@ -19,6 +21,8 @@ class ALineRing:
 
     def __init__(self, capacity: int) -> None:
         self.capacity = capacity
+        self.group = 1
+        """Most A-lines in one frame."""
         self.clear(0)
 
     def clear(self, plan: int, start: int = 0) -> int:
@@ -87,11 +91,34 @@ class ALineRing:
                     return self._payload(number, fragment, room), True
         if self.sent >= min(self.produced, self.limit):
             return None
+        together = self._together(room) if self.group > 1 and not self._fragment else 1
+        if together > 1:
+            payload = self._joint_payload(together)
+            self.sent += together
+            return payload, False
         payload = self._payload(self.sent, self._fragment, room)
         self._fragment += 1
         if self._fragment >= self._count(self.sent, room):
             self.sent, self._fragment = self.sent + 1, 0
         return payload, False
+
+    def _together(self, room: int) -> int:
+        """Return how many A-lines from the next one on may share a frame: plain, equally long, of points in a row."""
+        begin = self.sent - self.acknowledged
+        point, encoding, blob = self._blobs[begin]
+        most = min(self.group, room // len(blob), min(self.produced, self.limit) - self.sent)
+        if encoding != Encoding.INT16:
+            return 1
+        for count, other in enumerate(islice(self._blobs, begin, begin + most)):
+            if (other[0], other[1], len(other[2])) != (point + count, encoding, len(blob)):
+                return count
+        return most
+
+    def _joint_payload(self, count: int) -> bytes:
+        begin = self.sent - self.acknowledged
+        point, encoding, _ = self._blobs[begin]
+        blobs = (blob for _, _, blob in islice(self._blobs, begin, begin + count))
+        return pack(ALineHead(self.plan, self.sent, point, 0, 1, encoding, count - 1)) + b"".join(blobs)
 
     def _count(self, number: int, room: int) -> int:
         return -(-len(self._blobs[number - self.acknowledged][2]) // room)

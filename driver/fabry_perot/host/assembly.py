@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from fabry_perot.aline import ALine
+from fabry_perot.aline import ALineBatch, check_record
 from fabry_perot.codes import ALL_FRAGMENTS, MAX_MISSING
 from fabry_perot.errors import FrameError
-from fabry_perot.messages import ALineHead, unpack
+from fabry_perot.messages import LAYOUT, ALineHead
 
-_HEAD = 16
+_HEAD = LAYOUT[ALineHead]
 
 
 class Assembly:
@@ -36,7 +36,7 @@ class Assembly:
         self.horizon = start
         """Numbers below this were sent by the device."""
         self.duplicates = self.damaged = self.repairs = 0
-        self._lines: dict[int, ALine] = {}
+        self._lines: dict[int, tuple[int, bytes]] = {}
         self._parts: dict[int, list[bytes | None]] = {}
         self._asked: dict[int, int] = {}
 
@@ -52,40 +52,78 @@ class Assembly:
 
     def receive(self, payload: bytes) -> None:
         """Take one ALINE payload; anything of another plan, doubled or beyond the window is ignored."""
-        head = unpack(ALineHead, payload, tail=True)
-        number = head.number
-        if head.plan != self.plan or number >= self.limit:
+        if len(payload) < _HEAD.size:
+            raise FrameError(f"{len(payload)} bytes where an A-line's head has {_HEAD.size}")
+        head = ALineHead(*_HEAD.unpack_from(payload))
+        if head.plan != self.plan:
             return
         if not head.fragment < head.fragments:
-            raise FrameError(f"A-line {number}: impossible fragment")
-        self.horizon = max(self.horizon, number)
+            raise FrameError(f"A-line {head.number}: impossible fragment")
+        if head.fragments > 1:
+            blob = self._joined(head, payload[_HEAD.size :])
+            if blob is not None:
+                self._keep(head.number, head.point, blob, head.encoding)
+        elif not head.more:
+            self._keep(head.number, head.point, payload[_HEAD.size :], head.encoding)
+        else:
+            self._keep_all(head, payload)
+        self._advance()
+
+    def _keep_all(self, head: ALineHead, payload: bytes) -> None:
+        """Keep several whole A-lines of one frame."""
+        size, rest = divmod(len(payload) - _HEAD.size, head.more + 1)
+        if rest or size <= 0:
+            raise FrameError(f"{len(payload)} bytes are not {head.more + 1} equal A-lines")
+        keep, number, point = self._keep, head.number, head.point
+        for end in range(_HEAD.size + size, len(payload) + 1, size):
+            keep(number, point, payload[end - size : end], head.encoding)
+            number, point = number + 1, point + 1
+
+    def _wanted(self, number: int) -> bool:
+        """Note that A-line ``number`` was sent; return whether it is still wanted."""
+        if number >= self.durable + self._window:
+            return False
+        if number > self.horizon:
+            self.horizon = number
         if number < self.complete or number in self._lines:
             self.duplicates += 1
-            return
-        if head.fragments == 1:
-            self._finish(head, payload[_HEAD:])
-            return
-        parts = self._parts.setdefault(number, [None] * head.fragments)
-        if len(parts) != head.fragments:
-            parts = self._parts[number] = [None] * head.fragments
-        parts[head.fragment] = payload[_HEAD:]
-        whole = [part for part in parts if part is not None]
-        if len(whole) == len(parts):
-            self._finish(head, b"".join(whole))
+            return False
+        return True
 
-    def _finish(self, head: ALineHead, blob: bytes) -> None:
-        number = head.number
-        self._parts.pop(number, None)
+    def _keep(self, number: int, point: int, blob: bytes, encoding: int) -> None:
+        """Keep one whole A-line, if it is wanted and undamaged."""
+        if not self._wanted(number):
+            return
         try:
-            self._lines[number] = ALine.from_blob(number, head.point, blob, head.encoding)
+            self._lines[number] = point, check_record(blob, encoding)
         except FrameError:
             self.damaged += 1
             return
-        self._asked.pop(number, None)
-        while self.complete in self._lines and self.complete < self.limit:
-            self.complete += 1
-        if self.horizon < self.complete:
-            self.horizon = self.complete
+        if self._asked:
+            self._asked.pop(number, None)
+
+    def _joined(self, head: ALineHead, piece: bytes) -> bytes | None:
+        """Keep one fragment; return the blob when it was the last one missing."""
+        if not self._wanted(head.number):
+            return None
+        parts = self._parts.setdefault(head.number, [None] * head.fragments)
+        if len(parts) != head.fragments:
+            parts = self._parts[head.number] = [None] * head.fragments
+        parts[head.fragment] = piece
+        whole = [part for part in parts if part is not None]
+        if len(whole) < len(parts):
+            return None
+        del self._parts[head.number]
+        return b"".join(whole)
+
+    def _advance(self) -> None:
+        """Count what is here without a gap."""
+        limit, complete, lines = self.limit, self.complete, self._lines
+        while complete in lines and complete < limit:
+            complete += 1
+        self.complete = complete
+        if self.horizon < complete:
+            self.horizon = complete
 
     def restart(self) -> int:
         """Forget what is not in order yet, because it will be recorded anew; return the first number wanted."""
@@ -99,11 +137,20 @@ class Assembly:
         """Learn from STATUS that the device has sent everything below ``number``."""
         self.horizon = max(self.horizon, min(number, self.limit))
 
-    def take(self) -> list[ALine]:
-        """Return the A-lines that are next in order and not yet delivered."""
-        lines = [self._lines.pop(number) for number in range(self.delivered, self.complete)]
-        self.delivered = self.complete
-        return lines
+    def take(self) -> ALineBatch:
+        """Return the A-lines that are next in order and not yet delivered; where their length changes it ends."""
+        first, lines = self.delivered, self._lines
+        points: list[int] = []
+        records: list[bytes] = []
+        for number in range(first, self.complete):
+            point, record = lines[number]
+            if records and len(record) != len(records[0]):
+                break
+            points.append(point)
+            records.append(record)
+            del lines[number]
+        self.delivered = first + len(records)
+        return ALineBatch(first, points, records)
 
     def acknowledge(self, durable: int) -> None:
         """Learn that A-lines below ``durable`` are stored; only delivered ones can be."""

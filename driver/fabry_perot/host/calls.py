@@ -59,7 +59,9 @@ class Calls:
 
     def due(self, now: int) -> list[tuple[bytes, bool]]:
         """Return payloads to send now and whether each is a repetition; gives up on calls tried often enough."""
-        payloads = []
+        payloads: list[tuple[bytes, bool]] = []
+        if not self._open:
+            return payloads
         for call in list(self._open.values()):
             if now < call.due:
                 continue

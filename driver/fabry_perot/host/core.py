@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from fabry_perot.aline import ALine
+from fabry_perot.aline import ALineBatch
 from fabry_perot.capabilities import Capabilities
 from fabry_perot.codes import PROTOCOL, AbortLevel, Operation, Type
 from fabry_perot.errors import DeviceRestarted, FrameError, LinkLost, NoAnswer, ScannerError
@@ -130,20 +130,18 @@ class Host:
     def receive(self, data: bytes, now: int) -> None:
         """Take bytes from the line at host time ``now``."""
         for frame in self.deframer.feed(data):
-            if frame.type != Type.HELLO_ACK and not self._mine(frame):
+            if not self._mine(frame) and frame.type != Type.HELLO_ACK:
                 self.foreign_frames += 1
-                continue
-            handler = HANDLERS.get(frame.type)
-            if handler is None:
-                continue
-            try:
-                handler(self, frame, now)
-            except (FrameError, ValueError):
-                self.deframer.counters.bad_length += 1
+            elif (handler := HANDLERS.get(frame.type)) is not None:
+                try:
+                    handler(self, frame, now)
+                except (FrameError, ValueError):
+                    self.deframer.counters.bad_length += 1
         self.poll(now)
 
     def _mine(self, frame: Frame) -> bool:
-        return self.hello is not None and (frame.session, frame.boot) == (self.session, self.hello.boot & 0xFF)
+        hello = self.hello
+        return hello is not None and frame.session == hello.session and frame.boot == hello.boot & 0xFF
 
     def poll(self, now: int) -> None:
         """Send what is due at host time ``now``."""
@@ -181,7 +179,10 @@ class Host:
         assembly = self.assembly
         if assembly is None:
             return
-        missing = assembly.missing(now) if assembly.gaps else []
+        gaps = assembly.gaps
+        if not (gaps or self.ack_due) and now - self._acked_at < self.timing.ack_period:
+            return
+        missing = assembly.missing(now) if gaps else []
         confirmed = self.status is not None and self.status.acknowledged >= assembly.durable
         busy = self.device_state in RUNNING or self.device_state is DeviceState.DRAINING
         again = now - self._acked_at >= self.timing.ack_period and (busy or not confirmed)
@@ -203,6 +204,8 @@ class Host:
 
     def pull(self) -> bytes:
         """Return the bytes to send now."""
+        if not self._out:
+            return b""
         data = b"".join(self._out)
         self._out.clear()
         return data
@@ -266,9 +269,9 @@ class Host:
         self._echo_sent, self._leased_at = self.status.device_time, now
         self.send(Type.LEASE, pack(Lease(self.hello.boot, **self.lease_fields())))
 
-    def take(self) -> list[ALine]:
+    def take(self) -> ALineBatch:
         """Return the A-lines that are next in order."""
-        return self.assembly.take() if self.assembly else []
+        return self.assembly.take() if self.assembly else ALineBatch()
 
     def acknowledge(self, number: int, now: int) -> None:
         """Tell the device that A-line ``number`` and all before it are durably stored; renews the lease."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fabry_perot.codes import MAX_GROUP
 from fabry_perot.framing import crc32c
 from fabry_perot.messages import PLAN_HEAD, POINT
 
@@ -28,6 +29,8 @@ class Plan:
         Pulse rate in mHz.
     encoding
         How A-lines travel; no part of the plan's identity.
+    tag
+        Part of the identity and of nothing else: tells uploads of the same points apart.
     """
 
     points: NDArray[np.void]
@@ -35,6 +38,7 @@ class Plan:
     interval_ps: int
     pulse_rate_mhz: int
     encoding: int = 0
+    tag: int = 0
 
     @classmethod
     def from_metres(
@@ -47,18 +51,20 @@ class Plan:
         averages: int = 1,
         wavelength: float | NDArray[np.float64] = 0.0,
         encoding: int = 0,
+        tag: int = 0,
     ) -> Plan:
         """Return the plan for (M, 2) positions in m; other parameters in SI units, ``wavelength`` one or (M,)."""
         records = np.zeros(len(points), POINT)
         records["x"], records["y"] = np.rint(points.T * 1e9)
         records["averages"] = averages
         records["wavelength"] = np.rint(np.asarray(wavelength) * 1e12)
-        return cls(records, samples, round(sampling_interval * 1e12), round(pulse_rate * 1e3), encoding)
+        return cls(records, samples, round(sampling_interval * 1e12), round(pulse_rate * 1e3), encoding, tag)
 
     @property
     def uid(self) -> int:
         """Identity of the content (u32, never 0): equal plans have equal uids."""
-        head = f"{self.samples},{self.interval_ps},{self.pulse_rate_mhz};".encode()
+        tag = f",{self.tag}" if self.tag else ""
+        head = f"{self.samples},{self.interval_ps},{self.pulse_rate_mhz}{tag};".encode()
         return crc32c(head + self.points.tobytes()) or 1
 
     @property
@@ -77,6 +83,7 @@ class Plan:
             "purge": purge,
             "start": start,
             "encoding": self.encoding,
+            "group": MAX_GROUP,
         }
 
     def data(self, first: int, limit: int, payload: int) -> bytes:

@@ -23,6 +23,8 @@ from fabry_perot.simulator.motion import Galvo, PulseTrain
 
 POWER = 1000
 """Nominal interrogation power in µW."""
+EXCITATION = 800_000
+"""Excitation wavelength to begin with, in pm; the object absorbs in proportion to the wavelength's power −2."""
 TUNING_STEP = 200
 """Time of one step of a wavelength sweep, in µs."""
 LOG = 200_000
@@ -91,7 +93,7 @@ class PhantomInstrument:
         self.shots: deque[tuple[int, int]] = deque(maxlen=LOG)
         """Simulator time (µs) and point of the last shots: the truth that no reboot and no line can change."""
         self._fired = 0
-        self._power = POWER
+        self._power, self._excitation = POWER, EXCITATION
         self._repeat, self._recordings = repeat, list[Recording]()
         self._galvo, self._laser = Galvo(), PulseTrain(seed)
         self._acquisition = Acquisition(0, 0, 0)
@@ -120,7 +122,7 @@ class PhantomInstrument:
             "clock_rate": self._clock_rate,
             "line_rate": self._line_rate,
             "tuning_us": TUNING_STEP,
-            "parameters": {"interrogation_uw": [100, 5000]},
+            "parameters": {"interrogation_uw": [100, 5000], "excitation_pm": [400_000, 2_000_000]},
         }
 
     def begin(self, acquisition: Acquisition) -> None:
@@ -178,7 +180,7 @@ class PhantomInstrument:
         return self._recordings[index % len(self._recordings)]
 
     def _record(self, index: int) -> Recording:
-        line = self._line(index).astype(np.float64)
+        line = self._line(index).astype(np.float64) * (EXCITATION / self._excitation) ** 2
         point = self._point(index)
         x, y, wavelength = int(point["x"]), int(point["y"]), int(point["wavelength"])
         bias = self.film.bias(x, y)
@@ -234,11 +236,14 @@ class PhantomInstrument:
 
     def parameters(self) -> dict[str, int]:
         """Return what SET changes."""
-        return {"interrogation_uw": self._power}
+        return {"interrogation_uw": self._power, "excitation_pm": self._excitation}
 
     def configure(self, name: str, value: int) -> None:
-        """Change the interrogation power."""
-        self._power = value
+        """Change the interrogation power or tune the excitation laser."""
+        if name == "excitation_pm":
+            self._excitation = value
+        else:
+            self._power = value
 
     def interlock_closed(self) -> bool:
         """Return whether the interlock is closed."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 
 from fabry_perot.device import Device, DeviceTiming
-from fabry_perot.framing import MAX_PAYLOAD, UART_PAYLOAD
+from fabry_perot.framing import MAX_PAYLOAD, UART_PAYLOAD, USB_PAYLOAD
 from fabry_perot.shapes import by_name
 from fabry_perot.simulator.instrument import PhantomInstrument
 from fabry_perot.simulator.options import FILMS, Options
@@ -54,7 +54,7 @@ class Machine:
             timing=DeviceTiming().scaled(options.speed),
             ring=options.ring,
             plan_points=options.plan_points,
-            max_payload=UART_PAYLOAD if options.baud else MAX_PAYLOAD,
+            max_payload=UART_PAYLOAD if options.baud else MAX_PAYLOAD if options.tcp else USB_PAYLOAD,
             reset_cause=cause,
         )
 
