@@ -5,6 +5,7 @@ SteradianError
 ├── NotFound          no such mask, plan, scan or reconstruction (also a ``LookupError``)
 ├── Conflict          the request does not fit the present state
 ├── DamagedFile       a file is truncated, foreign or of a newer schema
+├── DiskFull          the disk cannot hold what is to be written
 ├── ScanFailed        the scanner or its link gave up; what was acknowledged is kept
 └── Cancelled         somebody asked for the operation to stop
 
@@ -69,6 +70,12 @@ class DamagedFile(SteradianError):
     """A file is truncated, not of the expected kind, or of a newer schema."""
 
     code = "damaged-file"
+
+
+class DiskFull(SteradianError):
+    """The disk cannot hold what is to be written."""
+
+    code = "disk-full"
 
 
 class ScanFailed(SteradianError):

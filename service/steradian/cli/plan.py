@@ -32,6 +32,11 @@ def plan(
     wavelengths: Annotated[
         Path | None, typer.Option(help="Bias wavelength of each point in nm: a .csv or .txt column or .npy.")
     ] = None,
+    frames: Annotated[int, typer.Option(help="How often to measure the mask (at each excitation wavelength).")] = 1,
+    excitation: Annotated[
+        list[float] | None,
+        typer.Option(parser=length, help="Excitation wavelength, e.g. 700nm; repeat it for several, in order."),
+    ] = None,
     settling: Annotated[float, typer.Option(parser=duration, help="Time the beam needs to rest after a move.")] = 4e-4,
     speed: Annotated[float, typer.Option(help="Speed of the beam on the film in m/s.")] = 5.0,
     field: Annotated[float, typer.Option(parser=length, help="Side of the scanner's square field.")] = 20e-3,
@@ -57,6 +62,8 @@ def plan(
         sound_speed=sound_speed,
         order=order,
         wavelengths=None if wavelengths is None else _read_wavelengths(wavelengths),
+        frames=frames,
+        excitation=tuple(excitation or ()),
         scanner=ScannerLimits.create(x=(-field / 2, field / 2), y=(-field / 2, field / 2)),
         motion=Motion.create(speed=speed, settling=settling),
         link=Link.serial(baud) if baud else Link.create(byte_rate=None),
@@ -84,6 +91,8 @@ def _show(made: ScanPlan, cost: Preview, output: Path, plot: Path | None) -> Non
         "records reach": f"{1e3 * made.recording_depth:.2f} mm",
         "id": made.id,
     }
+    if made.frame_count > 1:
+        figures["frames"] = made.frame_count
     if cost.retunings:
         figures["retunings"] = cost.retunings
     if len(made.passes) > 1:

@@ -1,45 +1,140 @@
-"""``steradian scan``: measure."""
+"""``steradian scan``: measure, go on measuring, and check what was measured."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
-from steradian.cli.console import progress_bar, show_figures
+from steradian.cli.console import console, progress_bar, show_figures
 from steradian.cli.files import read_value
+from steradian.errors import DamagedFile
 from steradian.plans import ScanPlan
 
+if TYPE_CHECKING:
+    from steradian.scans.run import ScanSummary
 
-def scan(
+
+class _RunByDefault(TyperGroup):
+    """``scan PLAN`` is short for ``scan run PLAN``."""
+
+    def parse_args(self, context: Any, args: list[str]) -> list[str]:
+        if args and args[0] not in self.commands and args[0] not in ("--help", "-h"):
+            args = ["run", *args]
+        return super().parse_args(context, args)
+
+
+app = typer.Typer(
+    cls=_RunByDefault,
+    no_args_is_help=True,
+    help="""Run a plan on a scanner and keep the A-lines in a scan file; go on with a scan that ended early.
+
+    'steradian scan PLAN' is short for 'steradian scan run PLAN'. However a scan ends, its file holds every A-line
+    that was acknowledged and can be reconstructed. Ctrl-C turns the laser off.""",
+)
+Scanner = Annotated[str, typer.Option(help="Port of the scanner (/dev/ttyUSB0, socket://host:port), or 'simulated'.")]
+Speed = Annotated[float, typer.Option(help="How much faster than real time a simulated scan runs.")]
+File = Annotated[Path, typer.Argument(help="A scan file.")]
+
+
+@app.command("run")
+def run(
     plan: Annotated[Path, typer.Argument(help="A plan file, made by 'steradian plan'.")],
-    scanner: Annotated[
-        str, typer.Option(help="Port of the scanner (/dev/ttyUSB0, socket://host:port), or 'simulated'.")
-    ] = "simulated",
-    simulator_speed: Annotated[
-        float, typer.Option(help="How much faster than real time a simulated scan runs.")
-    ] = 20.0,
+    scanner: Scanner = "simulated",
+    simulator_speed: Speed = 20.0,
     output: Annotated[Path, typer.Option("--output", "-o", help="The scan file to write (HDF5).")] = Path("scan.h5"),
 ) -> None:
-    """Run a plan on a scanner and keep the A-lines in a scan file.
-
-    However the scan ends, the file holds every A-line that was acknowledged and can be reconstructed.
-    Ctrl-C turns the laser off.
-    """
+    """Run a plan on a scanner and keep the A-lines in a scan file."""
     from steradian.scans.run import run_scan
 
     wanted = read_value(ScanPlan, plan)
     with scanner_port(scanner, speed=simulator_speed) as port, progress_bar() as progress:
         summary = run_scan(wanted, port, output, progress=progress)
+    _show(summary, scanner)
+
+
+@app.command("resume")
+def resume(
+    file: File,
+    plan: Annotated[Path | None, typer.Option(help="Refuse unless the scan is of this plan.")] = None,
+    scanner: Scanner = "simulated",
+    simulator_speed: Speed = 20.0,
+) -> None:
+    """Go on with an interrupted or partial scan, in the same file.
+
+    Before a missing point is measured the scan proves that it is the same: plan, scanner and tuning must be, and a
+    reference point is measured again and compared. Otherwise it is refused (exit code 4) and every difference named.
+    """
+    _continue(file, plan, scanner, simulator_speed, retry=0)
+
+
+@app.command("retry")
+def retry(
+    file: File,
+    flags: Annotated[
+        int, typer.Option(min=0, max=15, help="Quality flags, summed: 1 saturated, 2 mistuned, 4 misfire, 8 partial.")
+    ] = 15,
+    scanner: Scanner = "simulated",
+    simulator_speed: Speed = 20.0,
+) -> None:
+    """Measure the missing points again, and those whose A-lines have a quality flag; proves itself like resume."""
+    _continue(file, None, scanner, simulator_speed, retry=flags)
+
+
+@app.command("check")
+def check(
+    file: File,
+    repair: Annotated[bool, typer.Option(help="Correct the table of what is stored.")] = True,
+) -> None:
+    """Verify every A-line of a file that no scan is writing, and correct the table of what is stored.
+
+    A-lines themselves are never changed. A damaged one counts as missing from then on: 'steradian scan resume'
+    measures it again. Without --repair a file that is not sound ends with exit code 3.
+    """
+    from steradian.scans.check import check_scan_file
+
+    with progress_bar() as progress:
+        report = check_scan_file(file, repair=repair, progress=progress)
     figures = {
+        "A-lines intact": f"{report.intact} of {report.rows}",
+        "damaged": _rows(report.damaged.tolist()),
+        "whole but not listed": _rows(report.unlisted.tolist()),
+        "table": "sound" if report.is_sound else "corrected" if repair else "not corrected",
+    }
+    show_figures(str(file), figures)
+    if not report.is_sound and not repair:
+        raise DamagedFile(f"{file}: the table of what is stored is wrong; --repair corrects it")
+
+
+def _continue(file: Path, plan: Path | None, scanner: str, speed: float, *, retry: int) -> None:
+    from steradian.scans.run import resume_scan
+
+    wanted = None if plan is None else read_value(ScanPlan, plan)
+    with scanner_port(scanner, speed=speed) as port, progress_bar() as progress:
+        summary = resume_scan(file, port, plan=wanted, retry=retry, progress=progress)
+    for finding in summary.findings:
+        console().print(f"compared: {finding}")
+    _show(summary, scanner)
+
+
+def _show(summary: ScanSummary, scanner: str) -> None:
+    figures: dict[str, object] = {
         "A-lines stored": f"{summary.stored} of {summary.points}",
         "shots fired": summary.fired,
-        "file": summary.path,
     }
-    show_figures("Scan" + (" (simulated)" if scanner == "simulated" else ""), figures)
+    if summary.rescued:
+        figures["of an earlier session"] = f"{summary.rescued} A-lines that the scanner still held"
+    show_figures("Scan" + (" (simulated)" if scanner == "simulated" else ""), figures | {"file": summary.path})
+
+
+def _rows(rows: list[int]) -> str:
+    if not rows:
+        return "none"
+    return f"{len(rows)}: rows " + ", ".join(map(str, rows[:10])) + (", …" if len(rows) > 10 else "")
 
 
 @contextmanager

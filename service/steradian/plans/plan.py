@@ -16,6 +16,9 @@ from steradian.plans.progressive import progressive
 from steradian.plans.scanner import Link, Motion, ScannerLimits, Tuning
 from steradian.validation import FloatArray, Value, content_hash, quantity
 
+EXCITATION = (200e-9, 3e-6)
+"""Excitation wavelengths of light that anybody excites with, in m."""
+
 
 class ScanPlan(Value):
     """What a scanner needs to know to measure a mask; immutable and identified by its content."""
@@ -29,6 +32,14 @@ class ScanPlan(Value):
     order: VisitOrder = VisitOrder.SNAKE
     wavelengths: FloatArray | None = Field(
         default=None, description="(M,) bias wavelength of each point of the mask (m); none: one for all"
+    )
+    frames: int = quantity(
+        "frames", "How often the mask is measured, at each excitation wavelength", ge=1, le=10_000, default=1
+    )
+    excitation: tuple[float, ...] = Field(
+        default=(),
+        max_length=64,
+        description="Excitation wavelengths, measured one after the other (m); none: as the laser stands",
     )
     scanner: ScannerLimits = ScannerLimits()
     motion: Motion = Motion()
@@ -47,6 +58,9 @@ class ScanPlan(Value):
             raise InvalidInput("wavelengths", f"an array of shape {shape}", f"({self.mask.count},), one a point")
         if self.wavelengths is not None and (self.wavelengths <= 0).any():
             raise InvalidInput("wavelengths", f"{self.wavelengths.min():g}", "> 0 (m)")
+        for place, value in enumerate(self.excitation):
+            if not EXCITATION[0] <= value <= EXCITATION[1] or value in self.excitation[:place]:
+                raise InvalidInput(f"excitation[{place}]", f"{value:g}", "200e-9 to 3e-6 (m), each once")
         if self.order is VisitOrder.WAVELENGTH and self.wavelengths is None:
             raise InvalidInput("order", self.order, "another order, or give wavelengths (m) for the points")
         return self
@@ -54,7 +68,30 @@ class ScanPlan(Value):
     @cached_property
     def id(self) -> str:
         """Identifier of the content, ``p`` and 24 hexadecimal digits."""
-        return content_hash("p", self.model_dump(mode="json", exclude={"mask"}) | {"mask": self.mask.id})
+        content = self.model_dump(mode="json", exclude={"mask"}) | {"mask": self.mask.id}
+        if self.frames == 1:  # a plan of one frame is what it was before there were frames
+            del content["frames"]
+        if not self.excitation:
+            del content["excitation"]
+        return content_hash("p", content)
+
+    @property
+    def frame_count(self) -> int:
+        """Number of frames F: A-lines of the whole mask, one after the other."""
+        return self.frames * max(1, len(self.excitation))
+
+    @property
+    def frame_excitation(self) -> tuple[float, ...]:
+        """(F,) excitation wavelength of each frame in m, 0 where the laser stays as it stands.
+
+        All frames of one wavelength follow each other: tuning the laser takes longer than a frame.
+        """
+        return tuple(value for value in self.excitation or (0.0,) for _ in range(self.frames))
+
+    @property
+    def aline_count(self) -> int:
+        """Number of A-lines of all frames, F·M."""
+        return self.frame_count * self.mask.count
 
     @cached_property
     def visit(self) -> NDArray[np.int64]:

@@ -86,29 +86,30 @@ def preview(
     Notes
     -----
     The laser runs freely: a point is fired on at the first pulse after the beam has settled and the wavelength is
-    stable, so a move a little longer than the pulse period costs a second period.
+    stable, so a move a little longer than the pulse period costs a second period. Tuning the excitation laser between
+    frames, and the way back to the first point, are not counted.
     """
-    alines, period = plan.mask.count, 1 / plan.pulse_rate
+    alines, period, frames = plan.aline_count, 1 / plan.pulse_rate, plan.frame_count
     moving, tuning = moving_seconds(plan), tuning_seconds(plan)
     waits = np.maximum(np.ceil((moving + tuning) * plan.pulse_rate - 1e-9), 1)
-    loop = float(waits.sum() + alines * (plan.averages - 1)) * period
+    loop = float(frames * waits.sum() + alines * (plan.averages - 1)) * period
     size = alines * plan.samples * BYTES_PER_SAMPLE
     file_size = size + alines * BYTES_PER_ALINE
     seconds: dict[Part, float] = {
         "laser": alines * plan.averages * period,
-        "mover": float(moving.sum()),
-        "tuning": float(tuning.sum()),
+        "mover": frames * float(moving.sum()),
+        "tuning": frames * float(tuning.sum()),
         "link": plan.link.seconds_of(alines, plan.samples),
         "disk": file_size / disk_rate,
     }
-    way = travel(plan.mask.film_positions, plan.visit)
+    way = frames * travel(plan.mask.film_positions, plan.visit)
     return Preview(
         seconds=seconds,
         laser_seconds=seconds["laser"],
         total_seconds=max(loop, seconds["link"], seconds["disk"]),
         limiting=_limiting(seconds, loop),
         travel=way,
-        retunings=int((tuning > 0).sum()),
+        retunings=frames * int((tuning > 0).sum()),
         bytes=size,
         findings=find(plan, alines_per_second=alines / loop, bytes_=file_size, free=free_bytes, resolution=resolution),
     )

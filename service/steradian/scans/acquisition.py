@@ -18,8 +18,12 @@ from typing import Any
 
 from sqlalchemy.exc import DBAPIError
 
-import fabry_perot
-from steradian.errors import Cancelled, ScanFailed, SteradianError
+from steradian.errors import DiskFull, ScanFailed, SteradianError
+from steradian.scans.control import End
+from steradian.scans.layout import check_disk, scan_file_bytes
+from steradian.scans.proof import ResumeRefused
+from steradian.scans.run import ScanSummary, resume_scan, run_scan
+from steradian.scans.watch import POLL, ScanWatch
 from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url
 from steradian.storage.heartbeat import Heartbeat
@@ -29,12 +33,11 @@ from steradian.storage.paths import DataDirectory
 from steradian.storage.plans import PlanRepository
 from steradian.storage.scanners import ScannerRepository
 from steradian.storage.scans import ScanRepository
-from steradian.storage.states import DesiredScanState, ScanState
+from steradian.storage.states import DesiredScanState, ScanState, route
 from steradian.storage.tables import ScanRow
 
-POLL = 0.2
-"""Seconds between looks for work, at what is wished of a scan, and between progress reports."""
 _S = ScanState
+_LAST = {End.STOPPED: _S.PARTIAL, End.ABORTED: _S.ABORTED}
 _log = logging.getLogger(__name__)
 
 
@@ -105,40 +108,59 @@ class Acquisition:
         interrupted = self._scans.interrupt_all("the service was restarted")
         if interrupted:
             _log.warning("interrupted by a restart: %s", ", ".join(interrupted))
+        self._scans.forget_wishes("the service was restarted")
         self._scanner.report("unknown", "idle")
 
     def step(self) -> None:
-        """Do what there is to do: settle interrupted scans that are wished stopped, run the oldest queued one."""
+        """Settle what is to end; resume an interrupted one that is wished to run, or run the oldest queued one."""
         for row in self._scans.wished_settled():
             self._scans.transition(row.id, _S.PARTIAL, why=row.reason or "kept as it is", summary=self._figures(row.id))
-        row_or_none = self._scans.next_queued()
-        if row_or_none is None:
+        if (row_or_none := self._scans.wished_resumed()) is not None:
+            return self._resume(row_or_none)
+        if (row_or_none := self._scans.next_queued()) is not None:
+            return self._begin_scan(row_or_none)
+        return None
+
+    def _begin_scan(self, row: ScanRow) -> None:
+        if row.desired_state is not DesiredScanState.RUNNING:
+            who = row.wished_by or "acquisition"
+            self._scans.transition(row.id, _S.ABORTED, why=row.reason or "not wanted any more", who=who)
             return
-        if row_or_none.desired_state is not DesiredScanState.RUNNING:
-            who = row_or_none.wished_by or "acquisition"
-            self._scans.transition(row_or_none.id, _S.ABORTED, why=row_or_none.reason or "not wanted any more", who=who)
+        if (refusal := self._scanner.refusal(row)) is not None:
+            self._scans.transition(row.id, _S.ABORTED, why=refusal)
             return
-        if (refusal := self._scanner.refusal(row_or_none)) is not None:
-            self._scans.transition(row_or_none.id, _S.ABORTED, why=refusal)
+        warning = self._disk_warning(row)
+        self._scans.transition(row.id, _S.ARMING, why="the scanner is free" + (f"; {warning}" if warning else ""))
+        self._run(row)
+
+    def _disk_warning(self, row: ScanRow) -> str | None:
+        """Say that the disk will be nearly full; a scan that does not fit fails when its file is to be made."""
+        try:
+            return check_disk(self._data.scan_file(row.id).parent, scan_file_bytes(self._plans.load(row.plan_id)))
+        except DiskFull:
+            return None
+
+    def _resume(self, row: ScanRow) -> None:
+        why = row.reason or "resumed"
+        self._scans.transition(row.id, _S.ARMING, why=why, who=row.wished_by or "acquisition")
+        if (refusal := self._scanner.refusal(row)) is not None:
+            self._scans.transition(row.id, _S.INTERRUPTED, why=refusal, error=("resume-refused", refusal))
             return
-        self._run(row_or_none)
+        self._run(row)
 
     def _run(self, row: ScanRow) -> None:
-        self._scans.transition(row.id, _S.ARMING, why="the scanner is free")
+        """Work on a scan that is ``arming``, until it is over or interrupted."""
         self._scanner.report("connected", "scanning")
-        watch = _Watch(self._scans, row.id, self._stopping, self._clock)
+        watch = ScanWatch(self._scans, row.id, self._stopping, self._clock)
         try:
-            self._measure(row, watch)
+            summary = self._measure(row, watch)
             watch.over()
-            self._finish(row.id)
+            self._finish(row.id, summary.end)
             self._scanner.report("connected", "idle")
-        except Cancelled as error:
-            watch.over()
-            self._finish(row.id, str(error))
-            self._scanner.report("connected", "idle")
+        except ResumeRefused as error:
+            self._give_up(row.id, _S.INTERRUPTED, error.code, str(error), link_is_well=True)
         except ScanFailed as error:
-            following = _S.FAILED if isinstance(error.__cause__, fabry_perot.PlanInvalid) else _S.INTERRUPTED
-            self._give_up(row.id, following, error.code, str(error))
+            self._give_up(row.id, _S.INTERRUPTED, error.code, str(error))
         except SteradianError as error:
             self._give_up(row.id, _S.FAILED, error.code, str(error))
         except DBAPIError:
@@ -147,100 +169,44 @@ class Acquisition:
             _log.exception("scan %s failed", row.id)
             self._give_up(row.id, _S.FAILED, "internal", f"{type(error).__name__}: {error}")
 
-    def _measure(self, row: ScanRow, watch: _Watch) -> None:
-        from steradian.scans.run import run_scan
+    def _measure(self, row: ScanRow, watch: ScanWatch) -> ScanSummary:
+        plan, path = self._plans.load(row.plan_id), self._data.scan_file(row.id)
+        if path.exists():
+            summary = resume_scan(path, self._port.url(), plan=plan, control=watch)
+            if summary.findings:
+                _log.info("scan %s is resumed: %s", row.id, "; ".join(map(str, summary.findings)))
+            return summary
+        return run_scan(plan, self._port.url(), path, scan_id=row.id, control=watch)
 
-        run_scan(
-            self._plans.load(row.plan_id),
-            self._port.url(),
-            self._data.scan_file(row.id),
-            scan_id=row.id,
-            progress=watch.progress,
-            cancelled=watch.cancelled,
-        )
-
-    def _finish(self, identifier: str, why: str = "every A-line is stored") -> None:
-        """Lead a scan that ended in good order to the state that its present one asks for."""
-        last: dict[ScanState, tuple[ScanState, ...]] = {
-            _S.ARMING: (_S.RUNNING, _S.COMPLETING, _S.COMPLETE),
-            _S.RUNNING: (_S.COMPLETING, _S.COMPLETE),
-            _S.STOPPING: (_S.PARTIAL,),
-            _S.ABORTING: (_S.ABORTED,),
-        }
+    def _finish(self, identifier: str, end: End) -> None:
+        """Lead a scan that ended in good order to its last state."""
         figures = self._figures(identifier)
-        present = self._scans.get(identifier).state
-        if self._stopping.is_set() and figures.get("stored") != figures.get("points"):
+        whole = figures.get("stored") == figures.get("points")
+        last = _S.COMPLETE if end is End.COMPLETE or whole else _LAST[end]
+        if last is not _S.COMPLETE and self._stopping.is_set():
             self._scans.transition(identifier, _S.INTERRUPTED, why="the service ended", summary=figures)
             return
-        for following in last[present]:
+        row = self._scans.get(identifier)
+        if last is _S.PARTIAL and not figures.get("stored"):
+            last = _S.ABORTED  # there is nothing to keep
+        why = "every A-line is stored" if last is _S.COMPLETE else row.reason or "requested"
+        for following in route(row.state, last):
             self._scans.transition(identifier, following, why=why, summary=figures)
-        _log.info("scan %s is %s: %s", identifier, following, figures)
+        _log.info("scan %s is %s: %s", identifier, last, figures)
 
-    def _give_up(self, identifier: str, following: ScanState, code: str, message: str) -> None:
+    def _give_up(
+        self, identifier: str, following: ScanState, code: str, message: str, *, link_is_well: bool = False
+    ) -> None:
         _log.error("scan %s is %s: %s", identifier, following, message)
-        self._port.close()
-        self._scanner.report("disconnected" if following is _S.INTERRUPTED else "connected", "idle", message)
+        if not link_is_well:
+            self._port.close()
+        lost = following is _S.INTERRUPTED and not link_is_well
+        self._scanner.report("disconnected" if lost else "connected", "idle", message)
         figures = self._figures(identifier)
         self._scans.transition(identifier, following, why=message, error=(code, message), summary=figures)
 
     def _figures(self, identifier: str) -> dict[str, Any]:
         return count_alines(self._data.scan_file(identifier))
-
-
-class _Watch:
-    """Between a running scan and its row: writes progress, reads wishes, both at most every :data:`POLL` seconds."""
-
-    def __init__(
-        self, scans: ScanRepository, identifier: str, stopping: threading.Event, clock: Callable[[], float]
-    ) -> None:
-        self._scans, self._id, self._stopping, self._clock = scans, identifier, stopping, clock
-        self._written = self._asked = float("-inf")
-        self._running = False
-        self._last: tuple[str, int, int] | None = None
-        self._answer = False
-
-    def progress(self, stage: str, done: int, total: int) -> None:
-        """Note how far the scan is; the first A-lines mean that it runs."""
-        self._last = (stage, done, total)
-        try:
-            if not self._running:
-                self._scans.transition(self._id, _S.RUNNING, why="the first A-lines are stored")
-                self._running = True
-            if self._clock() - self._written >= POLL:
-                self._written = self._clock()
-                self._scans.report(self._id, *self._last)
-        except DBAPIError as error:  # the A-lines go on into the file
-            _log.warning("progress of scan %s is lost: %s", self._id, error.orig)
-
-    def cancelled(self) -> bool:
-        """Whether the scan should end, because somebody wishes it or the service ends."""
-        if self._answer or self._stopping.is_set():
-            return True
-        if self._clock() - self._asked < POLL:
-            return False
-        self._asked = self._clock()
-        try:
-            row = self._scans.get(self._id)
-            if row.desired_state is not DesiredScanState.RUNNING:
-                keep = row.desired_state is DesiredScanState.STOPPED and self._running
-                following, who = _S.STOPPING if keep else _S.ABORTING, row.wished_by or "acquisition"
-                self._scans.transition(self._id, following, why=row.reason or "requested", who=who)
-                self._answer = True
-        except DBAPIError as error:
-            _log.warning("what is wished of scan %s cannot be read: %s", self._id, error.orig)
-        return self._answer
-
-    def over(self) -> None:
-        """Write the last progress; waits for a database that does not answer."""
-        while self._last is not None:
-            stage, done, total = self._last
-            self.progress(stage, done, total)
-            try:
-                return self._scans.report(self._id, stage, done, total)
-            except DBAPIError:
-                if self._stopping.wait(1.0):
-                    return None
-        return None
 
 
 def count_alines(path: Path) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import google_crc32c
@@ -9,17 +10,69 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import DamagedFile
+from steradian.errors import DamagedFile, InvalidInput
 from steradian.scans import schema
+from steradian.scans.course import Course
 from steradian.scans.recording import Recording
 
 
-def read_scan(path: Path) -> Recording:
-    """Read the stored A-lines of a scan file; points not measured yet are left out.
+@dataclass(frozen=True)
+class Frame:
+    """One frame of a scan: an A-line at every point of the mask.
+
+    Attributes
+    ----------
+    index
+        From 0, in the order of measurement.
+    excitation
+        Excitation wavelength in m; 0: as the laser stood.
+    stored
+        A-lines measured so far.
+    """
+
+    index: int
+    excitation: float
+    stored: int
+
+
+def list_frames(path: Path) -> tuple[Frame, ...]:
+    """List the frames of a scan file.
+
+    Raises
+    ------
+    DamagedFile
+        When the file is truncated, of another kind or newer.
+    """
+    try:
+        with h5py.File(path, "r") as file:
+            _check_kind(path, file)
+            course = Course.of_file(file)
+            stored = np.asarray(file["alines/status"]).reshape(-1, course.points) == schema.STORED
+    except (OSError, KeyError, ValueError) as error:
+        raise DamagedFile(f"{path} cannot be read as a scan: {error}") from error
+    counts = stored.sum(axis=1).tolist()
+    return tuple(
+        Frame(number, wavelength, count)
+        for number, (wavelength, count) in enumerate(zip(course.excitation, counts, strict=True))
+    )
+
+
+def read_scan(path: Path, frame: int = 0) -> Recording:
+    """Read the stored A-lines of one frame of a scan file; points not measured yet are left out.
 
     The weights of a partial scan are those of its points, scaled to sum to the aperture's area again.
 
+    Parameters
+    ----------
+    path
+        The scan file.
+    frame
+        Which frame, see :func:`list_frames`; most scans have only the first.
+
     Raises
+    ------
+    InvalidInput
+        When there is no such frame.
     ------
     DamagedFile
         When the file is truncated, of another kind or newer, or holds no A-line.
@@ -27,7 +80,7 @@ def read_scan(path: Path) -> Recording:
     try:
         with h5py.File(path, "r") as file:
             _check_kind(path, file)
-            return _read(path, file)
+            return _read(path, file, frame)
     except (OSError, KeyError) as error:
         raise DamagedFile(f"{path} cannot be read as a scan: {error}") from error
 
@@ -36,15 +89,21 @@ def _check_kind(path: Path, file: h5py.File) -> None:
     kind, version = file.attrs.get("format"), file.attrs.get("schema_version")
     if kind != schema.FORMAT:
         raise DamagedFile(f"{path} is an HDF5 file, but its format is {kind!r}; expected {schema.FORMAT!r}")
-    if version != schema.VERSION:
-        raise DamagedFile(f"{path} has schema version {version}; this program reads {schema.VERSION}")
+    if version not in schema.READABLE:
+        allowed = ", ".join(str(number) for number in schema.READABLE)
+        raise DamagedFile(f"{path} has schema version {version}; this program reads {allowed}")
 
 
-def _read(path: Path, file: h5py.File) -> Recording:
+def _read(path: Path, file: h5py.File, frame: int) -> Recording:
     alines, mask, plan = file["alines"], file["mask"], file["plan"]
-    stored = np.flatnonzero(np.asarray(alines["status"]) == schema.STORED)
-    traces = np.asarray(alines["samples"])[stored]
-    whole = _intact(traces, np.asarray(alines["crc32c"])[stored])
+    points = len(mask["weights"])
+    frames = len(alines["status"]) // points
+    if not 0 <= frame < frames:
+        raise InvalidInput("frame", frame, f"0 to {frames - 1}")
+    rows = slice(frame * points, (frame + 1) * points)
+    stored = np.flatnonzero(np.asarray(alines["status"][rows]) == schema.STORED)
+    traces = np.asarray(alines["samples"][rows])[stored]
+    whole = _intact(traces, np.asarray(alines["crc32c"][rows])[stored])
     stored, traces = stored[whole], traces[whole]
     if not len(stored):
         raise DamagedFile(f"{path} holds no A-line yet")
@@ -53,7 +112,7 @@ def _read(path: Path, file: h5py.File) -> Recording:
     area = weights.sum()
     return Recording(
         traces=traces,
-        scale=np.asarray(alines["scale"])[stored],
+        scale=np.asarray(alines["scale"][rows])[stored],
         positions=np.asarray(mask["positions"], dtype=np.float64)[stored],
         weights=weights[stored] * (area / weights[stored].sum()),
         sampling_interval=float(plan.attrs["sampling_interval_s"]),
@@ -62,15 +121,24 @@ def _read(path: Path, file: h5py.File) -> Recording:
         time_zero=float(plan.attrs["time_zero_s"]),
         grid=None,
         depth=float(mask.attrs["depth_m"]) if "depth_m" in mask.attrs else None,
-        planned=len(mask["weights"]),
+        planned=points,
         provenance={
             "scan_id": str(file.attrs["scan_id"]),
             "plan_id": str(plan.attrs["id"]),
             "mask_id": str(mask.attrs["id"]),
             "scanner": str(file.attrs["scanner"]),
             "simulated": str(bool(file.attrs["simulated"])),
+            **_frame_provenance(file, frame, frames),
         },
     )
+
+
+def _frame_provenance(file: h5py.File, frame: int, frames: int) -> dict[str, str]:
+    if frames == 1 and "frame_excitation" not in file["plan"]:
+        return {}
+    excitation = float(file["plan/frame_excitation"][frame])
+    told = {"excitation": f"{1e9 * excitation:g} nm"} if excitation else {}
+    return told | ({"frame": f"{frame} of {frames}"} if frames > 1 else {})
 
 
 def _intact(traces: NDArray[np.int16], checksums: NDArray[np.uint32]) -> NDArray[np.bool_]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import DamagedFile, NotFound
+from steradian.errors import NotFound
 from steradian.validation import FloatArray
 
 
@@ -54,8 +54,11 @@ class Recording:
     provenance: dict[str, str]
 
 
-def open_recording(path: Path) -> Recording:
-    """Read a recording from one of the known kinds of file, told apart by their first bytes.
+def open_recording(path: Path, frame: int = 0) -> Recording:
+    """Read a recording from one of the known kinds of file, told apart by what is in them.
+
+    A scan file, or anything :func:`steradian.scans.importing.import_scan` reads without a description. ``frame`` is
+    the frame to take of a scan file that has several.
 
     Raises
     ------
@@ -63,16 +66,15 @@ def open_recording(path: Path) -> Recording:
         When there is no such file.
     DamagedFile
         When it is of no known kind, truncated or inconsistent.
+    InvalidInput
+        When something needed is stated nowhere.
     """
-    from steradian.scans.kwave import read_kwave
+    from steradian.scans.importing.opening import is_own, open_source
     from steradian.scans.reading import read_scan
 
     if not path.is_file():
         raise NotFound("file", str(path))
-    with path.open("rb") as file:
-        magic = file.read(8)
-    if magic == b"\x89HDF\r\n\x1a\n":
-        return read_scan(path)
-    if magic[:4] == b"PK\x03\x04":
-        return read_kwave(path)
-    raise DamagedFile(f"{path} is neither an HDF5 file nor an .npz archive")
+    if is_own(path):
+        return read_scan(path, frame)
+    with open_source(path) as source:
+        return source.recording()

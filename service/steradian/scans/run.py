@@ -1,25 +1,65 @@
-"""Running a plan on a scanner."""
+"""Running a plan on a scanner, and going on with a scan that ended early."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import fabry_perot
 from steradian.errors import Cancelled, Conflict, InvalidInput, ScanFailed
 from steradian.plans import ScanPlan
 from steradian.progress import IsCancelled, Progress
-from steradian.scans.store import AlineStore, create_scan_file
+from steradian.scans.check import check_scan_file
+from steradian.scans.control import Control, End
+from steradian.scans.excitation import check_excitation
+from steradian.scans.layout import check_disk, create_scan_file, scan_file_bytes
+from steradian.scans.proof import (
+    Finding,
+    Tolerance,
+    compare_identity,
+    compare_reference,
+    compare_tuning,
+    note_tuning,
+    require,
+)
+from steradian.scans.session import ScanSession
+from steradian.scans.store import AlineStore
+
+_log = logging.getLogger(__name__)
+BAD = 0xF
+"""Quality flags of an A-line worth measuring again: saturated, mistuned, misfire, partial average."""
 
 
 @dataclass(frozen=True)
 class ScanSummary:
-    """What a scan came to."""
+    """What a scan came to.
+
+    Attributes
+    ----------
+    path
+        The scan file.
+    points, stored
+        A-lines it is to hold, of all frames, and those it holds.
+    fired
+        Shots fired for it, in all sessions.
+    end
+        How the last session ended.
+    rescued
+        A-lines that a session that was killed had left in the scanner.
+    findings
+        What was compared before the scan was continued.
+    """
 
     path: Path
     points: int
     fired: int
     stored: int
+    end: End = End.COMPLETE
+    rescued: int = 0
+    findings: tuple[Finding, ...] = field(default=())
 
 
 def run_scan(
@@ -30,6 +70,7 @@ def run_scan(
     scan_id: str = "",
     progress: Progress | None = None,
     cancelled: IsCancelled | None = None,
+    control: Control | None = None,
 ) -> ScanSummary:
     """Measure every point of a plan and keep the A-lines in a scan file.
 
@@ -45,13 +86,17 @@ def run_scan(
         The scan file to make.
     progress, cancelled
         Reported and asked once a batch; the unit of progress is the A-line.
+    control
+        Instead of both: who may also pause and stop the scan.
 
     Raises
     ------
     Conflict
         When ``path`` exists.
+    DiskFull
+        When the disk cannot hold the scan; no file is made.
     InvalidInput
-        When the scanner cannot do what the plan asks; no file is made.
+        When the scanner cannot do what the plan asks.
     Cancelled
         When ``cancelled`` said so; the laser is off and the file holds what was measured.
     ScanFailed
@@ -59,64 +104,111 @@ def run_scan(
     """
     if path.exists():
         raise Conflict(f"{path} exists; choose another name or remove it")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if (warning := check_disk(path.parent, scan_file_bytes(plan))) is not None:
+        _log.warning("%s", warning)
+    with _scanner(scanner_url) as scanner:
+        model = scanner.capabilities
+        check_scanner(plan, model)
+        create_scan_file(
+            path,
+            plan,
+            scan_id=scan_id,
+            scanner=model.serial,
+            scanner_model=model.model,
+            simulated=model.simulated,
+        )
+        with AlineStore(path) as store:
+            note_tuning(scanner, store)
+            end = ScanSession(scanner, store, control or Control(progress, cancelled)).measure(store.missing)
+            return _summary(store, end, asked=control is not None)
+
+
+def resume_scan(
+    path: Path,
+    scanner_url: str,
+    *,
+    plan: ScanPlan | None = None,
+    retry: int = 0,
+    tolerance: Tolerance | None = None,
+    progress: Progress | None = None,
+    cancelled: IsCancelled | None = None,
+    control: Control | None = None,
+) -> ScanSummary:
+    """Go on with an interrupted or partial scan in the same file, with the points that are missing.
+
+    Before a point is measured the scan proves that it is the same: plan, scanner and tuning, and a reference point
+    that is measured again. A-lines that the scanner still holds from a session that was killed come in first.
+
+    Parameters
+    ----------
+    path
+        The scan file.
+    scanner_url, progress, cancelled, control
+        As of :func:`run_scan`.
+    plan
+        Must be the file's, if it is given.
+    retry
+        Quality flags (:data:`BAD`: any): stored A-lines with one of them are measured again, too.
+    tolerance
+        What may have changed.
+
+    Raises
+    ------
+    DamagedFile
+        When ``path`` is no scan file, or damaged beyond its A-lines.
+    ResumeRefused
+        A :class:`Conflict` that names every difference; nothing was fired but for the reference point.
+    InvalidInput, Cancelled, ScanFailed
+        As of :func:`run_scan`.
+    """
+    allowed = tolerance or Tolerance()
+    report = check_scan_file(path, progress=progress)
+    with _scanner(scanner_url) as scanner, AlineStore(path) as store:
+        findings = compare_identity(store, plan, scanner.capabilities)
+        require(findings)
+        session = ScanSession(scanner, store, control or Control(progress, cancelled))
+        rescued = session.rescue()
+        wanted = store.missing | store.flagged(retry)
+        if not wanted.any():
+            return _summary(store, End.COMPLETE, rescued, findings)
+        findings += compare_tuning(scanner, store, allowed)
+        require(findings)
+        findings += compare_reference(scanner, store, report, allowed)
+        require(findings)
+        end = session.measure(wanted)
+        return _summary(store, end, rescued, findings, asked=control is not None)
+
+
+def check_scanner(plan: ScanPlan, capabilities: fabry_perot.Capabilities) -> None:
+    """Raise what the scanner cannot do of a plan, before a file is made."""
+    capabilities.check(
+        plan.mask.film_positions,
+        samples=plan.samples,
+        sampling_interval=plan.sampling_interval,
+        pulse_rate=plan.pulse_rate,
+        averages=plan.averages,
+    )
+    capabilities.wavelengths(0.0 if plan.wavelengths is None else plan.wavelengths, plan.mask.count)
+    for wavelength in plan.excitation:
+        check_excitation(capabilities, wavelength)
+
+
+@contextmanager
+def _scanner(url: str) -> Iterator[fabry_perot.Scanner]:
+    """Connect, and say in our own words what goes wrong."""
     try:
-        with fabry_perot.connect(scanner_url) as scanner:
-            _upload(plan, scanner)
-            model = scanner.capabilities
-            create_scan_file(path, plan, scan_id=scan_id, scanner=model.serial, simulated=model.simulated)
-            with AlineStore(path) as store:
-                fired = _acquire(scanner, store, progress, cancelled)
-                return ScanSummary(path, plan.mask.count, fired, store.stored)
+        with fabry_perot.connect(url) as scanner:
+            yield scanner
     except fabry_perot.PlanInvalid as error:
         raise InvalidInput(error.field, error.value, error.allowed) from error
     except fabry_perot.ScannerError as error:
         raise ScanFailed(str(error)) from error
 
 
-def _upload(plan: ScanPlan, scanner: fabry_perot.Scanner) -> None:
-    scanner.upload(
-        plan.mask.film_positions[plan.visit],
-        samples=plan.samples,
-        sampling_interval=plan.sampling_interval,
-        pulse_rate=plan.pulse_rate,
-        averages=plan.averages,
-    )
-
-
-def _acquire(
-    scanner: fabry_perot.Scanner, store: AlineStore, progress: Progress | None, cancelled: IsCancelled | None
-) -> int:
-    """Run the uploaded plan to its end; returns the shots fired for it."""
-    before = scanner.status.shots
-    scanner.start(scanner.arm())
-    try:
-        while not _take_alines(scanner, store, before, progress, cancelled):
-            scanner.resume()  # this process was held up for longer than the laser's lease: nothing is lost
-    finally:
-        store.set_fired(max(0, scanner.status.shots - before))
-    fired = scanner.report().fired
-    store.set_fired(fired)
-    return fired
-
-
-def _take_alines(
-    scanner: fabry_perot.Scanner,
-    store: AlineStore,
-    before: int,
-    progress: Progress | None,
-    cancelled: IsCancelled | None,
-) -> bool:
-    """Store and acknowledge A-lines as they come; True when the plan is done, False when the lease has lapsed."""
-    try:
-        for batch in scanner.alines():
-            store.append(batch)
-            store.set_fired(max(0, scanner.status.shots - before))
-            scanner.acknowledge(batch[-1])
-            if progress:
-                progress("A-lines", store.stored, store.count)
-            if cancelled and cancelled():
-                scanner.abort("laser-off")
-                raise Cancelled(f"the scan was stopped after {store.stored} of {store.count} A-lines; they are kept")
-    except fabry_perot.LeaseLapsed:
-        return False
-    return True
+def _summary(
+    store: AlineStore, end: End, rescued: int = 0, findings: list[Finding] | None = None, *, asked: bool = True
+) -> ScanSummary:
+    if end is not End.COMPLETE and not asked:
+        raise Cancelled(f"the scan was stopped after {store.stored} of {store.count} A-lines; they are kept")
+    return ScanSummary(store.path, store.count, store.fired, store.stored, end, rescued, tuple(findings or ()))

@@ -1,20 +1,32 @@
-"""Layout of a scan file, version 1.
+"""Layout of a scan file, version 2; ``docs/scan-file.md`` describes it in full.
 
 ::
 
-    /                         attributes: format, schema_version, scan_id, created, software, scanner, simulated
-    /mask                     attributes: id, aperture_m, depth_m (absent if none), arrangement (JSON)
-        positions (M, 2) f8   x, y in metres, centred on the aperture
-        weights   (M,)   f8   areas in m², sum = aperture²
-    /plan                     attributes: id, pulse_rate_hz, averages, samples, sampling_interval_s,
-                                          sound_speed_m_s, order, time_zero_s
-        visit     (M,)   i8   indices of points in the order of interrogation
-    /alines                   row m belongs to point m of the mask, whatever the order of interrogation
-        samples   (M, N_t) i2 digitised pressure; multiply by scale for the pressure unit
-        status    (M,)   u1   0 = missing, 1 = stored
-        crc32c    (M,)   u4   of the row of samples, little-endian
-        scale, energy, wavelength_m, fire_time_s, quality, shot   (M,)
-    /fired        scalar i8   shots the scanner has fired for this scan
+    /                           attributes: format, schema_version, scan_id, created, software, driver, scanner,
+                                scanner_model, simulated, tuning_map, geometry_crc32c
+    /mask                       attributes: id, aperture_m, depth_m (absent if none), arrangement (JSON)
+        positions (M, 2) f8     x, y in metres, centred on the aperture
+        weights   (M,)   f8     areas in m², sum = aperture²
+    /plan                       attributes: id, pulse_rate_hz, averages, samples, sampling_interval_s,
+                                            sound_speed_m_s, order, time_zero_s, frames, document (JSON)
+        visit     (M,)   i8     indices of points in the order of interrogation
+        wavelengths (M,) f8     bias wavelengths in m; absent when the scanner has its own map
+        frame_excitation (F,) f8  excitation wavelength of each frame in m; 0: as the laser stood
+    /alines                     row f·M + m belongs to frame f and point m of the mask, whatever the order of visit
+        samples   (F·M, N_t) i2 digitised pressure; multiply by scale for the pressure unit; f4 where an import was
+                                not of 16-bit integers
+        status    (F·M,) u1     0 = missing, 1 = stored
+        crc32c    (F·M,) u4     of the row of samples, little-endian
+        scale, energy, wavelength_m, fire_time_s, quality, shot   (F·M,)
+    /run                        what the acquisition needs to continue
+        queue     (F·M,) i8     rows last given to the scanner, in order
+        upload    (5,)   i8     how many of them, tag of that upload, shots fired before it for this scan and by the
+                                laser in all, CRC-32C of queue and these
+        reference (4,)   f8     point, bias wavelength (m), sensitivity (V/m), reflectivity (V) when the scan began
+    /fired        scalar i8     shots the scanner has fired for this scan
+
+Version 1 had one frame and none of /run, wavelengths, frame_excitation, document and what else came later; it is read
+like version 2.
 
 Every dataset has its full size, and its place in the file, from the start. A scan therefore only overwrites bytes
 inside existing datasets and never touches the file's own bookkeeping: whatever kills the scan leaves a valid file.
@@ -25,13 +37,14 @@ from __future__ import annotations
 import numpy as np
 
 FORMAT = "steradian-scan"
-VERSION = 1
+VERSION = 2
+READABLE = (1, 2)
+"""Versions that this program reads."""
 CHUNK_BYTES = 1 << 18
 
 MISSING, STORED = 0, 1
 
 COLUMNS: dict[str, np.dtype[np.generic]] = {
-    "status": np.dtype("<u1"),
     "crc32c": np.dtype("<u4"),
     "scale": np.dtype("<f4"),
     "energy": np.dtype("<f4"),
@@ -39,8 +52,18 @@ COLUMNS: dict[str, np.dtype[np.generic]] = {
     "fire_time_s": np.dtype("<f8"),
     "quality": np.dtype("<u4"),
     "shot": np.dtype("<u4"),
+    "status": np.dtype("<u1"),
 }
 """One value per A-line each; ``status`` is written last."""
 
 SAMPLES = np.dtype("<i2")
+EXACT_SAMPLES = np.dtype("<f4")
+"""Samples of imported recordings that 16 bits cannot hold."""
+SAMPLE_KINDS = (SAMPLES, EXACT_SAMPLES)
 FIRED = np.dtype("<i8")
+UPLOAD = np.dtype("<i8")
+UPLOAD_FIELDS = 5
+REFERENCE = np.dtype("<f8")
+
+UNITS = {"energy": "relative to nominal", "wavelength_m": "m", "fire_time_s": "s since the scanner's boot"}
+"""Units of columns, as attributes."""

@@ -1,16 +1,16 @@
 """The A-line store: durable appends into a scan file that is valid at every moment.
 
-The HDF5 library makes the file once, with every dataset allocated at its full size, and closes it. Appending then
-overwrites rows in their places and ends with ``fdatasync``; nothing of HDF5's own structure
-changes, so neither a kill nor a power cut can damage it, and any HDF5 reader may look at a running scan.
+The HDF5 library makes the file once, with every dataset allocated at its full size, and closes it
+(:mod:`steradian.scans.layout`). Appending then overwrites rows in their places and ends with ``fdatasync``, once a
+batch; nothing of HDF5's own structure changes, so neither a kill nor a power cut can damage it, and any HDF5 reader
+may look at a running scan.
 """
 
 from __future__ import annotations
 
-import json
 import os
-from collections.abc import Iterable
-from datetime import UTC, datetime
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol, Self
@@ -20,10 +20,15 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian import __version__
-from steradian.errors import Conflict, InvalidInput
-from steradian.plans import ScanPlan
+from steradian.errors import DamagedFile, InvalidInput
 from steradian.scans import schema
+from steradian.scans.course import Course
+from steradian.scans.layout import create_scan_file, is_full
+from steradian.scans.locking import lock
+
+__all__ = ["AlineStore", "StorableAline", "create_scan_file"]
+SPAN = 1 << 16
+"""A batch writes a column in one piece, values between its rows with it, up to so many bytes."""
 
 
 class StorableAline(Protocol):
@@ -32,7 +37,7 @@ class StorableAline(Protocol):
     @property
     def point(self) -> int: ...  # noqa: D102
     @property
-    def samples(self) -> NDArray[np.int16]: ...  # noqa: D102
+    def samples(self) -> NDArray[np.int16] | NDArray[np.float32]: ...  # noqa: D102
     @property
     def scale(self) -> float: ...  # noqa: D102
     @property
@@ -47,36 +52,26 @@ class StorableAline(Protocol):
     def shot(self) -> int: ...  # noqa: D102
 
 
-def create_scan_file(
-    path: Path, plan: ScanPlan, *, scan_id: str = "", scanner: str = "", simulated: bool = False
-) -> None:
-    """Make an empty scan file of its final size.
+@dataclass(frozen=True, eq=False)
+class Upload:
+    """What a session gave to the scanner.
 
-    It is built under another name and renamed when it is whole, so ``path`` never holds half a file.
-
-    Raises
-    ------
-    Conflict
-        When ``path`` exists.
-    OSError
-        When the disk cannot hold the whole scan (the space is reserved here, before a pulse is fired).
+    Attributes
+    ----------
+    rows
+        (K,) rows of the file in the order of interrogation.
+    tag
+        Of this upload alone.
+    fired
+        Shots fired for the scan before it.
+    laser_shots
+        The laser's own counter before it.
     """
-    if path.exists():
-        raise Conflict(f"{path} exists; choose another name or remove it")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(path.name + ".new")
-    try:
-        with h5py.File(draft, "w") as file:
-            file.attrs.update(_origin(scan_id, scanner, simulated))
-            _write_mask_and_plan(file, plan)
-            _allocate(file, plan.mask.count, plan.samples)
-        with draft.open("r+b") as raw:
-            _reserve_disk(raw.fileno(), draft.stat().st_size)
-            os.fsync(raw.fileno())
-        draft.replace(path)
-        _sync_folder(path.parent)
-    finally:
-        draft.unlink(missing_ok=True)
+
+    rows: NDArray[np.int64]
+    tag: int
+    fired: int
+    laser_shots: int
 
 
 class AlineStore:
@@ -86,52 +81,169 @@ class AlineStore:
     ----------
     path
         A file made by :func:`create_scan_file`.
+
+    Raises
+    ------
+    Conflict
+        When another process writes to it.
+    DamagedFile
+        When it is no such file.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        with h5py.File(path, "r") as file:
-            samples = file["alines/samples"]
-            self.count, self.samples = samples.shape
-            self._visit = np.asarray(file["plan/visit"])
-            self._chunk_rows = samples.chunks[0]
-            self._chunk_offsets = [
-                samples.id.get_chunk_info_by_coord((row, 0)).byte_offset
-                for row in range(0, self.count, self._chunk_rows)
-            ]
-            self._columns = {name: file["alines"][name].id.get_offset() for name in schema.COLUMNS}
-            self._fired_offset = file["fired"].id.get_offset()
-            self._stored = np.asarray(file["alines/status"]) == schema.STORED
         self._file = path.open("r+b", buffering=0)
+        try:
+            lock(self._file.fileno(), path)
+            with h5py.File(path, "r") as file:
+                self._locate(file)
+        except (OSError, KeyError) as error:
+            self._file.close()
+            raise DamagedFile(f"{path} cannot be read as a scan: {error}") from error
+        except BaseException:
+            self._file.close()
+            raise
+
+    def _locate(self, file: h5py.File) -> None:
+        """Note where everything lies, and what is stored already."""
+        alines = file["alines"]
+        samples = alines["samples"]
+        self.course = Course.of_file(file)
+        self.count, self.samples = samples.shape
+        self.kind: np.dtype[Any] = np.dtype(samples.dtype)
+        if self.kind not in schema.SAMPLE_KINDS:
+            raise DamagedFile(f"{self.path} has samples of the kind {self.kind}; expected int16 or float32")
+        self._order = self.course.order
+        self._chunk_rows = samples.chunks[0]
+        self._chunks = [
+            samples.id.get_chunk_info_by_coord((row, 0)).byte_offset for row in range(0, self.count, self._chunk_rows)
+        ]
+        self._offsets = {name: alines[name].id.get_offset() for name in schema.COLUMNS}
+        self._columns = {name: np.array(alines[name], kind) for name, kind in schema.COLUMNS.items()}
+        self._stored: NDArray[np.bool_] = self._columns["status"] == schema.STORED
+        self._fired_offset, self.fired = file["fired"].id.get_offset(), int(file["fired"][()])
+        self._run = {name: file["run"][name].id.get_offset() for name in file["run"]} if "run" in file else {}
 
     @property
     def stored(self) -> int:
         """Number of A-lines stored so far."""
         return int(self._stored.sum())
 
-    def append(self, alines: Iterable[StorableAline]) -> None:
+    @property
+    def missing(self) -> NDArray[np.bool_]:
+        """(F·M,) which rows hold no A-line yet."""
+        missing: NDArray[np.bool_] = ~self._stored
+        return missing
+
+    def flagged(self, bits: int = 0xFFFFFFFF) -> NDArray[np.bool_]:
+        """(F·M,) which stored A-lines have one of these quality flags."""
+        flagged: NDArray[np.bool_] = self._stored & ((self._columns["quality"] & np.uint32(bits)) != 0)
+        return flagged
+
+    def append(self, alines: Iterable[StorableAline], rows: NDArray[np.int64] | None = None) -> None:
         """Store A-lines and return when they are on the disk; only then may they be acknowledged.
+
+        Parameters
+        ----------
+        alines
+            What came.
+        rows
+            Rows that were given to the scanner: A-line ``point`` belongs to row ``rows[point]``. By default all, in
+            the order of interrogation.
 
         Raises
         ------
         InvalidInput
             When an A-line has another length or an unknown point.
         OSError
-            When the disk fails; A-lines of this call may then be stored or not, earlier ones are.
+            When the disk fails; A-lines of this call may then be stored or not, earlier ones are. The same call may be
+            made again.
         """
+        given = self._order if rows is None else rows
+        places = []
         for aline in alines:
-            self._write(aline)
-        _sync_data(self._file.fileno())
+            if not 0 <= aline.point < len(given):
+                raise InvalidInput("point", aline.point, f"0 to {len(given) - 1}")
+            place = int(given[aline.point])
+            self._write(place, aline)
+            places.append(place)
+        if places:
+            self._write_columns(places)
+            sync_data(self._file.fileno())
+            self._stored[places] = True
 
     def set_fired(self, shots: int) -> None:
-        """Note how many shots the scanner says it has fired."""
-        self._overwrite(self._fired_offset, np.asarray(shots, schema.FIRED).tobytes())
+        """Note how many shots the scanner says it has fired; on a full disk that waits for the next time."""
+        self.fired = shots
+        try:
+            self._overwrite(self._fired_offset, np.asarray(shots, schema.FIRED).tobytes())
+        except OSError as error:
+            if not is_full(error):
+                raise
+
+    def note_upload(self, upload: Upload) -> None:
+        """Note durably what the scanner is about to get; a file of version 1 cannot."""
+        if not self._run:
+            return
+        data = np.ascontiguousarray(upload.rows, schema.UPLOAD).tobytes()
+        self._overwrite(self._run["queue"], data)
+        head = [len(upload.rows), upload.tag, upload.fired, upload.laser_shots]
+        crc = google_crc32c.value(data + np.array(head, schema.UPLOAD).tobytes())
+        self._overwrite(self._run["upload"], np.array([*head, crc], schema.UPLOAD).tobytes())
+        sync_data(self._file.fileno())
+
+    def last_upload(self) -> Upload | None:
+        """Return what was last given to the scanner, if that is known for sure."""
+        if not self._run:
+            return None
+        head = self._read(self._run["upload"], schema.UPLOAD_FIELDS, schema.UPLOAD)
+        count, tag, fired, laser_shots, crc = head.tolist()
+        if not 0 < count <= self.count:
+            return None
+        rows = self._read(self._run["queue"], count, schema.UPLOAD)
+        if google_crc32c.value(rows.tobytes() + head[:-1].tobytes()) != crc:
+            return None
+        return Upload(rows.astype(np.int64), tag, fired, laser_shots)
+
+    def set_reference(self, point: int, bias: float, sensitivity: float, reflectivity: float) -> None:
+        """Note how the film was tuned at a point when the scan began."""
+        if self._run:
+            values = np.array([point, bias, sensitivity, reflectivity], schema.REFERENCE)
+            self._overwrite(self._run["reference"], values.tobytes())
+
+    def reference(self) -> tuple[int, float, float, float] | None:
+        """Return what :meth:`set_reference` noted, if anything."""
+        if not self._run:
+            return None
+        point, bias, sensitivity, reflectivity = self._read(self._run["reference"], 4, schema.REFERENCE).tolist()
+        return (int(point), bias, sensitivity, reflectivity) if bias > 0 else None
+
+    def set_status(self, rows: NDArray[np.int64], status: int) -> None:
+        """Correct the table of what is stored; the A-lines themselves stay as they are."""
+        self._columns["status"][rows] = status
+        self._stored[rows] = status == schema.STORED
+        for row in rows.tolist():
+            self._overwrite(self._offsets["status"] + row, bytes([status]))
+        sync_data(self._file.fileno())
+
+    def read_row(self, row: int) -> NDArray[Any]:
+        """Return the (N_t,) samples of one row."""
+        chunk, within = divmod(row, self._chunk_rows)
+        start = self._chunks[chunk] + within * self.samples * self.kind.itemsize
+        return self._read(start, self.samples, self.kind)
+
+    def column(self, name: str) -> NDArray[Any]:
+        """Return a copy of one column of the shot table, (F·M,)."""
+        return self._columns[name].copy()
 
     def close(self) -> None:
         """Flush and close; the file is valid without it."""
         if not self._file.closed:
-            os.fsync(self._file.fileno())
-            self._file.close()
+            try:
+                self.set_fired(self.fired)
+                os.fsync(self._file.fileno())
+            finally:
+                self._file.close()
 
     def __enter__(self) -> Self:
         return self
@@ -141,112 +253,43 @@ class AlineStore:
     ) -> None:
         self.close()
 
-    def _write(self, aline: StorableAline) -> None:
-        if not 0 <= aline.point < self.count:
-            raise InvalidInput("point", aline.point, f"0 to {self.count - 1}")
-        row = np.ascontiguousarray(aline.samples, dtype=schema.SAMPLES)
+    def _write(self, place: int, aline: StorableAline) -> None:
+        row = np.ascontiguousarray(aline.samples, dtype=self.kind)
         if row.shape != (self.samples,):
             raise InvalidInput("samples", f"an A-line of shape {row.shape}", f"({self.samples},)")
-        place = int(self._visit[aline.point])
         data = row.tobytes()
         chunk, within = divmod(place, self._chunk_rows)
-        self._overwrite(self._chunk_offsets[chunk] + within * len(data), data)
-        values: dict[str, Any] = {
-            "crc32c": google_crc32c.value(data),
-            "scale": aline.scale,
-            "energy": aline.energy,
-            "wavelength_m": aline.wavelength_m,
-            "fire_time_s": aline.fire_time_s,
-            "quality": aline.quality,
-            "shot": aline.shot,
-            "status": schema.STORED,
-        }
-        for name, value in values.items():
-            kind = schema.COLUMNS[name]
-            self._overwrite(self._columns[name] + place * kind.itemsize, np.asarray(value, kind).tobytes())
-        self._stored[place] = True
+        self._overwrite(self._chunks[chunk] + within * len(data), data)
+        columns = self._columns
+        columns["crc32c"][place] = google_crc32c.value(data)
+        columns["scale"][place] = aline.scale
+        columns["energy"][place] = aline.energy
+        columns["wavelength_m"][place] = aline.wavelength_m
+        columns["fire_time_s"][place] = aline.fire_time_s
+        columns["quality"][place] = aline.quality
+        columns["shot"][place] = aline.shot
+        columns["status"][place] = schema.STORED
+
+    def _write_columns(self, places: Sequence[int]) -> None:
+        first, last = min(places), max(places) + 1
+        for name, values in self._columns.items():
+            size = values.itemsize
+            if (last - first) * size <= SPAN:
+                self._overwrite(self._offsets[name] + first * size, values[first:last].tobytes())
+                continue
+            for place in places:
+                self._overwrite(self._offsets[name] + place * size, values[place : place + 1].tobytes())
 
     def _overwrite(self, offset: int, data: bytes) -> None:
-        self._file.seek(offset)
-        while data:  # an unbuffered write may be short
-            data = data[self._file.write(data) :]
+        handle = self._file.fileno()
+        while data:  # a write may be short
+            written = os.pwrite(handle, data, offset)
+            offset, data = offset + written, data[written:]
+
+    def _read(self, offset: int, count: int, kind: np.dtype[Any]) -> NDArray[Any]:
+        return np.frombuffer(os.pread(self._file.fileno(), count * kind.itemsize, offset), kind)
 
 
-def _origin(scan_id: str, scanner: str, simulated: bool) -> dict[str, Any]:
-    return {
-        "format": schema.FORMAT,
-        "schema_version": schema.VERSION,
-        "scan_id": scan_id,
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "software": f"steradian {__version__}",
-        "scanner": scanner,
-        "simulated": int(simulated),
-    }
-
-
-def _write_mask_and_plan(file: h5py.File, plan: ScanPlan) -> None:
-    mask = plan.mask
-    group = file.create_group("mask")
-    group.attrs.update({"id": mask.id, "aperture_m": mask.aperture, "arrangement": json.dumps(mask.arrangement)})
-    if mask.depth is not None:
-        group.attrs["depth_m"] = mask.depth
-    group.create_dataset("positions", data=mask.positions).attrs.update({"units": "m", "axes": "point, (x, y)"})
-    group.create_dataset("weights", data=mask.weights).attrs["units"] = "m^2"
-    group = file.create_group("plan")
-    group.attrs.update(
-        {
-            "id": plan.id,
-            "pulse_rate_hz": plan.pulse_rate,
-            "averages": plan.averages,
-            "samples": plan.samples,
-            "sampling_interval_s": plan.sampling_interval,
-            "sound_speed_m_s": plan.sound_speed,
-            "order": str(plan.order),
-            "time_zero_s": 0.0,
-        }
-    )
-    group.create_dataset("visit", data=plan.visit)
-
-
-def _allocate(file: h5py.File, count: int, samples: int) -> None:
-    group = file.create_group("alines")
-    rows = min(count, max(1, schema.CHUNK_BYTES // (samples * schema.SAMPLES.itemsize)))
-    _reserve(group, "samples", (count, samples), schema.SAMPLES, (rows, samples))
-    group["samples"].attrs.update({"axes": "point, time", "units": "counts; times scale for the pressure unit"})
-    for name, kind in schema.COLUMNS.items():
-        _reserve(group, name, (count,), kind, None)
-    _reserve(file, "fired", (), schema.FIRED, None)
-
-
-def _reserve(
-    group: h5py.Group, name: str, shape: tuple[int, ...], kind: np.dtype[Any], chunk: tuple[int, ...] | None
-) -> None:
-    """Create a dataset whose bytes have their place in the file at once (zeros, from the reserved space)."""
-    made = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
-    made.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
-    if chunk is not None:
-        made.set_chunk(chunk)
-    space = h5py.h5s.create_simple(shape) if shape else h5py.h5s.create(h5py.h5s.SCALAR)
-    h5py.h5d.create(group.id, name.encode(), h5py.h5t.py_create(kind), space, made)
-
-
-def _reserve_disk(file: int, size: int) -> None:
-    """Turn the file's holes into reserved space, so that a full disk shows now and not in the middle of a scan."""
-    if hasattr(os, "posix_fallocate"):
-        os.posix_fallocate(file, 0, size)
-
-
-def _sync_data(file: int) -> None:
+def sync_data(file: int) -> None:
     """Wait until the file's data are on the disk; its size and bookkeeping never change while a scan runs."""
     getattr(os, "fdatasync", os.fsync)(file)
-
-
-def _sync_folder(folder: Path) -> None:
-    """Make a rename in ``folder`` survive a power cut."""
-    if os.name != "posix":  # elsewhere a folder cannot be opened, and renames are journalled
-        return
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

@@ -13,6 +13,7 @@ from steradian.storage.repository import Repository, new_id
 from steradian.storage.states import (
     ACTIVE_SCAN_STATES,
     DESIRABLE,
+    FINAL_WISHES,
     DesiredScanState,
     ScanState,
     check_transition,
@@ -83,12 +84,30 @@ class ScanRepository(Repository[ScanRow]):
             return list(session.scalars(select(ScanRow).where(ScanRow.state.in_(ACTIVE_SCAN_STATES))))
 
     def wished_settled(self) -> list[ScanRow]:
-        """Return interrupted scans of which a person wants something other than to go on."""
-        query = select(ScanRow).where(
-            ScanRow.state == ScanState.INTERRUPTED, ScanRow.desired_state == DesiredScanState.STOPPED
-        )
+        """Return interrupted scans that a person wants to have ended."""
+        wishes = (DesiredScanState.STOPPED, DesiredScanState.ABORTED)
+        query = select(ScanRow).where(ScanRow.state == ScanState.INTERRUPTED, ScanRow.desired_state.in_(wishes))
         with self.database.read() as session:
             return list(session.scalars(query))
+
+    def wished_resumed(self) -> ScanRow | None:
+        """Return the oldest interrupted scan that a person wants to go on."""
+        query = select(ScanRow).where(
+            ScanRow.state == ScanState.INTERRUPTED, ScanRow.desired_state == DesiredScanState.RUNNING
+        )
+        with self.database.read() as session:
+            return session.scalars(query.order_by(ScanRow.sequence).limit(1)).one_or_none()
+
+    def forget_wishes(self, why: str) -> None:
+        """Take back that interrupted scans are to run: a wish that nobody was there to hear is not one for later."""
+        query = select(ScanRow).where(
+            ScanRow.state == ScanState.INTERRUPTED, ScanRow.desired_state == DesiredScanState.RUNNING
+        )
+        with self.database.write() as session:
+            for row in session.scalars(query.with_for_update()):
+                row.desired_state, row.reason = DesiredScanState.PAUSED, why
+                data = {"state": row.state, "desired_state": row.desired_state, "who": "acquisition", "why": why}
+                record(session, self.clock(), "scan", row.id, data)
 
     def counts(self) -> dict[str, int]:
         """Count the scans in each state."""
@@ -107,6 +126,8 @@ class ScanRepository(Repository[ScanRow]):
         summary: dict[str, Any] | None = None,
     ) -> ScanRow:
         """Change a scan's state by the table and note it in the history.
+
+        An interrupted scan is wished paused from then on, unless it was to end anyway: only a person makes it run.
 
         Parameters
         ----------
@@ -130,12 +151,24 @@ class ScanRepository(Repository[ScanRow]):
                 row.started = now
             if is_terminal(following):
                 row.ended = now
+            if following is ScanState.INTERRUPTED and row.desired_state is DesiredScanState.RUNNING:
+                row.desired_state = DesiredScanState.PAUSED
+            if following is ScanState.RUNNING:
+                row.error_code = row.error = None
             if error is not None:
                 row.error_code, row.error = error
             if summary is not None:
                 row.summary = summary
             record(session, now, "scan", row.id, {"state": following, "who": who, "why": why})
         return row
+
+    def tell(self, identifier: str, stage: str, why: str, who: str = "acquisition") -> None:
+        """Note and log that a scan stands, or goes on, without a change of its state: the disk is full, say."""
+        with self.database.write() as session:
+            row = self._find(session, identifier, lock=True)
+            row.stage = stage[:120]
+            data = {"state": row.state, "stage": row.stage, "who": who, "why": why}
+            record(session, self.clock(), "scan", row.id, data)
 
     def report(self, identifier: str, stage: str, done: int, total: int) -> None:
         """Note how far a scan has come."""
@@ -179,8 +212,9 @@ class ScanRepository(Repository[ScanRow]):
                 raise Outdated(f"scan {identifier} has changed since; read it again")
             if row.desired_state is wish:
                 return row
-            if wish not in DESIRABLE[row.state]:
-                allowed = ", ".join(sorted(DESIRABLE[row.state])) or "nothing, it is over"
+            possible = DESIRABLE[row.state] & FINAL_WISHES.get(row.desired_state, frozenset(DesiredScanState))
+            if wish not in possible:
+                allowed = ", ".join(sorted(possible)) or "nothing, it is over or about to be"
                 raise Conflict(f"scan {identifier} is {row.state} and cannot be {wish}; allowed: {allowed}")
             row.desired_state, row.reason, row.wished_by = wish, reason, who
             wished = {"state": row.state, "desired_state": wish, "who": who, "why": reason}

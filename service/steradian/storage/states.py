@@ -101,15 +101,54 @@ ACTIVE_SCAN_STATES: Final = frozenset(
 SETTLED_SCAN_STATES: Final = frozenset(SCAN_TRANSITIONS) - ACTIVE_SCAN_STATES - {_S.QUEUED}
 """States that change only when a person asks: the terminal ones and ``interrupted``."""
 
+_ENDS: Final = frozenset({DesiredScanState.STOPPED, DesiredScanState.ABORTED})
+_GOING: Final = frozenset({DesiredScanState.RUNNING, DesiredScanState.PAUSED}) | _ENDS
 DESIRABLE: Final[Mapping[ScanState, frozenset[DesiredScanState]]] = MappingProxyType(
     {
-        state: frozenset({DesiredScanState.STOPPED, DesiredScanState.ABORTED})
-        if state in ACTIVE_SCAN_STATES or state is _S.QUEUED
-        else frozenset({DesiredScanState.STOPPED} if state is _S.INTERRUPTED else ())
-        for state in ScanState
+        _S.QUEUED: _ENDS,
+        _S.ARMING: _GOING,
+        _S.RUNNING: _GOING,
+        _S.PAUSING: _GOING,
+        _S.PAUSED: _GOING,
+        _S.RECOVERING: _GOING,
+        _S.COMPLETING: _ENDS,
+        _S.STOPPING: _ENDS,
+        _S.ABORTING: frozenset({DesiredScanState.ABORTED}),
+        # Nothing resumes an interrupted scan but this wish; there is nothing to abort any more, it is kept as it is.
+        _S.INTERRUPTED: _ENDS | {DesiredScanState.RUNNING},
+        **{state: frozenset[DesiredScanState]() for state, following in SCAN_TRANSITIONS.items() if not following},
     }
 )
-"""What may be wished of a scan in each state, beyond what it already is."""
+"""What may be wished of a scan in each state."""
+
+FINAL_WISHES: Final[Mapping[DesiredScanState, frozenset[DesiredScanState]]] = MappingProxyType(
+    {DesiredScanState.STOPPED: frozenset({DesiredScanState.ABORTED}), DesiredScanState.ABORTED: frozenset()}
+)
+"""Wishes that cannot be taken back, and what may still be wished after them."""
+
+
+def route(present: ScanState, goal: ScanState) -> tuple[ScanState, ...]:
+    """Return the shortest way through the scans' table from one state to another, without the first.
+
+    A way leads through ``interrupted`` or ``aborting`` only when there is no other.
+
+    Raises
+    ------
+    Conflict
+        When there is none.
+    """
+    for avoided in (frozenset({_S.INTERRUPTED, _S.ABORTING}), frozenset[ScanState]()):
+        ways: list[tuple[ScanState, ...]] = [()]
+        seen = {present}
+        for way in ways:
+            here = way[-1] if way else present
+            if here is goal:
+                return way
+            for following in sorted(SCAN_TRANSITIONS[here] - seen):
+                if following is goal or following not in avoided:
+                    seen.add(following)
+                    ways.append((*way, following))
+    raise Conflict(f"a scan that is {present} cannot become {goal}")
 
 
 def is_terminal(state: ScanState | ReconstructionState) -> bool:

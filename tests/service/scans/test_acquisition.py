@@ -1,12 +1,19 @@
 """The acquisition process's work, with a real database and the real simulator behind its link."""
 
+import errno
+import shutil
 import threading
+import time
 
 import pytest
 
+from fabry_perot.simulator import launch
+from steradian.errors import Conflict
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.scans.acquisition import Acquisition, ScannerPort, count_alines
+from steradian.scans.layout import scan_file_bytes
+from steradian.scans.store import AlineStore
 from steradian.settings import Settings
 from steradian.storage.database import Database
 from steradian.storage.masks import MaskRepository
@@ -45,15 +52,24 @@ class Bench:
         """Do something in a thread once the first A-lines of a scan are stored."""
 
         def watch():
-            while self.scans.get(identifier).state is not S.RUNNING and not over.wait(0.01):
-                pass
+            self.until(identifier, S.RUNNING)
             act()
 
-        over = threading.Event()
-        thread = threading.Thread(target=watch)
+        self.meanwhile(watch)
+
+    def until(self, identifier, *states):
+        """Wait for one of some states."""
+        deadline = time.monotonic() + 20
+        while self.scans.get(identifier).state not in states:
+            assert time.monotonic() < deadline, self.states(identifier)
+            threading.Event().wait(0.01)
+
+    def meanwhile(self, act):
+        """Do something in a thread while a step is made."""
+
+        thread = threading.Thread(target=act)
         thread.start()
         self.work.step()
-        over.set()
         thread.join()
 
     def states(self, identifier):
@@ -144,3 +160,170 @@ def test_when_the_service_ends_the_scan_is_made_safe_and_left_interrupted(tmp_pa
     assert bench.states(identifier)[-1] == "interrupted"
     assert bench.scans.get(identifier).summary["stored"] > 0
     bench.close()
+
+
+def test_a_paused_scan_fires_nothing_and_goes_on_when_wished(bench):
+    identifier = bench.queue(pulse_rate=5.0)
+    fired = []
+
+    def act():
+        bench.until(identifier, S.RUNNING)
+        bench.scans.desire(identifier, W.PAUSED, "coffee", "ann")
+        bench.until(identifier, S.PAUSED)
+        fired.append(count_alines(bench.data.scan_file(identifier))["stored"])
+        threading.Event().wait(0.5)
+        fired.append(count_alines(bench.data.scan_file(identifier))["stored"])
+        bench.scans.desire(identifier, W.RUNNING, "back", "ann")
+
+    bench.meanwhile(act)
+    row = bench.scans.get(identifier)
+    ended = ["running", "completing", "complete"]
+    assert bench.states(identifier)[2:] == ["running", "pausing", "paused", "arming", *ended]
+    assert row.summary == {"points": 69, "stored": 69, "fired": 69}
+    assert fired[0] == fired[1] < 69
+    told = {entry["state"]: (entry["who"], entry["why"]) for entry in row.history[:6]}
+    assert told["pausing"] == ("ann", "coffee")
+    assert told["arming"] == ("ann", "back")
+
+
+@pytest.mark.parametrize(("wish", "end"), [(W.STOPPED, ["stopping", "partial"]), (W.ABORTED, ["aborting", "aborted"])])
+def test_a_paused_scan_can_be_ended(bench, wish, end):
+    identifier = bench.queue(pulse_rate=1.0)
+
+    def act():
+        bench.until(identifier, S.RUNNING)
+        bench.scans.desire(identifier, W.PAUSED, None)
+        bench.until(identifier, S.PAUSED)
+        bench.scans.desire(identifier, wish, None)
+
+    bench.meanwhile(act)
+    assert bench.states(identifier)[-3:] == ["paused", *end]
+
+
+def test_a_wish_to_abort_cannot_be_taken_back(bench):
+    identifier = bench.queue()
+    bench.scans.desire(identifier, W.ABORTED, "smoke")
+    with pytest.raises(Conflict, match="cannot be"):
+        bench.scans.desire(identifier, W.STOPPED, "never mind")
+    bench.work.step()
+    assert bench.scans.get(identifier).state is S.ABORTED
+
+
+def interrupted(bench):
+    """A scan that the end of the service interrupted, in the hands of a service started anew."""
+    identifier = bench.queue(pulse_rate=1.0)
+    bench.when_running(identifier, bench.stopping.set)
+    bench.stopping.clear()
+    assert bench.scans.get(identifier).state is S.INTERRUPTED
+    return identifier
+
+
+def test_an_interrupted_scan_goes_on_when_wished_and_only_then(bench):
+    identifier = interrupted(bench)
+    stored = bench.scans.get(identifier).summary["stored"]
+    bench.work.step()
+    assert bench.scans.get(identifier).state is S.INTERRUPTED, "the laser never starts by itself"
+    assert bench.scans.get(identifier).desired_state is W.PAUSED
+    bench.scans.desire(identifier, W.RUNNING, "again", "ann")
+    bench.work.step()
+    row = bench.scans.get(identifier)
+    assert bench.states(identifier)[-5:] == ["interrupted", "arming", "running", "completing", "complete"]
+    assert row.history[-4]["who"] == "ann"
+    assert 0 < stored < row.summary["stored"] == 69
+
+
+def test_a_wish_that_nobody_was_there_to_hear_fires_nothing_later(bench):
+    identifier = interrupted(bench)
+    bench.scans.desire(identifier, W.RUNNING, None)
+    bench.work._begin()  # the acquisition process starts anew
+    bench.work.step()
+    row = bench.scans.get(identifier)
+    assert (row.state, row.desired_state, row.reason) == (S.INTERRUPTED, W.PAUSED, "the service was restarted")
+    bench.scans.desire(identifier, W.STOPPED, None)
+    bench.work.step()
+    assert bench.scans.get(identifier).state is S.PARTIAL
+
+
+def test_a_resume_is_refused_while_the_film_is_not_what_it_was(tmp_path):
+    """The difference is named, the scan stays interrupted, and it goes on when things are as before."""
+
+    class Port:
+        url_now = ""
+
+        def url(self):
+            return self.url_now
+
+        def close(self):
+            pass
+
+    with launch(speed=50.0) as simulator:
+        bench = Bench(tmp_path, Port())
+        bench.port.url_now = simulator.url
+        identifier = interrupted(bench)
+        simulator.command("drift", pm=400)
+        bench.scans.desire(identifier, W.RUNNING, None)
+        bench.work.step()
+        row = bench.scans.get(identifier)
+        assert (row.state, row.desired_state, row.error_code) == (S.INTERRUPTED, W.PAUSED, "resume-refused")
+        assert "bias wavelength" in row.error
+        simulator.command("drift", pm=0)
+        bench.scans.desire(identifier, W.RUNNING, None)
+        bench.work.step()
+        assert bench.scans.get(identifier).state is S.COMPLETE
+        assert bench.scans.get(identifier).error_code is None
+        bench.close()
+
+
+def test_while_the_disk_is_full_the_laser_rests_and_the_scan_says_so(bench, monkeypatch):
+    identifier = bench.queue(pulse_rate=5.0)
+    full, overwrite = threading.Event(), AlineStore._overwrite
+
+    def write(store, offset, data):
+        if full.is_set():
+            raise OSError(errno.ENOSPC, "No space left on device")
+        overwrite(store, offset, data)
+
+    monkeypatch.setattr(AlineStore, "_overwrite", write)
+    monkeypatch.setattr("steradian.scans.session.AGAIN", 0.05)
+    stages, stored = [], []
+
+    def act():
+        bench.until(identifier, S.RUNNING)
+        full.set()
+        while not (bench.scans.get(identifier).stage or "").startswith("blocked"):
+            threading.Event().wait(0.01)
+        stored.append(count_alines(bench.data.scan_file(identifier))["stored"])
+        threading.Event().wait(0.4)
+        stages.append(bench.scans.get(identifier))
+        stored.append(count_alines(bench.data.scan_file(identifier))["stored"])
+        full.clear()
+
+    bench.meanwhile(act)
+    assert stages[0].state is S.RUNNING
+    assert "disk" in stages[0].stage
+    assert stored[0] == stored[1] < 69
+    row = bench.scans.get(identifier)
+    assert (row.state, row.stage) == (S.COMPLETE, "A-lines")
+    assert row.summary == {"points": 69, "stored": 69, "fired": 69}
+
+
+def test_a_scan_that_cannot_fit_fails_before_a_pulse(bench, monkeypatch):
+    usage = shutil.disk_usage(bench.data.root)._replace(free=1000)
+    monkeypatch.setattr("steradian.scans.layout.shutil.disk_usage", lambda folder: usage)
+    identifier = bench.queue()
+    bench.work.step()
+    row = bench.scans.get(identifier)
+    assert (row.state, row.error_code) == (S.FAILED, "disk-full")
+    assert "0.0 MB free" in row.error
+    assert not bench.data.scan_file(identifier).exists()
+
+
+def test_a_disk_that_will_be_nearly_full_is_a_warning_and_no_obstacle(bench, monkeypatch):
+    identifier = bench.queue()
+    plan = bench.plans.load(bench.scans.get(identifier).plan_id)
+    usage = shutil.disk_usage(bench.data.root)._replace(free=scan_file_bytes(plan) + 1)
+    monkeypatch.setattr("steradian.scans.layout.shutil.disk_usage", lambda folder: usage)
+    bench.work.step()
+    row = bench.scans.get(identifier)
+    assert row.state is S.COMPLETE
+    assert "MB free" in row.history[1]["why"]

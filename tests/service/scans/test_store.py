@@ -161,3 +161,17 @@ def test_alines_of_another_plan_are_refused(path, alines):
         with pytest.raises(InvalidInput, match="point"):
             store.append([type(alines[0])(10**6, alines[0].samples)])
         assert store.stored == 0
+
+
+def test_a_file_has_one_writer_and_any_readers(path, alines):
+    """A second session is refused while the first writes; readers are not, and a dead writer holds nothing."""
+    with AlineStore(path) as store:
+        store.append(alines[:7])
+        with pytest.raises(Conflict, match="another process"):
+            AlineStore(path)
+        assert len(open_recording(path).traces) == 7
+        store.append(alines[7:9])
+        with pytest.raises(Conflict, match="another process"):
+            AlineStore(path)
+    with AlineStore(path) as store:
+        assert store.stored == 9

@@ -9,6 +9,7 @@ from steradian.storage import states
 from steradian.storage.states import (
     ACTIVE_SCAN_STATES,
     DESIRABLE,
+    FINAL_WISHES,
     RECONSTRUCTION_TRANSITIONS,
     SCAN_TRANSITIONS,
     SETTLED_SCAN_STATES,
@@ -17,6 +18,7 @@ from steradian.storage.states import (
     ScanState,
     check_transition,
     is_terminal,
+    route,
 )
 
 S, R = ScanState, ReconstructionState
@@ -91,13 +93,60 @@ def test_a_state_is_queued_or_active_or_settled():
 
 @pytest.mark.parametrize("state", S)
 def test_what_can_be_wished_can_be_reached(state):
+    goals = {
+        DesiredScanState.RUNNING: {S.RUNNING},
+        DesiredScanState.PAUSED: {S.PAUSED},
+        DesiredScanState.STOPPED: {S.PARTIAL, S.ABORTED},
+        DesiredScanState.ABORTED: {S.ABORTED},
+    }
     for wish in DESIRABLE[state]:
-        goal = {DesiredScanState.STOPPED: {S.PARTIAL, S.ABORTED}, DesiredScanState.ABORTED: {S.ABORTED}}[wish]
+        goal = goals[wish]
         front, seen = [state], set()
         while front:
             seen.add(present := front.pop())
             front += SCAN_TRANSITIONS[present] - seen
         assert goal & seen, wish
+
+
+@pytest.mark.parametrize(("present", "goal"), list(itertools.product(S, S)))
+def test_a_route_keeps_to_the_table_and_avoids_interruption_where_it_can(present, goal):
+    reachable, front = {present}, [present]
+    while front:
+        new = SCAN_TRANSITIONS[front.pop()] - reachable
+        reachable |= new
+        front += new
+    if goal not in reachable:
+        with pytest.raises(Conflict):
+            route(present, goal)
+        return
+    way = (present, *route(present, goal))
+    assert way[-1] is goal
+    assert all(after in SCAN_TRANSITIONS[before] for before, after in itertools.pairwise(way))
+
+
+@pytest.mark.parametrize(
+    ("present", "goal", "way"),
+    [
+        (S.RUNNING, S.PARTIAL, [S.STOPPING, S.PARTIAL]),
+        (S.PAUSING, S.PARTIAL, [S.PAUSED, S.STOPPING, S.PARTIAL]),
+        (S.PAUSED, S.RUNNING, [S.ARMING, S.RUNNING]),
+        (S.RECOVERING, S.ABORTED, [S.ABORTING, S.ABORTED]),
+        (S.ARMING, S.COMPLETE, [S.RUNNING, S.COMPLETING, S.COMPLETE]),
+        (S.RUNNING, S.RUNNING, []),
+    ],
+)
+def test_a_route_is_the_way_a_person_would_tell(present, goal, way):
+    assert list(route(present, goal)) == way
+
+
+def test_an_end_that_was_wished_cannot_be_taken_back():
+    assert FINAL_WISHES[DesiredScanState.ABORTED] == frozenset()
+    assert FINAL_WISHES[DesiredScanState.STOPPED] == {DesiredScanState.ABORTED}
+
+
+def test_only_an_explicit_wish_takes_an_interrupted_scan_up_again():
+    assert DesiredScanState.RUNNING in DESIRABLE[S.INTERRUPTED]
+    assert DesiredScanState.PAUSED not in DESIRABLE[S.INTERRUPTED]
 
 
 def test_the_tables_cannot_be_changed_by_accident():

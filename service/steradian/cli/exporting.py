@@ -1,0 +1,67 @@
+"""``steradian export``: scans and volumes for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from steradian.cli.console import progress_bar, show_figures
+from steradian.errors import InvalidInput
+
+ENDINGS = {
+    ".nii": "nifti",
+    ".gz": "nifti",
+    ".tif": "tiff",
+    ".tiff": "tiff",
+    ".zarr": "ome-zarr",
+    ".vtkhdf": "vtkhdf",
+    ".nrrd": "nrrd",
+    ".png": "png",
+    ".h5": "hdf5",
+    ".hdf5": "hdf5",
+}
+"""Format of a volume by the ending of its name."""
+
+
+def export(
+    source: Annotated[
+        Path,
+        typer.Argument(help="A scan file, or a volume file as 'steradian reconstruct' leaves it.", metavar="SOURCE"),
+    ],
+    destination: Annotated[Path, typer.Argument(help="The file or folder to write.", metavar="DEST")],
+    format: Annotated[
+        str | None,
+        typer.Option(
+            "--format",
+            "-f",
+            help="Of a volume: hdf5, nifti, tiff, ome-zarr, vtkhdf, nrrd or png; of a scan: ipasc. "
+            "Default: as the name ends.",
+        ),
+    ] = None,
+) -> None:
+    """Write a scan as IPASC, or a volume in a format of other programs.
+
+    NIfTI, TIFF and OME-Zarr need the extra *export* (`pip install 'steradian[export]'`). A file of that name is
+    replaced, a folder never.
+    """
+    from steradian.reconstructions.exporting import export_volume
+    from steradian.scans.exporting import export_scan
+    from steradian.scans.importing.opening import is_own
+
+    with progress_bar() as progress:
+        if is_own(source):
+            chosen = format or "ipasc"
+            export_scan(source, destination, format=chosen, progress=progress)  # type: ignore[arg-type]
+        else:
+            chosen = format or _by_ending(destination)
+            export_volume(source, destination, format=chosen, progress=progress)  # type: ignore[arg-type]
+    show_figures("Export", {"format": chosen, "written": destination})
+
+
+def _by_ending(path: Path) -> str:
+    found = ENDINGS.get(path.suffix.lower())
+    if found is None:
+        raise InvalidInput("format", "missing", f"{', '.join(sorted(set(ENDINGS.values())))}; {path.name} tells none")
+    return found

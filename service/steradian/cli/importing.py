@@ -1,0 +1,41 @@
+"""``steradian import``: make a scan of somebody else's recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from steradian.cli.console import progress_bar, show_figures
+
+
+def import_(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            help="IPASC or k-Wave HDF5, MATLAB 7.3 with sensor_data and dt, .npy, .npz, .csv, or a scan file.",
+            metavar="SOURCE",
+        ),
+    ],
+    file: Annotated[Path, typer.Argument(help="The scan file to write (HDF5).", metavar="FILE")],
+    description: Annotated[
+        Path | None,
+        typer.Option("--description", "-d", help="JSON with what the source does not say: times, positions, speed."),
+    ] = None,
+) -> None:
+    """Make a scan file from a recording of another kind.
+
+    What is imported counts as untrusted: links to other files, virtual datasets, object references, pickles,
+    absurd sizes and compression bombs are refused.
+    """
+    from steradian.scans.importing import import_scan
+
+    with progress_bar() as progress:
+        summary = import_scan(source, file, description=description, progress=progress)
+    figures = {
+        "format": summary.format,
+        "A-lines": f"{summary.points} of {summary.samples} samples",
+        "file": summary.path,
+    }
+    show_figures("Import", figures)

@@ -1,0 +1,46 @@
+"""Plain HDF5, for MATLAB, Octave, Python and everything else that reads numbers.
+
+::
+
+    /           attributes as in a volume file (steradian.reconstructions.volume_file), which this is too
+    values      (Nx, Ny, Nz) f4   attributes: axes, spacing_m, origin_m; compressed with gzip
+    x, y, z     (Nx,) (Ny,) (Nz,) f8   centres of the voxels in metres
+    spacing_m   (3,) f8           voxel size in metres, in the order x, y, z
+    mip_x, …                      projections, as in a volume file
+
+MATLAB and Octave show the axes of ``values`` in the opposite order: (Nz, Ny, Nx).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from steradian.reconstructions.exporting.source import VolumeSource
+
+CHUNK_SIDE = 64
+
+
+def write_hdf5(source: VolumeSource, path: Path) -> None:
+    """Write a volume as HDF5 with its coordinates as datasets."""
+    old = source.values
+    with h5py.File(path, "w") as file:
+        file.attrs.update(old.parent.attrs)
+        for name, first, step, count in zip(source.names, source.origin, source.spacing, old.shape, strict=True):
+            file.create_dataset(name, data=first + step * np.arange(count)).attrs["units"] = "m"
+        file.create_dataset("spacing_m", data=np.array(source.spacing))
+        chunks = tuple(min(CHUNK_SIDE, side) for side in old.shape)
+        values = file.create_dataset(
+            "values", old.shape, old.dtype, chunks=chunks, compression="gzip", compression_opts=1, shuffle=True
+        )
+        values.attrs.update(old.attrs)
+        for start in range(0, old.shape[0], CHUNK_SIDE):
+            source.check(start, old.shape[0])
+            values[start : start + CHUNK_SIDE] = old[start : start + CHUNK_SIDE]
+            if source.progress:
+                source.progress("planes", min(start + CHUNK_SIDE, old.shape[0]), old.shape[0])
+        for name in ("mip_x", "mip_y", "mip_z"):
+            if name in old.parent:
+                file.create_dataset(name, data=old.parent[name][()])

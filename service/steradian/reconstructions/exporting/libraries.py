@@ -1,0 +1,26 @@
+"""The libraries of the extra ``export``, imported only when their format is wanted."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+from steradian.errors import InvalidInput
+
+ALWAYS = "hdf5, nrrd, vtkhdf or png"
+
+
+def library(name: str, format: str) -> Any:
+    """Import a library that only this format needs.
+
+    Raises
+    ------
+    InvalidInput
+        Naming the command that installs it.
+    """
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise InvalidInput(
+            "format", format, f"{ALWAYS}; {format} needs {name}, which pip install 'steradian[export]' installs"
+        ) from error

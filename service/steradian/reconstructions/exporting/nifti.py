@@ -1,0 +1,46 @@
+"""NIfTI-1, for the tools of neuro-imaging and most viewers."""
+
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+from typing import IO, cast
+
+import numpy as np
+
+from steradian import __version__
+from steradian.errors import InvalidInput
+from steradian.reconstructions.exporting.libraries import library
+from steradian.reconstructions.exporting.source import VolumeSource
+
+LONGEST = 32_767
+DATA_OFFSET = 352
+
+
+def write_nifti(source: VolumeSource, path: Path, *, compressed: bool) -> None:
+    """Write a volume as NIfTI-1 in millimetres, with the affine from voxel to (right, anterior, superior) = (x, y, z).
+
+    Raises
+    ------
+    InvalidInput
+        When an axis is longer than the format can count, or nibabel is not installed.
+    """
+    nibabel = library("nibabel", "nifti")
+    if max(source.shape) > LONGEST:
+        raise InvalidInput("volume", f"{source.shape} voxels", f"at most {LONGEST} an axis in NIfTI-1; take nrrd")
+    header = nibabel.Nifti1Header()
+    header.set_data_dtype(source.dtype)
+    header.set_data_shape(source.shape)
+    header.set_xyzt_units("mm")
+    affine = np.diag([*(1e3 * step for step in source.spacing_xyz), 1.0])
+    affine[:3, 3] = 1e3 * np.array(source.origin_xyz)
+    header.set_qform(affine, code="scanner")
+    header.set_sform(affine, code="scanner")
+    header["descrip"] = f"initial pressure, steradian {__version__}".encode()
+    header["vox_offset"], header["magic"] = DATA_OFFSET, b"n+1"
+    opened = gzip.open(path, "wb", compresslevel=3) if compressed else path.open("wb")
+    with opened as file:
+        file.write(header.binaryblock)
+        file.write(bytes(DATA_OFFSET - len(header.binaryblock)))
+        for slab in source.depth_slabs():
+            cast(IO[bytes], file).write(slab.tobytes())

@@ -1,0 +1,127 @@
+"""A volume file, opened for export: its values in slabs, never all at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.errors import Cancelled, DamagedFile, NotFound
+from steradian.progress import IsCancelled, Progress
+from steradian.reconstructions.volume_file import FORMAT, VERSION
+
+SLAB_BYTES = 32 << 20
+
+
+@dataclass(frozen=True)
+class VolumeSource:
+    """Values of a volume file with their axes.
+
+    Parameters
+    ----------
+    values
+        Dataset [x, y, z], or [x, z] from a line of sensors.
+    names
+        Names of its axes.
+    spacing, origin
+        Voxel size and coordinates of the first voxel's centre in metres, in the order of ``names``.
+    parameters, provenance
+        JSON texts of how the volume came about.
+    """
+
+    values: h5py.Dataset
+    names: tuple[str, ...]
+    spacing: tuple[float, ...]
+    origin: tuple[float, ...]
+    parameters: str
+    provenance: str
+    progress: Progress | None = None
+    cancelled: IsCancelled | None = None
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Kind of number, little-endian."""
+        kind: np.dtype[Any] = np.dtype(self.values.dtype).newbyteorder("<")
+        return kind
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(Nx, Ny, Nz); an image has one voxel along y."""
+        x, *y, z = self.values.shape
+        return x, y[0] if y else 1, z
+
+    @property
+    def spacing_xyz(self) -> tuple[float, float, float]:
+        """Voxel size in metres along x, y, z; an image's voxels are as thick as they are wide."""
+        x, *y, z = self.spacing
+        return x, y[0] if y else x, z
+
+    @property
+    def origin_xyz(self) -> tuple[float, float, float]:
+        """Centre of voxel (0, 0, 0) in metres."""
+        x, *y, z = self.origin
+        return x, y[0] if y else 0.0, z
+
+    def depth_slabs(self) -> Iterator[NDArray[Any]]:
+        """Give the values as [z, y, x], a few depths at a time, x fastest: the order of most image formats.
+
+        Raises
+        ------
+        Cancelled
+            When the caller's ``cancelled`` said so.
+        """
+        nx, ny, nz = self.shape
+        step = max(1, SLAB_BYTES // (nx * ny * self.dtype.itemsize))
+        for start in range(0, nz, step):
+            self.check(start, nz)
+            block = self.values[..., start : start + step]
+            yield np.ascontiguousarray(block.reshape(nx, ny, -1).T, self.dtype)
+            self.report(min(start + step, nz), nz)
+
+    def check(self, done: int, total: int) -> None:
+        """Raise ``Cancelled`` when the caller wants it so."""
+        if self.cancelled and self.cancelled():
+            raise Cancelled(f"the export was stopped at {done} of {total}")
+
+    def report(self, done: int, total: int) -> None:
+        """Tell the caller how far the export is, in depths."""
+        if self.progress:
+            self.progress("depths", done, total)
+
+
+@contextmanager
+def open_volume(path: Path, progress: Progress | None, cancelled: IsCancelled | None) -> Iterator[VolumeSource]:
+    """Open a volume file.
+
+    Raises
+    ------
+    NotFound
+        When there is no such file.
+    DamagedFile
+        When it is truncated or of another kind.
+    """
+    if not path.is_file():
+        raise NotFound("file", str(path))
+    try:
+        file = h5py.File(path, "r")
+    except OSError as error:
+        raise DamagedFile(f"{path} cannot be read as a volume: {error}") from error
+    with file:
+        if file.attrs.get("format") != FORMAT or file.attrs.get("schema_version") != VERSION:
+            raise DamagedFile(f"{path} is no volume file of schema version {VERSION}")
+        try:
+            values = file["values"]
+            spacing, origin = (tuple(map(float, values.attrs[name])) for name in ("spacing_m", "origin_m"))
+            names = tuple(str(values.attrs["axes"]).split(", "))
+            parameters, provenance = (str(file.attrs[name]) for name in ("parameters", "provenance"))
+        except KeyError as error:
+            raise DamagedFile(f"{path} cannot be read as a volume: {error}") from error
+        if not len(names) == len(spacing) == len(origin) == values.ndim or values.ndim not in (2, 3):
+            raise DamagedFile(f"{path}: values of shape {values.shape} with axes {names} and spacing {spacing}")
+        yield VolumeSource(values, names, spacing, origin, parameters, provenance, progress, cancelled)

@@ -1,0 +1,121 @@
+"""Checking a scan file: every A-line against its checksum, and the table of what is stored against the A-lines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import google_crc32c
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.errors import DamagedFile, NotFound
+from steradian.progress import Progress
+from steradian.scans import schema
+from steradian.scans.layout import geometry_checksum
+from steradian.scans.store import AlineStore
+
+
+@dataclass(frozen=True, eq=False)
+class CheckReport:
+    """What a check found.
+
+    Attributes
+    ----------
+    path
+        The file.
+    rows
+        A-lines the scan is to have, of all frames.
+    intact
+        A-lines in the file that match their checksum.
+    damaged
+        Rows that the table calls stored and that do not match: cut off by a power failure, or changed since.
+    unlisted
+        Rows that are whole and that the table calls missing.
+    repaired
+        Whether the table was corrected.
+    strength
+        (rows,) rms of each intact A-line in counts, without its mean; 0 elsewhere.
+    """
+
+    path: Path
+    rows: int
+    intact: int
+    damaged: NDArray[np.int64]
+    unlisted: NDArray[np.int64]
+    repaired: bool
+    strength: NDArray[np.float32] = field(repr=False)
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether there was nothing to correct."""
+        return not len(self.damaged) and not len(self.unlisted)
+
+
+def check_scan_file(path: Path, *, repair: bool = True, progress: Progress | None = None) -> CheckReport:
+    """Verify a scan file that no scan is writing; corrects the table of what is stored, never an A-line.
+
+    A damaged A-line becomes a missing one, which a resumed scan measures again; a whole one that the table does not
+    list is listed.
+
+    Parameters
+    ----------
+    path
+        The file.
+    repair
+        Whether to correct the table.
+    progress
+        Told about each piece of the file.
+
+    Raises
+    ------
+    NotFound
+        When there is no such file.
+    DamagedFile
+        When it is no scan file, or what says where and when its A-lines were measured is damaged: that cannot be
+        repaired.
+    """
+    if not path.is_file():
+        raise NotFound("file", str(path))
+    try:
+        with h5py.File(path, "r") as file:
+            _check_frame(path, file)
+            status = np.asarray(file["alines/status"])
+            whole, strength = _verify(file, progress)
+    except (OSError, KeyError, RuntimeError) as error:
+        raise DamagedFile(f"{path} cannot be read as a scan: {error}") from error
+    listed = status == schema.STORED
+    damaged, unlisted = np.flatnonzero(listed & ~whole), np.flatnonzero(~listed & whole)
+    if repair and (len(damaged) or len(unlisted)):
+        with AlineStore(path) as store:
+            store.set_status(damaged, schema.MISSING)
+            store.set_status(unlisted, schema.STORED)
+    return CheckReport(path, len(status), int(whole.sum()), damaged, unlisted, repair, strength)
+
+
+def _check_frame(path: Path, file: h5py.File) -> None:
+    """Check all but the A-lines."""
+    kind, version = file.attrs.get("format"), file.attrs.get("schema_version")
+    if kind != schema.FORMAT or version not in schema.READABLE:
+        raise DamagedFile(f"{path} is no scan file that this program reads: format {kind!r}, version {version}")
+    if "geometry_crc32c" in file.attrs and int(file.attrs["geometry_crc32c"]) != geometry_checksum(file):
+        raise DamagedFile(f"{path}: positions, weights or order of the points do not match their checksum")
+
+
+def _verify(file: h5py.File, progress: Progress | None) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
+    """Tell which rows (F·M,) match their checksum, and how strong they are; reads one chunk of the file at a time."""
+    samples, checksums = file["alines/samples"], np.asarray(file["alines/crc32c"])
+    count, step = len(checksums), samples.chunks[0] if samples.chunks else 64
+    whole, strength = np.zeros(count, np.bool_), np.zeros(count, np.float32)
+    for first in range(0, count, step):
+        if not checksums[first : first + step].any():
+            continue
+        rows = np.asarray(samples[first : first + step])
+        for place, row in enumerate(rows, first):
+            whole[place] = bool(checksums[place]) and google_crc32c.value(row.tobytes()) == checksums[place]
+        strength[first : first + step] = rows.std(axis=1, dtype=np.float32)
+        if progress is not None:
+            progress("checking A-lines", min(first + step, count), count)
+    strength[~whole] = 0
+    return whole, strength

@@ -1,0 +1,76 @@
+"""Between a session and whoever started it: what is wished of it, and what it tells."""
+
+from __future__ import annotations
+
+import time
+from enum import StrEnum
+
+from steradian.progress import IsCancelled, Progress
+
+
+class Wish(StrEnum):
+    """What somebody wants of a running session."""
+
+    RUN = "run"
+    PAUSE = "pause"
+    """Stop firing, keep the scanner and go on when told to."""
+    STOP = "stop"
+    """Enough: keep what was fired, and end in good order."""
+    ABORT = "abort"
+    """Laser off at once."""
+
+
+class Phase(StrEnum):
+    """What a session is at."""
+
+    ARMING = "arming"
+    RUNNING = "running"
+    RECOVERING = "recovering"
+    """Line or device failed; the driver is taking the scan up again."""
+    PAUSING = "pausing"
+    PAUSED = "paused"
+    STOPPING = "stopping"
+    ABORTING = "aborting"
+    COMPLETING = "completing"
+
+
+class End(StrEnum):
+    """How a session ended."""
+
+    COMPLETE = "complete"
+    STOPPED = "stopped"
+    ABORTED = "aborted"
+
+
+class Control:
+    """A session's view of its starter; this one runs to the end unless ``cancelled`` says otherwise.
+
+    Parameters
+    ----------
+    progress
+        Told how many A-lines are stored.
+    cancelled
+        Makes the session abort.
+    """
+
+    def __init__(self, progress: Progress | None = None, cancelled: IsCancelled | None = None) -> None:
+        self._progress, self._cancelled = progress, cancelled
+
+    def wish(self) -> Wish:
+        """Return what is wanted now; asked some twenty times a second."""
+        return Wish.ABORT if self._cancelled is not None and self._cancelled() else Wish.RUN
+
+    def enter(self, phase: Phase) -> None:
+        """Learn that the session is now at ``phase``."""
+
+    def blocked(self, why: str | None) -> None:
+        """Learn that the session cannot store A-lines at present, and why; ``None``: it can again."""
+
+    def progress(self, done: int, total: int) -> None:
+        """Learn how many A-lines are stored."""
+        if self._progress is not None:
+            self._progress("A-lines", done, total)
+
+    def wait(self, seconds: float) -> None:
+        """Let some time pass before the session looks again."""
+        time.sleep(seconds)

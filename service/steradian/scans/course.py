@@ -1,0 +1,140 @@
+"""A course: what a scanner is told to measure, in which order, as the plan says it and the scan file keeps it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.plans import ScanPlan
+
+if TYPE_CHECKING:
+    import fabry_perot
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """Rows of a scan file that are measured in one go.
+
+    Attributes
+    ----------
+    excitation
+        Excitation wavelength in m; 0: as the laser stands.
+    rows
+        (K,) rows of the file, in the order of interrogation.
+    """
+
+    excitation: float
+    rows: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """Points and parameters of a scan; row r of its file is point ``r % M`` of the mask in frame ``r // M``.
+
+    Attributes
+    ----------
+    positions
+        (M, 2) positions on the film in m.
+    visit
+        (M,) indices of points in the order of interrogation.
+    excitation
+        (F,) excitation wavelength of each frame in m; 0: as the laser stands.
+    wavelengths
+        (M,) bias wavelengths in m, or ``None`` for the scanner's own map.
+    samples, sampling_interval, pulse_rate, averages
+        As in :class:`steradian.plans.ScanPlan`.
+    """
+
+    positions: NDArray[np.float64]
+    visit: NDArray[np.int64]
+    excitation: tuple[float, ...]
+    wavelengths: NDArray[np.float64] | None
+    samples: int
+    sampling_interval: float
+    pulse_rate: float
+    averages: int
+
+    @classmethod
+    def of_plan(cls, plan: ScanPlan) -> Self:
+        """Return the course of a plan."""
+        return cls(
+            positions=plan.mask.film_positions,
+            visit=plan.visit,
+            excitation=plan.frame_excitation,
+            wavelengths=plan.wavelengths,
+            samples=plan.samples,
+            sampling_interval=plan.sampling_interval,
+            pulse_rate=plan.pulse_rate,
+            averages=plan.averages,
+        )
+
+    @classmethod
+    def of_file(cls, file: h5py.File) -> Self:
+        """Return the course that an open scan file was made for."""
+        plan, where = file["plan"], np.asarray(file["mask/positions"], dtype=np.float64)
+        if where.shape[1] == 1:
+            where = np.column_stack([where[:, 0], np.zeros(len(where))])
+        excitation = np.asarray(plan["frame_excitation"]) if "frame_excitation" in plan else np.zeros(1)
+        return cls(
+            positions=where,
+            visit=np.asarray(plan["visit"], dtype=np.int64),
+            excitation=tuple(excitation.tolist()),
+            wavelengths=np.asarray(plan["wavelengths"], dtype=np.float64) if "wavelengths" in plan else None,
+            samples=int(plan.attrs["samples"]),
+            sampling_interval=float(plan.attrs["sampling_interval_s"]),
+            pulse_rate=float(plan.attrs["pulse_rate_hz"]),
+            averages=int(plan.attrs["averages"]),
+        )
+
+    @property
+    def points(self) -> int:
+        """Number of points of the mask, M."""
+        return len(self.positions)
+
+    @property
+    def count(self) -> int:
+        """Number of A-lines of all frames, F·M."""
+        return len(self.excitation) * self.points
+
+    @property
+    def order(self) -> NDArray[np.int64]:
+        """(F·M,) all rows in the order of interrogation: frame after frame."""
+        frames = np.arange(len(self.excitation), dtype=np.int64)[:, None] * self.points
+        return (frames + self.visit).reshape(-1)
+
+    def segments(self, wanted: NDArray[np.bool_]) -> Iterator[Segment]:
+        """Yield the rows that are ``wanted`` (F·M,) in the order of interrogation, cut where the laser is retuned."""
+        rows = self.order
+        rows = rows[wanted[rows]]
+        excitation = np.asarray(self.excitation)[rows // self.points]
+        cuts = np.flatnonzero(np.diff(excitation)) + 1
+        for piece in np.split(rows, cuts):
+            if len(piece):
+                yield Segment(self.excitation[int(piece[0]) // self.points], piece)
+
+    def upload(
+        self,
+        scanner: fabry_perot.Scanner,
+        rows: NDArray[np.int64],
+        tag: int,
+        *,
+        averages: int | None = None,
+        resume: bool = False,
+    ) -> None:
+        """Give rows to a scanner, in this order; parameters as of :meth:`fabry_perot.Scanner.upload`."""
+        points = rows % self.points
+        scanner.upload(
+            self.positions[points],
+            samples=self.samples,
+            sampling_interval=self.sampling_interval,
+            pulse_rate=self.pulse_rate,
+            averages=self.averages if averages is None else averages,
+            wavelength=0.0 if self.wavelengths is None else self.wavelengths[points],
+            resume=resume,
+            tag=tag,
+        )

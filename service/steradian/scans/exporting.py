@@ -1,0 +1,211 @@
+"""Exporting scans as IPASC HDF5, the exchange format of the International Photoacoustic Standardisation Consortium.
+
+``binary_time_series_data`` [detector, sample, wavelength, frame] in the pressure unit as float32; every tag a dataset
+in SI units; a group for each detector. The standard has no tag for the time of the first sample nor for what a point
+stands for, so these go under names of our own (:mod:`steradian.scans.importing.ipasc`).
+"""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Literal
+
+import google_crc32c
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.errors import Cancelled, DamagedFile, InvalidInput, NotFound
+from steradian.progress import IsCancelled, Progress
+from steradian.scans import schema
+from steradian.scans.importing import ipasc
+
+ScanFormat = Literal["ipasc"]
+BLOCK_BYTES = 16 << 20
+NAMESPACE = uuid.UUID("6d0a2f0e-6b8c-5a55-9a8e-0d1c2f3b4a59")
+"""Makes the same scan's export carry the same identifier every time."""
+EVERY = 2000
+"""Detectors between two looks at ``cancelled``."""
+
+
+def export_scan(
+    scan: Path,
+    destination: Path,
+    *,
+    format: ScanFormat = "ipasc",
+    progress: Progress | None = None,
+    cancelled: IsCancelled | None = None,
+) -> Path:
+    """Write a scan file in another format.
+
+    Points that are missing in any frame, or whose samples do not match their checksum, are left out.
+
+    Parameters
+    ----------
+    scan
+        A scan file, finished or not.
+    destination
+        Where to; a file of that name is replaced once the new one is whole.
+    format
+        ``ipasc``.
+    progress, cancelled
+        Reported and asked once a block; units are A-lines and detectors.
+
+    Raises
+    ------
+    NotFound, DamagedFile
+        When the scan cannot be read, or holds no point with all its frames.
+    InvalidInput
+        When the format is unknown.
+    Cancelled
+        When ``cancelled`` said so; nothing is left behind.
+    """
+    if format != "ipasc":
+        raise InvalidInput("format", format, "ipasc")
+    if not scan.is_file():
+        raise NotFound("file", str(scan))
+    destination.parent.mkdir(parents=True, exist_ok=True)
+    draft = destination.with_name(f".{destination.name}.exporting")
+    try:
+        try:
+            file = h5py.File(scan, "r")
+        except OSError as error:
+            raise DamagedFile(f"{scan} cannot be read as a scan: {error}") from error
+        with file:
+            if file.attrs.get("format") != schema.FORMAT or file.attrs.get("schema_version") not in schema.READABLE:
+                raise DamagedFile(f"{scan} is no scan file of schema version {', '.join(map(str, schema.READABLE))}")
+            with h5py.File(draft, "w") as made:
+                _Export(file, made, progress, cancelled).write()
+        draft.replace(destination)
+    finally:
+        draft.unlink(missing_ok=True)
+    return destination
+
+
+class _Export:
+    """One export, from an open scan file into an open IPASC file."""
+
+    def __init__(
+        self, scan: h5py.File, made: h5py.File, progress: Progress | None, cancelled: IsCancelled | None
+    ) -> None:
+        self._scan, self._made, self._progress, self._cancelled = scan, made, progress, cancelled
+        self._samples = scan["alines/samples"]
+        self._points = len(scan["mask/weights"])
+        self._frames = self._samples.shape[0] // self._points
+        light = scan["plan/frame_excitation"][()] if "plan/frame_excitation" in scan else np.zeros(self._frames)
+        self._light = np.array(list(dict.fromkeys(light.tolist())))
+
+    def write(self) -> None:
+        kept = np.flatnonzero(self._intact().all(axis=0))
+        if not len(kept):
+            raise DamagedFile(f"{self._scan.filename} holds no point with an A-line in every frame")
+        shape = (len(kept), self._samples.shape[1], len(self._light), self._frames // len(self._light))
+        self._series(kept, shape)
+        self._acquisition(kept, shape)
+        self._device(kept)
+
+    def _blocks(self, frame: int, stage: str) -> Iterator[tuple[int, NDArray[Any]]]:
+        """First point and samples of blocks of points, through one frame."""
+        step = max(1, BLOCK_BYTES // (self._samples.shape[1] * 4))
+        total = self._frames * self._points
+        for start in range(0, self._points, step):
+            stop = min(start + step, self._points)
+            self._note(stage, frame * self._points + start, total)
+            yield start, self._samples[frame * self._points + start : frame * self._points + stop]
+        self._note(stage, (frame + 1) * self._points, total)
+
+    def _intact(self) -> NDArray[np.bool_]:
+        """(F, M) which rows hold an A-line that matches its checksum."""
+        good: NDArray[np.bool_] = np.equal(self._scan["alines/status"][()], schema.STORED)
+        good = good.reshape(self._frames, self._points)
+        checksums = self._scan["alines/crc32c"][()].reshape(self._frames, self._points)
+        for frame in range(self._frames):
+            for start, block in self._blocks(frame, "checked A-lines"):
+                for index in np.flatnonzero(good[frame, start : start + len(block)]):
+                    point = start + index
+                    good[frame, point] = google_crc32c.value(block[index].tobytes()) == checksums[frame, point]
+        return good
+
+    def _series(self, kept: NDArray[np.int64], shape: tuple[int, ...]) -> None:
+        series = self._made.create_dataset(ipasc.SERIES, shape, np.float32)
+        scale = self._scan["alines/scale"][()].reshape(self._frames, self._points)
+        for frame in range(self._frames):
+            light, repeat = divmod(frame, shape[3])
+            for start, block in self._blocks(frame, "A-lines"):
+                wanted = kept[(kept >= start) & (kept < start + len(block))]
+                if len(wanted):
+                    place = int(np.searchsorted(kept, wanted[0]))
+                    pressure = block[wanted - start] * scale[frame, wanted, None]
+                    series[place : place + len(wanted), :, light, repeat] = pressure.astype(np.float32)
+
+    def _acquisition(self, kept: NDArray[np.int64], shape: tuple[int, ...]) -> None:
+        plan, mask, origin = self._scan["plan"].attrs, self._scan["mask"], self._scan.attrs
+        weights = mask["weights"][()][kept]
+        identity = f"{origin['scan_id']}/{plan['id']}/{origin['created']}"
+        tags: dict[str, Any] = {
+            "uuid": str(uuid.uuid5(NAMESPACE, identity)),
+            "encoding": "raw",
+            "compression": "raw",
+            "data_type": "float32",
+            "dimensionality": "time",
+            "sizes": np.array(shape),
+            "ad_sampling_rate": 1 / float(plan["sampling_interval_s"]),
+            "speed_of_sound": float(plan["sound_speed_m_s"]),
+            "photoacoustic_imaging_device_reference": self._device_name(),
+            "scanning_method": "one detection point of the list after the other",
+            ipasc.TIME_ZERO: float(plan["time_zero_s"]),
+            ipasc.APERTURE: float(mask.attrs["aperture_m"]),
+            ipasc.WEIGHTS: weights * (mask["weights"][()].sum() / weights.sum()),
+            ipasc.SIMULATED: int(origin["simulated"]),
+        }
+        if "depth_m" in mask.attrs:
+            tags[ipasc.DEPTH] = float(mask.attrs["depth_m"])
+        if (self._light > 0).all():
+            tags["acquisition_wavelengths"] = self._light
+        group = self._made.create_group(ipasc.ACQUISITION)
+        for name, value in tags.items():
+            group[name] = _text(value) if isinstance(value, str) else value
+
+    def _device(self, kept: NDArray[np.int64]) -> None:
+        plan, mask = self._scan["plan"].attrs, self._scan["mask"]
+        half = float(mask.attrs["aperture_m"]) / 2
+        reach = (self._samples.shape[1] - 1) * float(plan["sampling_interval_s"]) * float(plan["sound_speed_m_s"])
+        device = self._made.create_group(ipasc.DEVICE)
+        general = device.create_group("general")
+        general["unique_identifier"] = _text(self._device_name())
+        general["field_of_view"] = np.array([-half, half, -half, half, 0.0, reach])
+        general["num_detectors"], general["num_illuminators"] = len(kept), 0
+        device.create_group("illuminators")
+        positions = np.zeros((len(kept), 3))
+        lateral = mask["positions"][()][kept]
+        positions[:, : lateral.shape[1]] = lateral
+        _write_detectors(device.create_group("detectors"), positions, self._note)
+
+    def _device_name(self) -> str:
+        return str(self._scan.attrs["scanner"]) or "unknown scanner"
+
+    def _note(self, stage: str, done: int, total: int) -> None:
+        if self._cancelled and self._cancelled():
+            raise Cancelled(f"the export was stopped at {done} of {total} {stage}")
+        if self._progress:
+            self._progress(stage, done, total)
+
+
+def _text(value: str) -> np.bytes_:
+    """Text of fixed length: Octave gives up a whole file over a text of variable length."""
+    return np.bytes_(value.encode())
+
+
+def _write_detectors(group: h5py.Group, positions: NDArray[np.float64], note: Progress) -> None:
+    """Write a group for each detector, facing the object; by the library's lower level, five times as fast."""
+    low, space, kind = h5py.h5d, h5py.h5s.create_simple((3,)), h5py.h5t.IEEE_F64LE
+    ahead = np.array([0.0, 0.0, 1.0])
+    for index, position in enumerate(np.ascontiguousarray(positions)):
+        if index % EVERY == 0:
+            note("detectors", index, len(positions))
+        detector = h5py.h5g.create(group.id, f"{index:010d}".encode())
+        for name, value in ((b"detector_position", position), (b"detector_orientation", ahead)):
+            low.create(detector, name, kind, space).write(h5py.h5s.ALL, h5py.h5s.ALL, value)
+    note("detectors", len(positions), len(positions))

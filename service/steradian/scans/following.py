@@ -1,0 +1,186 @@
+"""Following a scan file that another process is filling."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.errors import DamagedFile, InvalidInput
+from steradian.scans import schema
+from steradian.scans.reading import _check_kind, _intact
+from steradian.scans.recording import Recording
+
+_GAP = 16  # rows not wanted that are rather read than skipped
+
+
+@dataclass(frozen=True)
+class NewAlines:
+    """A-lines stored since the last look.
+
+    Attributes
+    ----------
+    points
+        (K,) points of the mask, rising.
+    traces
+        (K, N_t) float32 pressures.
+    replaced
+        An A-line seen earlier has since been measured again: forget all; ``points`` are all that are stored.
+    """
+
+    points: NDArray[np.int64]
+    traces: NDArray[np.float32]
+    replaced: bool
+
+
+class ScanFollower:
+    """What was stored in a scan file since the last look.
+
+    Parameters
+    ----------
+    path
+        A scan file, finished or not; each look opens it anew, for another process writes to it.
+    frame
+        Which frame of it.
+
+    Attributes
+    ----------
+    whole
+        The frame as planned: all points with the mask's weights; its ``traces`` are zeros.
+
+    Raises
+    ------
+    DamagedFile
+        When the file is of another kind or newer.
+    InvalidInput
+        When the scan has no such frame.
+    """
+
+    def __init__(self, path: Path, frame: int = 0) -> None:
+        self.path = path
+        try:
+            with h5py.File(path, "r") as file:
+                _check_kind(path, file)
+                self.whole = _planned(file)
+                frames = len(file["alines/status"]) // self.whole.planned
+        except (OSError, KeyError) as error:
+            raise DamagedFile(f"{path} cannot be read as a scan: {error}") from error
+        if not 0 <= frame < frames:
+            raise InvalidInput("frame", frame, f"0 to {frames - 1}")
+        self._first = frame * self.whole.planned
+        self._seen = np.zeros(self.whole.planned, bool)
+        self._checksums = np.zeros(self.whole.planned, np.uint32)
+
+    def take(self, most: int | None = None) -> NewAlines:
+        """Read the A-lines stored since the last call.
+
+        A row that does not match its checksum (it is being written again this moment) is left for the next call.
+
+        Parameters
+        ----------
+        most
+            How many at most; the others are left for the next call. None: all.
+
+        Raises
+        ------
+        DamagedFile
+            When the file cannot be read any more.
+        """
+        try:
+            with h5py.File(self.path, "r") as file:
+                return self._take(file["alines"], most)
+        except (OSError, KeyError) as error:
+            raise DamagedFile(f"{self.path} cannot be read as a scan: {error}") from error
+
+    def forget(self) -> None:
+        """Take all A-lines again at the next call."""
+        self._seen[:] = False
+
+    def _take(self, alines: h5py.Group, most: int | None) -> NewAlines:
+        rows = slice(self._first, self._first + self.whole.planned)
+        # the status is written after all else of a row, so it is read before
+        stored = alines["status"][rows] == schema.STORED
+        checksums, scale = alines["crc32c"][rows], alines["scale"][rows]
+        replaced = bool((self._seen & (~stored | (checksums != self._checksums))).any())
+        if replaced:
+            self.forget()
+        points = np.flatnonzero(stored & ~self._seen)[:most]
+        samples = _read_rows(alines["samples"], self._first + points)
+        whole = _intact(samples, checksums[points])
+        points, samples = points[whole], samples[whole]
+        self._seen[points] = True
+        self._checksums[points] = checksums[points]
+        return NewAlines(points, np.multiply(samples, scale[points, None], dtype=np.float32), replaced)
+
+
+class Quiet:
+    """Whether a scan that somebody else makes is over: all is stored, or nothing has been added for long enough.
+
+    Parameters
+    ----------
+    path
+        The scan file; it need not exist yet.
+    patience
+        Seconds without a new A-line after which the scan counts as over.
+    clock
+        Seconds that never go back.
+    """
+
+    def __init__(self, path: Path, patience: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._path, self._patience, self._clock = path, patience, clock
+        self._stored, self._since = -1, clock()
+
+    def __call__(self) -> bool:
+        """Look at the file."""
+        stored, rows = self._count()
+        if stored != self._stored:
+            self._stored, self._since = stored, self._clock()
+        return stored == rows or self._clock() - self._since > self._patience
+
+    def _count(self) -> tuple[int, int]:
+        """A-lines stored, and to be stored; -1 of 0 when there is no file yet."""
+        if not self._path.is_file():
+            return -1, 0
+        with h5py.File(self._path, "r") as file:
+            status = np.asarray(file["alines/status"])
+            return int((status == schema.STORED).sum()), len(status)
+
+
+def _planned(file: h5py.File) -> Recording:
+    """All planned points, as if each had been measured and had seen nothing."""
+    mask, plan = file["mask"], file["plan"]
+    positions = np.asarray(mask["positions"], np.float64)
+    count, samples = len(positions), file["alines/samples"].shape[1]
+    return Recording(
+        traces=np.broadcast_to(np.zeros(1, np.int16), (count, samples)),
+        scale=1.0,
+        positions=positions,
+        weights=np.asarray(mask["weights"], np.float64),
+        sampling_interval=float(plan.attrs["sampling_interval_s"]),
+        sound_speed=float(plan.attrs["sound_speed_m_s"]),
+        aperture=float(mask.attrs["aperture_m"]),
+        time_zero=float(plan.attrs["time_zero_s"]),
+        grid=None,
+        depth=float(mask.attrs["depth_m"]) if "depth_m" in mask.attrs else None,
+        planned=count,
+        provenance={},
+    )
+
+
+def _read_rows(samples: h5py.Dataset, rows: NDArray[np.int64]) -> NDArray[Any]:
+    """Read some rows, in runs: a list of single rows is slow in HDF5."""
+    found: NDArray[Any] = np.empty((len(rows), samples.shape[1]), samples.dtype)
+    if not len(rows):
+        return found
+    breaks = np.flatnonzero(np.diff(rows) > _GAP) + 1
+    done = 0
+    for run in np.split(rows, breaks):
+        found[done : done + len(run)] = samples[run[0] : run[-1] + 1][run - run[0]]
+        done += len(run)
+    return found

@@ -1,0 +1,96 @@
+"""Importing recorded data: own scan files, IPASC, k-Wave, MATLAB 7.3, npy, npz and CSV become scans like any other.
+
+What is imported counts as untrusted: see :mod:`steradian.scans.importing.untrusted`.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from steradian.errors import Cancelled, Conflict
+from steradian.progress import IsCancelled, Progress
+from steradian.scans.importing import own
+from steradian.scans.importing.opening import is_own, open_source
+from steradian.scans.importing.writing import write_scan
+from steradian.scans.layout import sync_folder
+
+__all__ = ["ImportSummary", "import_scan"]
+
+
+@dataclass(frozen=True)
+class ImportSummary:
+    """What an import came to: the scan file, the kind of the source, its A-lines and their length."""
+
+    path: Path
+    format: str
+    points: int
+    samples: int
+
+
+def import_scan(
+    source: Path,
+    destination: Path,
+    *,
+    description: Path | None = None,
+    progress: Progress | None = None,
+    cancelled: IsCancelled | None = None,
+) -> ImportSummary:
+    """Make a scan file from a recording of another kind.
+
+    A-lines pass in blocks of a few tens of megabytes. Integers of at most 16 bits are kept as they are, other numbers
+    as float32. The file appears under its name only when it is whole.
+
+    Parameters
+    ----------
+    source
+        One of our scan files, IPASC HDF5, k-Wave output HDF5, MATLAB 7.3 or Octave HDF5 with ``sensor_data`` and
+        ``dt``, .npy, .npz or .csv.
+    destination
+        The scan file to make.
+    description
+        JSON that says what the source does not (:mod:`steradian.scans.importing.description`).
+    progress, cancelled
+        Reported and asked once a block; the unit of progress is the A-line, before it in IPASC files the detector.
+
+    Raises
+    ------
+    NotFound
+        When a file is missing.
+    DamagedFile
+        When the source is of no known kind, damaged, or holds what is refused.
+    InvalidInput
+        When something needed is stated nowhere or out of range.
+    Conflict
+        When ``destination`` exists.
+    Cancelled
+        When ``cancelled`` said so; nothing is left behind.
+    """
+    if destination.exists():
+        raise Conflict(f"{destination} exists; choose another name or remove it")
+    destination.parent.mkdir(parents=True, exist_ok=True)
+    draft = destination.with_name(destination.name + ".importing")
+    draft.unlink(missing_ok=True)
+    try:
+        if is_own(source):
+            points, samples = own.copy_scan(source, draft, progress=progress, cancelled=cancelled)
+            kind = own.FORMAT
+        else:
+
+            def note(stage: str, done: int, total: int) -> None:
+                if cancelled and cancelled():
+                    raise Cancelled(f"the import was stopped at {done} of {total} {stage}")
+                if progress:
+                    progress(stage, done, total)
+
+            with open_source(source, description, destination.parent, note) as opened:
+                write_scan(opened, draft, progress=progress, cancelled=cancelled)
+            kind, points, samples = opened.format, opened.table.points * opened.table.frames, opened.table.samples
+        with draft.open("rb") as raw:
+            os.fsync(raw.fileno())
+        draft.replace(destination)
+        sync_folder(destination.parent)
+    finally:
+        draft.unlink(missing_ok=True)
+    return ImportSummary(destination, kind, points, samples)

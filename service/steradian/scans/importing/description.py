@@ -1,0 +1,143 @@
+"""The small JSON file that says what an array of A-lines does not: times, places, speeds.
+
+::
+
+    {
+      "sampling_interval": 8, "times": "ns",
+      "positions": "positions.csv", "lengths": "mm",
+      "aperture": 13.56,
+      "sound_speed": 1500
+    }
+
+Every number is in metres, seconds and their quotients unless ``lengths`` and ``times`` say otherwise (speeds and rates
+always are). Beside a file that states something itself, the description has the last word.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from steradian.errors import DamagedFile, InvalidInput, NotFound
+from steradian.scans.importing.geometry import MOST_POINTS
+from steradian.validation import FloatArray, Value, quantity
+
+LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
+TIMES = {"s": 1.0, "us": 1e-6, "ns": 1e-9}
+MOST_BYTES = 64 << 20
+
+
+class GridDescription(Value):
+    """Sensors on a rectangular grid, sensor j of n at (j − n//2)·interval, x slowest."""
+
+    interval: tuple[float, ...] = Field(description="Pitch along x and y, or along a line (lengths)", min_length=1)
+    count: tuple[int, ...] | None = Field(default=None, description="Sensors along x and y; none: as the array has")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if len(self.interval) > 2 or min(self.interval) <= 0:
+            raise InvalidInput("grid.interval", self.interval, "one or two numbers > 0")
+        if self.count is not None and (len(self.count) != len(self.interval) or min(self.count) < 1):
+            raise InvalidInput("grid.count", self.count, "as many whole numbers as intervals, at least 1")
+        return self
+
+
+class Description(Value):
+    """What is known of a recording beside its numbers; a file's own statements fill in what is left out here."""
+
+    sampling_interval: float | None = quantity("times", "Time between samples", gt=0, default=None)
+    time_zero: float | None = quantity("times", "From the laser pulse to the first sample", default=None)
+    sound_speed: float | None = quantity("m/s", "Speed of sound", ge=300, le=6000, default=None)
+    positions: FloatArray | str | None = Field(
+        default=None,
+        description="(M, 1 to 3) positions (lengths), or the name of a .csv or .npy file of them or of a k-Wave input "
+        "file beside this one",
+        union_mode="left_to_right",
+    )
+    grid: GridDescription | None = Field(default=None, description="Instead of positions")
+    weights: FloatArray | None = Field(default=None, description="(M,) areas of the sensors, of any scale")
+    aperture: float | None = quantity("lengths", "Side of the square aperture around the origin", gt=0, default=None)
+    depth: float | None = quantity("lengths", "Distance of the point of interest", gt=0, default=None)
+    lengths: Literal["m", "mm", "um"] = "m"
+    times: Literal["s", "us", "ns"] = "s"
+    axes: Literal["point, time", "time, point"] | None = Field(
+        default=None, description="Order of the array's axes; points may take two axes, x and y"
+    )
+    array: str | None = Field(default=None, description="Name of the A-lines in a file of several arrays")
+    scale: float = quantity("1", "Pressure per unit of the array", gt=0, default=1.0)
+    wavelength: int | None = quantity("index", "Which wavelength of an IPASC file; none: all", ge=0, default=None)
+    frame: int | None = quantity("index", "Which frame of an IPASC file; none: all", ge=0, default=None)
+    scanner: str = Field(default="", description="What measured it", max_length=200)
+    simulated: bool | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.positions is not None and self.grid is not None:
+            raise InvalidInput("grid", "given", "positions or grid, not both")
+        if isinstance(self.positions, str) and Path(self.positions).name != self.positions:
+            raise InvalidInput("positions", self.positions, "the bare name of a file beside the description")
+        return self
+
+    @property
+    def length_unit(self) -> float:
+        """Metres."""
+        return LENGTHS[self.lengths]
+
+    @property
+    def time_unit(self) -> float:
+        """Seconds."""
+        return TIMES[self.times]
+
+    def seconds(self, value: float | None) -> float | None:
+        """Convert one of the description's times."""
+        return None if value is None else value * self.time_unit
+
+    def metres(self, value: float | None) -> float | None:
+        """Convert one of the description's lengths."""
+        return None if value is None else value * self.length_unit
+
+
+def read_description(path: Path | None) -> Description:
+    """Read a description; an empty one for ``None``.
+
+    Raises
+    ------
+    NotFound
+        When there is no such file.
+    DamagedFile
+        When it is no JSON object.
+    InvalidInput
+        When a field is unknown or out of range.
+    """
+    if path is None:
+        return Description()
+    if not path.is_file():
+        raise NotFound("file", str(path))
+    if path.stat().st_size > MOST_BYTES:
+        raise DamagedFile(f"{path} has {path.stat().st_size} bytes; allowed: at most {MOST_BYTES}")
+    try:
+        fields = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise DamagedFile(f"{path} is not JSON: {error}") from error
+    if not isinstance(fields, dict):
+        raise DamagedFile(f"{path} holds no JSON object")
+    return Description.create(**fields)
+
+
+def grid_points(counts: tuple[int, ...], interval: tuple[float, ...]) -> NDArray[np.float64]:
+    """Positions (M, 1) or (M, 2) of a grid, sensor j of n at (j − n//2)·interval, the first axis slowest.
+
+    Raises
+    ------
+    InvalidInput
+        When there are too many.
+    """
+    if int(np.prod(counts, dtype=object)) > MOST_POINTS:
+        raise InvalidInput("grid.count", counts, f"at most {MOST_POINTS} points")
+    lines = [(np.arange(n) - n // 2) * step for n, step in zip(counts, interval, strict=True)]
+    return np.column_stack([axis.ravel() for axis in np.meshgrid(*lines, indexing="ij")])

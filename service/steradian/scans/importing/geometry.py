@@ -1,0 +1,175 @@
+"""Where imported sensors lie: on a plane or a line, centred on a square aperture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.errors import InvalidInput
+from steradian.masks import Mask, Weighting, custom_mask
+
+FLAT = 1e-4
+"""An axis along which the sensors spread less than this share of their largest extent is no axis of theirs."""
+ROUNDING = 1e-5
+"""Sensors this little outside the aperture, as a share of its half, are at its rim: float32 files round."""
+MOST_POINTS = 1 << 20
+NAMES = "xyz"
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Sensor positions as the reconstruction wants them.
+
+    Parameters
+    ----------
+    positions
+        (M, 2) metres, or (M, 1) for a line; centred on the aperture.
+    aperture
+        Side X in metres.
+    grid
+        Sensors per axis where they fill a square grid, else ``None``.
+    lattice
+        Whether they fill any rectangular grid: then each stands for the same area.
+    weights
+        (M,) areas of any scale, or ``None``.
+    origin
+        What the source's file says of the frame: the names of its lateral axes and the coordinates of our origin.
+    """
+
+    positions: NDArray[np.float64]
+    aperture: float
+    grid: int | None
+    lattice: bool
+    weights: NDArray[np.float64] | None
+    origin: dict[str, Any]
+
+    def mask(self, source: str) -> Mask:
+        """Make the mask; sensors without weights on no grid get the areas of their Voronoi cells.
+
+        Raises
+        ------
+        InvalidInput
+            When a sensor lies outside the aperture, or two at the same place.
+        """
+        weighting: Weighting = "analytic" if self.lattice or self.weights is not None else "voronoi"
+        mask = custom_mask(self.positions, self.aperture, self.weights, weighting=weighting)
+        return mask.replace(arrangement=mask.arrangement | {"source": source} | self.origin)
+
+
+def place_sensors(
+    given: NDArray[np.floating[Any]],
+    *,
+    aperture: float | None = None,
+    bounds: NDArray[np.float64] | None = None,
+    weights: NDArray[np.float64] | None = None,
+) -> Sensors:
+    """Find the plane of sensors and centre them.
+
+    With ``aperture`` positions count as centred already. Else, with ``bounds`` that are square and hold every sensor,
+    these are the aperture. Else sensors that fill a grid of N with pitch d have the aperture N·d and sensor j at
+    (j − N//2)·d, as the reconstruction's own grid; others the smallest square around them, widened by their mean
+    distance.
+
+    Parameters
+    ----------
+    given
+        (M, 1), (M, 2) or (M, 3) metres. Of three axes one must be flat; it is the depth, and the next two in the
+        cyclic order x, y, z become our x and y. Two flat axes make a line.
+    aperture
+        Side X in metres, if known.
+    bounds
+        (A, 2) lowest and highest coordinate of the aperture along each axis of ``given``, in metres.
+    weights
+        (M,) areas, if known.
+
+    Raises
+    ------
+    InvalidInput
+        When there are too many points, they are not finite or on no plane, or do not fit ``aperture``.
+    """
+    points: NDArray[np.float64] = np.asarray(given, np.float64)
+    if points.ndim != 2 or not 1 <= points.shape[1] <= 3 or not 1 <= len(points) <= MOST_POINTS:
+        raise InvalidInput("positions", f"an array of shape {points.shape}", f"(M, 1 to 3); M at most {MOST_POINTS}")
+    if not np.isfinite(points).all():
+        raise InvalidInput("positions", "not all finite", "finite numbers (m)")
+    lateral = _lateral_axes(points)
+    chosen, box = points[:, lateral], None if bounds is None else bounds[lateral]
+    lattice = _lattice(chosen)
+    if aperture is not None:
+        centre, side = np.zeros(len(lateral)), aperture
+    elif box is not None and _is_square_around(box, chosen):
+        centre, side = box.mean(axis=1), float(np.ptp(box, axis=1)[0])
+    elif lattice is not None:
+        centre, side = lattice.centre, float((lattice.counts * lattice.pitch).max())
+    else:
+        low, high = chosen.min(axis=0), chosen.max(axis=0)
+        extent = float((high - low).max())
+        if not extent > 0:
+            raise InvalidInput("aperture", "missing", "> 0, at most 1 (m); all sensors lie at one place")
+        centre, side = (low + high) / 2, extent * (1 + 1 / max(1.0, len(points) ** (1 / len(lateral)) - 1))
+    placed, half = chosen - centre, side / 2
+    if np.abs(placed).max() <= half * (1 + ROUNDING):
+        placed = np.clip(placed, -half, half)
+    full = lattice is not None and np.allclose(lattice.counts * lattice.pitch, side, rtol=1e-6)
+    return Sensors(
+        positions=np.ascontiguousarray(placed),
+        aperture=side,
+        grid=int(lattice.counts[0]) if full and lattice is not None else None,
+        lattice=lattice is not None,
+        weights=weights,
+        origin={"axes": [NAMES[axis] for axis in lateral], "centre_m": centre.tolist()},
+    )
+
+
+def _lateral_axes(points: NDArray[np.float64]) -> list[int]:
+    spread = np.ptp(points, axis=0)
+    wide = [axis for axis in range(points.shape[1]) if spread[axis] > FLAT * spread.max()]
+    if len(wide) == 3:
+        words = " × ".join(f"{1e3 * side:.4g}" for side in spread)
+        raise InvalidInput("positions", f"sensors that fill {words} mm", "a plane or a line along the axes")
+    if len(wide) == 1 and len(points) > 1:
+        return wide
+    if points.shape[1] < 3:
+        return list(range(points.shape[1]))
+    depth = next((axis for axis in range(3) if axis not in wide), 2) if wide else 2
+    return [(depth + 1) % 3, (depth + 2) % 3]
+
+
+@dataclass(frozen=True)
+class _Lattice:
+    counts: NDArray[np.int64]
+    pitch: NDArray[np.float64]
+    centre: NDArray[np.float64]
+
+
+def _lattice(points: NDArray[np.float64]) -> _Lattice | None:
+    """Tell whether points fill a rectangular grid of at least two on each axis."""
+    first, places = points.min(axis=0), []
+    pitch = np.empty(points.shape[1])
+    for axis, line in enumerate(points.T):
+        ranked = np.sort(line)
+        gaps = np.diff(ranked)
+        steps = gaps[gaps > FLAT / 10 * np.ptp(line)]
+        if not len(steps):
+            return None
+        pitch[axis] = np.ptp(line) / len(steps)
+        place = (line - first[axis]) / pitch[axis]
+        places.append(np.rint(place).astype(np.int64))
+        if np.abs(place - places[-1]).max() > 0.01:
+            return None
+    counts = np.array([place.max() + 1 for place in places])
+    if counts.prod() != len(points):
+        return None
+    if len(np.unique(np.ravel_multi_index(tuple(places), tuple(counts)))) != len(points):
+        return None
+    return _Lattice(counts, pitch, first + counts // 2 * pitch)
+
+
+def _is_square_around(box: NDArray[np.float64], points: NDArray[np.float64]) -> bool:
+    sides = np.ptp(box, axis=1)
+    slack = 1e-9 * sides.max()
+    inside = (points >= box[:, 0] - slack).all() and (points <= box[:, 1] + slack).all()
+    return bool(sides.min() > 0 and np.ptp(sides) <= 1e-6 * sides.max() and inside)

@@ -1,0 +1,137 @@
+"""IPASC HDF5, the exchange format of the International Photoacoustic Standardisation Consortium.
+
+``binary_time_series_data`` is [detector, sample, wavelength, frame]; ``meta_data`` holds the tags of the acquisition,
+``meta_data_device`` a group for each detector. All values are datasets in SI units. Our own files add tags that the
+standard lacks, under names that begin with ``custom_``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import product
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.errors import DamagedFile, InvalidInput
+from steradian.progress import Progress
+from steradian.scans.importing import untrusted
+from steradian.scans.importing.description import Description
+from steradian.scans.importing.source import Source, Stated, make_source
+from steradian.scans.importing.tables import Hdf5Table
+
+FORMAT = "ipasc"
+EVERY = 2000
+"""Detectors between two reports."""
+SERIES, ACQUISITION, DEVICE = "binary_time_series_data", "meta_data", "meta_data_device"
+TIME_ZERO, WEIGHTS, DEPTH, APERTURE, SIMULATED = (
+    "custom_t0",
+    "custom_detector_weights",
+    "custom_point_of_interest_depth",
+    "custom_aperture",
+    "custom_simulated",
+)
+"""Our tags beside the standard's: from laser pulse to first sample (s), areas (m²), distance and side (m), 0 or 1."""
+
+
+@contextmanager
+def open_ipasc(path: Path, said: Description, note: Progress | None = None) -> Iterator[Source]:
+    """Open an IPASC file, all frames of one wavelength after the other; of several, the description may choose one.
+
+    Raises
+    ------
+    DamagedFile, InvalidInput
+        When it is damaged or refused, or lacks what is needed.
+    """
+    with untrusted.open_untrusted(path) as file:
+        series = untrusted.dataset(file, SERIES, most_bytes=untrusted.TRACE_BYTES)
+        table = _table(series, said)
+        stated = _stated(file, _positions(file, table.points, note), _excitation(file, series, said))
+        yield make_source(FORMAT, table, stated, said, path.name)
+
+
+def _table(series: h5py.Dataset, said: Description) -> Hdf5Table:
+    if series.ndim not in (2, 3, 4):
+        raise DamagedFile(f"{SERIES} has the shape {series.shape}; expected (detectors, samples, wavelengths, frames)")
+    choices = []
+    for name, count, chosen in zip(
+        ("wavelength", "frame"), series.shape[2:], (said.wavelength, said.frame), strict=False
+    ):
+        if chosen is not None and chosen >= count:
+            raise InvalidInput(name, chosen, f"0 to {count - 1}; the file holds {count}")
+        choices.append(range(count) if chosen is None else (chosen,))
+    return Hdf5Table(series, tuple(product(*choices)))
+
+
+def _stated(file: h5py.File, points: NDArray[np.float64], excitation: tuple[float, ...]) -> Stated:
+    rate = untrusted.number(file, f"{ACQUISITION}/ad_sampling_rate")
+    if rate is None or not rate > 0:
+        raise DamagedFile(f"{file.filename} has no positive sampling rate ({ACQUISITION}/ad_sampling_rate)")
+    weights = None
+    if f"{ACQUISITION}/{WEIGHTS}" in file:
+        weights = untrusted.array(file, f"{ACQUISITION}/{WEIGHTS}").astype(np.float64).reshape(-1)
+    return Stated(
+        points=points,
+        bounds=_field_of_view(file),
+        weights=weights,
+        aperture=untrusted.number(file, f"{ACQUISITION}/{APERTURE}"),
+        sampling_interval=1 / rate,
+        sound_speed=_sound_speed(file),
+        time_zero=untrusted.number(file, f"{ACQUISITION}/{TIME_ZERO}") or 0.0,
+        depth=untrusted.number(file, f"{ACQUISITION}/{DEPTH}"),
+        excitation=excitation,
+        simulated=bool(untrusted.number(file, f"{ACQUISITION}/{SIMULATED}")),
+    )
+
+
+def _excitation(file: h5py.File, series: h5py.Dataset, said: Description) -> tuple[float, ...]:
+    """Wavelengths of the light in m, where the file says one of each that is imported."""
+    name, count = f"{ACQUISITION}/acquisition_wavelengths", series.shape[2] if series.ndim > 2 else 1
+    if name not in file:
+        return ()
+    found = untrusted.array(file, name, most_bytes=1 << 16).astype(np.float64).reshape(-1)
+    if len(found) != count:
+        return ()
+    return tuple(map(float, found if said.wavelength is None else found[[said.wavelength]]))
+
+
+def _sound_speed(file: h5py.File) -> float | None:
+    """Speed of sound where it is one number; a map of it says too much for one."""
+    name = f"{ACQUISITION}/speed_of_sound"
+    found = file.get(name)
+    if not isinstance(found, h5py.Dataset) or found.size != 1 or found.dtype.kind not in "iuf":
+        return None
+    return untrusted.number(file, name)
+
+
+def _positions(file: h5py.File, count: int, note: Progress | None) -> NDArray[np.float64]:
+    """Positions (M, 3) of the detectors in the order of their names, by number where they are numbers."""
+    group = file.get(f"{DEVICE}/detectors")
+    names = list(group) if isinstance(group, h5py.Group) else []
+    if len(names) != count:
+        raise DamagedFile(f"{file.filename} describes {len(names)} detectors, but holds {count} A-lines")
+    if all(name.isdecimal() and name.isascii() for name in names):
+        names.sort(key=int)
+    found = np.empty((count, 3))
+    for index, name in enumerate(names):
+        if note and index % EVERY == 0:
+            note("detectors", index, count)
+        if not untrusted.read_plain(group, f"{name}/detector_position", found[index]):
+            place = untrusted.array(file, f"{DEVICE}/detectors/{name}/detector_position", most_bytes=1 << 10)
+            if place.size != 3:
+                raise DamagedFile(
+                    f"{file.filename}: detector {name} has a position of {place.size} numbers; expected 3"
+                )
+            found[index] = place.reshape(-1)
+    return found
+
+
+def _field_of_view(file: h5py.File) -> NDArray[np.float64] | None:
+    name = f"{DEVICE}/general/field_of_view"
+    if name not in file:
+        return None
+    limits = untrusted.array(file, name, most_bytes=1 << 10).astype(np.float64).reshape(-1)
+    return limits.reshape(3, 2) if limits.size == 6 and np.isfinite(limits).all() else None

@@ -1,0 +1,148 @@
+"""Telling what kind of file a recording is, by what is in it rather than by its name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.errors import DamagedFile, InvalidInput, NotFound
+from steradian.progress import Progress
+from steradian.scans import schema
+from steradian.scans.importing import arrays, ipasc, kwave, matlab, untrusted
+from steradian.scans.importing.description import Description, read_description
+from steradian.scans.importing.source import Source
+
+HDF5, ZIP, NPY, MATLAB = b"\x89HDF\r\n\x1a\n", b"PK\x03\x04", b"\x93NUMPY", b"MATLAB 7.3"
+TEXT = b"0123456789+-.eE,; \t\r\n"
+"""Bytes of a table of numbers; lines that begin with # may hold others."""
+
+
+@contextmanager
+def open_source(
+    path: Path, description: Path | None = None, folder: Path | None = None, note: Progress | None = None
+) -> Iterator[Source]:
+    """Open a foreign recording for reading in blocks.
+
+    Parameters
+    ----------
+    path
+        IPASC HDF5, k-Wave output HDF5, MATLAB 7.3, .npy, .npz or .csv.
+    description
+        A JSON file that says what the file does not (:class:`~steradian.scans.importing.description.Description`).
+    folder
+        Where a scratch file may lie; the system's place for such files if not given.
+    note
+        Told how far the opening is where that takes long; may raise ``Cancelled``.
+
+    Raises
+    ------
+    NotFound
+        When a file is missing.
+    DamagedFile
+        When it is of no known kind, damaged, or holds what is refused.
+    InvalidInput
+        When something needed is stated nowhere or out of range.
+    """
+    said, companion = _with_positions(read_description(description), description)
+    with _opened(path, said, companion, folder, note) as source:
+        yield source
+
+
+def is_own(path: Path) -> bool:
+    """Tell one of our own scan files by its format attribute; only HDF5 files can be one.
+
+    Raises
+    ------
+    DamagedFile
+        When it begins as HDF5 but cannot be opened.
+    """
+    if not _magic(path).startswith(HDF5):
+        return False
+    with untrusted.peek(path) as file:
+        return _format(file) == schema.FORMAT
+
+
+def _opened(
+    path: Path, said: Description, companion: Path | None, folder: Path | None, note: Progress | None
+) -> AbstractContextManager[Source]:
+    magic = _magic(path)
+    if magic.startswith((HDF5, MATLAB)):
+        return _opened_hdf5(path, said, companion, folder, note)
+    if magic.startswith(ZIP):
+        return arrays.open_npz(path, said, folder)
+    if magic.startswith(NPY):
+        return arrays.open_npy(path, said)
+    if _is_table(path):
+        return arrays.open_csv(path, said, folder)
+    raise DamagedFile(f"{path} is neither HDF5 (IPASC, k-Wave, MATLAB 7.3) nor .npy, .npz or .csv")
+
+
+def _opened_hdf5(
+    path: Path, said: Description, companion: Path | None, folder: Path | None, note: Progress | None
+) -> AbstractContextManager[Source]:
+    with untrusted.peek(path) as file:
+        names = set(untrusted.top_names(file))
+        kind = _format(file)
+    if ipasc.SERIES in names:
+        return ipasc.open_ipasc(path, said, note)
+    if names.intersection((said.array,) if said.array else matlab.TRACES):
+        return matlab.open_matlab(path, said, folder)
+    if names.issuperset(kwave.GRID):
+        return kwave.open_kwave(path, said, companion, folder)
+    raise DamagedFile(
+        f"{path} is an HDF5 file, but its format is {kind!r}; expected {schema.FORMAT!r}, IPASC "
+        f"({ipasc.SERIES}), k-Wave output (p, Nx, …) or MATLAB 7.3 (sensor_data)"
+    )
+
+
+def _format(file: h5py.File) -> str | None:
+    """Format attribute of the file, where it is one text."""
+    if "format" not in file.attrs or file.attrs.get_id("format").shape != ():
+        return None
+    return str(file.attrs["format"])
+
+
+def _magic(path: Path) -> bytes:
+    if not path.is_file():
+        raise NotFound("file", str(path))
+    with path.open("rb") as file:
+        return file.read(16)
+
+
+def _is_table(path: Path) -> bool:
+    """Tell a text of numbers by its beginning; a name need not say what a file is."""
+    with path.open("rb") as file:
+        start = file.read(4096).removeprefix(b"\xef\xbb\xbf")
+    lines = [line for line in start.splitlines() if not line.lstrip().startswith(b"#")]
+    return bool(start.strip()) and not any(line.translate(None, TEXT) for line in lines)
+
+
+def _with_positions(said: Description, description: Path | None) -> tuple[Description, Path | None]:
+    """Read the positions file that a description names; a k-Wave input file is handed on by its path."""
+    if not isinstance(said.positions, str) or description is None:
+        return said, None
+    path = description.parent / said.positions
+    kind = _magic(path)
+    if path.stat().st_size > untrusted.SMALL_BYTES:
+        raise DamagedFile(f"{path} has {path.stat().st_size} bytes; allowed: {untrusted.SMALL_BYTES}")
+    if kind.startswith(HDF5):
+        return said, path
+    if kind.startswith(NPY):
+        return said.replace(positions=_npy_positions(path)), None
+    with path.open("rb") as file:
+        rows = list(arrays.csv_rows(file, path, heading=True))
+    if not rows or len({len(row) for row in rows}) != 1:
+        raise DamagedFile(f"{path} has no rows of the same length")
+    return said.replace(positions=np.array(rows)), None
+
+
+def _npy_positions(path: Path) -> NDArray[np.float64]:
+    found = arrays.read_npy(path)
+    if found.ndim != 2:
+        raise InvalidInput("positions", f"an array of shape {found.shape}", "(M, 1 to 3) numbers")
+    return found.astype(np.float64)

@@ -1,0 +1,146 @@
+"""A foreign file of A-lines, opened: its numbers and what they mean."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.errors import InvalidInput
+from steradian.scans.importing.description import Description, grid_points
+from steradian.scans.importing.geometry import Sensors, place_sensors
+from steradian.scans.importing.tables import Table
+from steradian.scans.recording import Recording
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What a file says of itself, in SI units; ``None`` where it is silent."""
+
+    points: NDArray[np.floating[Any]] | None = None
+    """(M, 1 to 3) positions."""
+    bounds: NDArray[np.float64] | None = None
+    """(A, 2) limits of the aperture."""
+    weights: NDArray[np.float64] | None = None
+    aperture: float | None = None
+    sampling_interval: float | None = None
+    sound_speed: float | None = None
+    time_zero: float = 0.0
+    depth: float | None = None
+    excitation: tuple[float, ...] = ()
+    """Wavelengths of the light in m; as many frames of each as come out even."""
+    scanner: str = ""
+    simulated: bool = False
+
+
+@dataclass(frozen=True)
+class Source:
+    """A recording that can be read in blocks.
+
+    Parameters
+    ----------
+    format
+        What kind of file it came from.
+    table
+        The A-lines.
+    sensors
+        Where they were sensed; row m of the table at position m.
+    sampling_interval, sound_speed, time_zero, depth
+        Seconds, m/s (``None``: not known), seconds, metres.
+    scale
+        Pressure per unit of the table.
+    excitation
+        Wavelengths of the light in m, empty where not known; the frames of one follow each other.
+    scanner, simulated
+        Provenance.
+    """
+
+    format: str
+    table: Table
+    sensors: Sensors
+    sampling_interval: float
+    sound_speed: float | None
+    time_zero: float
+    depth: float | None
+    scale: float
+    excitation: tuple[float, ...]
+    scanner: str
+    simulated: bool
+    provenance: dict[str, str] = field(default_factory=dict)
+
+    def recording(self) -> Recording:
+        """Read the first frame into memory."""
+        sensors = self.sensors
+        blocks = [np.array(rows) for start, rows in self.table.blocks() if start < self.table.points]
+        return Recording(
+            traces=np.concatenate(blocks),
+            scale=self.scale,
+            positions=sensors.positions,
+            weights=None if sensors.lattice and sensors.weights is None else sensors.mask(self.format).weights,
+            sampling_interval=self.sampling_interval,
+            sound_speed=self.sound_speed,
+            aperture=sensors.aperture,
+            time_zero=self.time_zero,
+            grid=sensors.grid,
+            depth=self.depth,
+            planned=self.table.points,
+            provenance=self.provenance,
+        )
+
+
+def make_source(
+    kind: str, table: Table, stated: Stated, said: Description, name: str, lateral: tuple[int, ...] | None = None
+) -> Source:
+    """Put together what a file and its description say; the description has the last word.
+
+    Parameters
+    ----------
+    kind, table, stated, said, name
+        The format, its A-lines, what the file and the description say, and the file's name.
+    lateral
+        Numbers of sensors along x and y where the file's array has such axes.
+
+    Raises
+    ------
+    InvalidInput
+        When something needed is said by neither, or the positions do not match the A-lines.
+    """
+    points = _described_points(said, stated, lateral)
+    if len(points) != table.points:
+        raise InvalidInput("positions", f"{len(points)} positions", f"{table.points}, one an A-line")
+    interval = said.seconds(said.sampling_interval) or stated.sampling_interval
+    if interval is None:
+        raise InvalidInput("sampling_interval", "missing", f"> 0 (s); neither {name} nor a description states it")
+    weights = said.weights if said.weights is not None else stated.weights
+    aperture = said.metres(said.aperture) or stated.aperture
+    sensors = place_sensors(points, aperture=aperture, bounds=stated.bounds, weights=weights)
+    delay = said.seconds(said.time_zero)
+    return Source(
+        format=kind,
+        table=table,
+        sensors=sensors,
+        sampling_interval=interval,
+        sound_speed=said.sound_speed or stated.sound_speed,
+        time_zero=stated.time_zero if delay is None else delay,
+        depth=said.metres(said.depth) or stated.depth,
+        scale=said.scale,
+        excitation=stated.excitation,
+        scanner=said.scanner or stated.scanner,
+        simulated=stated.simulated if said.simulated is None else said.simulated,
+        provenance={"source": name},
+    )
+
+
+def _described_points(said: Description, stated: Stated, lateral: tuple[int, ...] | None) -> NDArray[np.floating[Any]]:
+    if said.grid is not None:
+        counts, interval = said.grid.count or lateral, said.grid.interval
+        if counts is None or len(counts) != len(interval):
+            raise InvalidInput("grid.count", counts or "missing", f"{len(interval)} numbers, one an interval")
+        return grid_points(counts, tuple(step * said.length_unit for step in interval))
+    if said.positions is not None and not isinstance(said.positions, str):
+        return np.asarray(said.positions, np.float64).reshape(len(said.positions), -1) * said.length_unit
+    if stated.points is None:
+        raise InvalidInput("positions", "missing", "positions or a grid of the sensors, in a description (JSON)")
+    return stated.points

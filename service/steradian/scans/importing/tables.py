@@ -1,0 +1,175 @@
+"""A-lines in a file, read in blocks: never more than a few tens of megabytes at once.
+
+A table gives (M, N_t) A-lines, point by point, whatever the order in which its file keeps them. Where the file has
+time first and cannot be read by columns (compressed, chunked by time step, a text, a zip member), its numbers go
+through an uncompressed scratch file beside the destination, which is gone when the import ends.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any, Protocol
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.errors import DamagedFile
+
+BLOCK_BYTES = 16 << 20
+
+Block = tuple[int, NDArray[Any]]
+"""Row of the first A-line, and A-lines (B, N_t)."""
+
+
+class Table(Protocol):
+    """A-lines that can be read in blocks; row f·M + m belongs to frame f and point m."""
+
+    @property
+    def points(self) -> int: ...  # noqa: D102
+    @property
+    def frames(self) -> int: ...  # noqa: D102
+    @property
+    def samples(self) -> int: ...  # noqa: D102
+    @property
+    def dtype(self) -> np.dtype[Any]: ...  # noqa: D102
+    def blocks(self) -> Iterator[Block]: ...  # noqa: D102
+
+
+@dataclass(frozen=True)
+class RawTable:
+    """Numbers one after the other in a file, either order of axes.
+
+    Parameters
+    ----------
+    file
+        Open for reading, with a descriptor.
+    offset
+        Where the numbers begin, in bytes.
+    dtype, points, samples
+        Their kind and count.
+    time_first
+        Whether the file holds (N_t, M) in C order; else (M, N_t).
+    """
+
+    file: IO[bytes]
+    offset: int
+    dtype: np.dtype[Any]
+    points: int
+    samples: int
+    time_first: bool
+    frames: int = 1
+
+    def blocks(self) -> Iterator[Block]:
+        """Give all A-lines in order."""
+        step = max(1, BLOCK_BYTES // (self.samples * self.dtype.itemsize))
+        for start in range(0, self.points, step):
+            count = min(step, self.points - start)
+            yield start, (self._columns(start, count) if self.time_first else self._rows(start, count))
+
+    def _rows(self, start: int, count: int) -> NDArray[Any]:
+        length = self.samples * self.dtype.itemsize
+        data = self._read(self.offset + start * length, count * length)
+        return np.frombuffer(data, self.dtype).reshape(count, self.samples)
+
+    def _columns(self, start: int, count: int) -> NDArray[Any]:
+        item, found = self.dtype.itemsize, np.empty((self.samples, count), self.dtype)
+        for time in range(self.samples):
+            place = self.offset + (time * self.points + start) * item
+            found[time] = np.frombuffer(self._read(place, count * item), self.dtype)
+        return np.ascontiguousarray(found.T)
+
+    def _read(self, offset: int, length: int) -> bytes:
+        self.file.seek(offset)
+        data = self.file.read(length)
+        if len(data) != length:
+            raise DamagedFile(f"{self.file.name} is truncated: {length} bytes wanted at {offset}, {len(data)} there")
+        return data
+
+
+@dataclass(frozen=True)
+class Hdf5Table:
+    """A dataset (M, N_t, …) of an HDF5 file; each set of further indices is a frame."""
+
+    dataset: h5py.Dataset
+    further: tuple[tuple[int, ...], ...] = ((),)
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return len(self.further)
+
+    @property
+    def points(self) -> int:
+        """Number of A-lines."""
+        return int(self.dataset.shape[0])
+
+    @property
+    def samples(self) -> int:
+        """Samples of each."""
+        return int(self.dataset.shape[1])
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Kind of number."""
+        kind: np.dtype[Any] = np.dtype(self.dataset.dtype)
+        return kind
+
+    def blocks(self) -> Iterator[Block]:
+        """Give all A-lines in order, in whole chunks where these are small enough."""
+        row = int(np.prod(self.dataset.shape[1:])) * self.dtype.itemsize
+        step = max(1, BLOCK_BYTES // row)
+        whole = self.dataset.chunks[0] if self.dataset.chunks else 1
+        step = max(step // whole * whole, min(whole, 4 * step))
+        for frame, indices in enumerate(self.further):
+            for start in range(0, self.points, step):
+                block = self.dataset[(slice(start, start + step), slice(None), *indices)]
+                yield frame * self.points + start, block
+
+
+def scratch(folder: Path | None) -> IO[bytes]:
+    """Open a nameless file that vanishes when it is closed, however that happens."""
+    return tempfile.TemporaryFile(dir=folder, prefix=".import-")
+
+
+def spill(pieces: Iterator[NDArray[Any]], file: IO[bytes], points: int, samples: int, *, time_first: bool) -> RawTable:
+    """Write pieces of a table, in the order of its file, into a scratch file.
+
+    Parameters
+    ----------
+    pieces
+        Arrays of one kind; together points × samples numbers.
+    file
+        From :func:`scratch`.
+    points, samples, time_first
+        Shape and order of the whole.
+
+    Raises
+    ------
+    DamagedFile
+        When there are fewer or more numbers than that.
+    """
+    kind, total = None, 0
+    for piece in pieces:
+        kind = piece.dtype
+        total += piece.size
+        if total > points * samples:
+            break
+        file.write(np.ascontiguousarray(piece).tobytes())
+    if kind is None or total != points * samples:
+        raise DamagedFile(f"the A-lines end after {total} numbers; expected {points} × {samples}")
+    file.flush()
+    return RawTable(file, 0, kind, points, samples, time_first)
+
+
+def slabs(dataset: h5py.Dataset) -> Iterator[NDArray[Any]]:
+    """Read a dataset along its first axis, a few megabytes at a time and in whole chunks."""
+    row = max(1, int(np.prod(dataset.shape[1:])) * dataset.dtype.itemsize)
+    step = max(1, BLOCK_BYTES // row)
+    if dataset.chunks:
+        step = max(dataset.chunks[0], step // dataset.chunks[0] * dataset.chunks[0])
+    for start in range(0, dataset.shape[0], step):
+        yield dataset[start : start + step]

@@ -1,0 +1,254 @@
+"""HDF5 files that others made: nothing outside the file is touched, and every size is checked before it is read.
+
+Refused, naming what: links that leave the file (and soft links, which hide where they lead), virtual datasets and
+external storage, references, variable-length and compound values, shapes and chunks beyond use, data that would
+inflate out of proportion. Only gzip is allowed as compression, because its output can be measured piece by piece.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from math import prod
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.errors import DamagedFile, NotFound, SteradianError
+
+MOST_LINKS = 5_000_000
+MOST_CHUNKS = 4_000_000
+CHUNK_BYTES = 128 << 20
+SMALL_BYTES = 1 << 29
+"""Largest dataset that is not the A-lines: a mask over a k-Wave grid of 812³ voxels."""
+TRACE_BYTES = 1 << 38
+RATIO, RATIO_FROM = 200, 16 << 20
+"""Data of more than ``RATIO_FROM`` bytes may not be ``RATIO`` times larger than what the file stores for them."""
+
+LINK_KINDS = {h5py.h5l.TYPE_SOFT: "a soft link", h5py.h5l.TYPE_EXTERNAL: "a link to another file"}
+FILTERS = {h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_FLETCHER32}
+
+
+@contextmanager
+def open_untrusted(path: Path) -> Iterator[h5py.File]:
+    """Open an HDF5 file (or MATLAB 7.3, which is one) for reading and check all links in it.
+
+    Raises
+    ------
+    NotFound
+        When there is no such file.
+    DamagedFile
+        When it cannot be read, holds something refused, or lacks what is asked for inside the block.
+    """
+    if not path.is_file():
+        raise NotFound("file", str(path))
+    try:
+        file = h5py.File(path, "r")
+    except OSError as error:
+        raise DamagedFile(f"{path} cannot be read as HDF5: {error}") from error
+    with file, _damage(path):
+        _check_links(path, file)
+        yield file
+
+
+@contextmanager
+def peek(path: Path) -> Iterator[h5py.File]:
+    """Open an HDF5 file to look at its root's attributes and names, nothing else: its links are not checked.
+
+    Raises
+    ------
+    DamagedFile
+        When it cannot be opened.
+    """
+    try:
+        file = h5py.File(path, "r")
+    except OSError as error:
+        raise DamagedFile(f"{path} cannot be read as HDF5: {error}") from error
+    with file, _damage(path, ValueError):
+        yield file
+
+
+def top_names(file: h5py.File) -> list[str]:
+    """Names in the root, without following them."""
+    return [name.decode(errors="replace") for name in file.id]
+
+
+def dataset(file: h5py.File, name: str, *, most_bytes: int = SMALL_BYTES) -> h5py.Dataset:
+    """Find a dataset of numbers that may be read.
+
+    Raises
+    ------
+    DamagedFile
+        When there is none of that name, or it is refused.
+    """
+    with _damage(file.filename, ValueError, TypeError):
+        found = file.get(name)
+        if not isinstance(found, h5py.Dataset):
+            raise DamagedFile(f"{file.filename} has no dataset {name!r}")
+        reason = _kind(found) or _place(found) or _shape(found, most_bytes) or _chunks(found)
+        reason = reason or _proportion(found) or _inflation(found)
+    if reason:
+        raise DamagedFile(f"{file.filename}: {name} {reason}")
+    return found
+
+
+def array(file: h5py.File, name: str, *, most_bytes: int = SMALL_BYTES) -> NDArray[Any]:
+    """Read a whole dataset of numbers that may be read; see :func:`dataset`."""
+    return np.asarray(dataset(file, name, most_bytes=most_bytes)[()])
+
+
+def read_plain(group: h5py.Group, name: str, into: NDArray[np.float64]) -> bool:
+    """Read a small dataset of exactly the shape of ``into`` that lies plainly in the file; many of them, fast.
+
+    Returns
+    -------
+    bool
+        False for anything unusual, which :func:`array` then reads or refuses.
+    """
+    found = h5py.h5d.open(group.id, name.encode())
+    made, kind = found.get_create_plist(), found.get_type().get_class()
+    plain = made.get_layout() in (h5py.h5d.CONTIGUOUS, h5py.h5d.COMPACT) and made.get_external_count() == 0
+    if not plain or found.shape != into.shape or kind not in (h5py.h5t.FLOAT, h5py.h5t.INTEGER):
+        return False
+    found.read(h5py.h5s.ALL, h5py.h5s.ALL, into)
+    return True
+
+
+def number(file: h5py.File, name: str) -> float | None:
+    """Read a single number, whatever its shape; ``None`` when there is no such dataset.
+
+    Raises
+    ------
+    DamagedFile
+        When it is no single finite number.
+    """
+    if name not in file:
+        return None
+    values = array(file, name, most_bytes=1 << 10)
+    if values.size != 1 or not np.isfinite(values).all():
+        raise DamagedFile(f"{file.filename}: {name} has the shape {values.shape}; expected one finite number")
+    return float(values.reshape(-1)[0])
+
+
+@contextmanager
+def _damage(path: Path | str, *further: type[Exception]) -> Iterator[None]:
+    """Turn what the HDF5 library raises on a broken file into ``DamagedFile``; the system's errors stay themselves."""
+    broken: tuple[type[Exception], ...] = (KeyError, RuntimeError, UnicodeDecodeError, *further)
+    try:
+        yield
+    except SteradianError:
+        raise
+    except broken as error:
+        raise DamagedFile(f"{path} cannot be read: {error}") from error
+    except OSError as error:
+        if error.errno is not None:  # a full disk, say
+            raise
+        raise DamagedFile(f"{path} cannot be read: {error}") from error
+
+
+def _check_links(path: Path, file: h5py.File) -> None:
+    count = 0
+
+    def refused(name: bytes, info: Any) -> tuple[bytes, str] | None:
+        nonlocal count
+        count += 1
+        if count > MOST_LINKS:
+            return name, f"beyond the {MOST_LINKS} objects that a file may hold"
+        if info.type != h5py.h5l.TYPE_HARD:
+            return name, LINK_KINDS.get(info.type, "a link of a kind of its own")
+        return None
+
+    found = file.id.links.visit(refused, info=True)
+    if found is not None:
+        name, kind = found
+        raise DamagedFile(f"{path}: {name.decode(errors='replace')} is {kind}; an imported file must hold its own data")
+
+
+def _kind(found: h5py.Dataset) -> str:
+    kind = found.dtype
+    if kind.kind in "iufb" and kind.itemsize <= 8 and kind.subdtype is None:
+        return ""
+    if h5py.check_ref_dtype(kind) is not None:
+        words = "references to objects"
+    elif h5py.check_string_dtype(kind) is not None:
+        words = "text"
+    elif kind.kind == "O":
+        words = "values of variable length"
+    else:
+        words = f"values of the kind {kind}"
+    return f"holds {words}; expected real numbers of at most 8 bytes"
+
+
+def _place(found: h5py.Dataset) -> str:
+    if found.is_virtual:
+        return "is a virtual dataset, its data lie in other files; an imported file must hold its own data"
+    if found.external:
+        return "keeps its data in another file; an imported file must hold its own data"
+    return ""
+
+
+def _shape(found: h5py.Dataset, most_bytes: int) -> str:
+    shape = found.shape
+    if shape is None or found.ndim > 5 or 0 in shape:
+        return f"has the shape {shape}; expected 1 to 5 axes, none of them empty"
+    size = prod(shape) * found.dtype.itemsize
+    if size > most_bytes:
+        return f"has the shape {shape}, {size:.2g} bytes; allowed: at most {most_bytes:.2g}"
+    return ""
+
+
+def _proportion(found: h5py.Dataset) -> str:
+    size, stored = found.size * found.dtype.itemsize, int(found.id.get_storage_size())
+    if size > max(RATIO_FROM, RATIO * stored):
+        return f"would be {size:.2g} bytes from {stored} in the file; allowed: {RATIO} times as many"
+    return ""
+
+
+def _chunks(found: h5py.Dataset) -> str:
+    if found.chunks is None:
+        return ""
+    if prod(found.chunks) * found.dtype.itemsize > CHUNK_BYTES:
+        return f"has chunks of {found.chunks}; allowed: at most {CHUNK_BYTES >> 20} MiB each"
+    if prod(-(-side // step) for side, step in zip(found.shape, found.chunks, strict=True)) > MOST_CHUNKS:
+        return f"has chunks of {found.chunks}, more than {MOST_CHUNKS} of them; rewrite it with larger ones"
+    return ""
+
+
+def _inflation(found: h5py.Dataset) -> str:
+    """Measure what each compressed chunk becomes: the HDF5 library itself would take any amount of memory for it."""
+    made = found.id.get_create_plist()
+    filters = [made.get_filter(index) for index in range(made.get_nfilters())]
+    strange = [name.decode(errors="replace") or str(code) for code, _, _, name in filters if code not in FILTERS]
+    codes = [code for code, *_ in filters]
+    if strange or codes.count(h5py.h5z.FILTER_DEFLATE) > 1:
+        return f"is compressed with {', '.join(strange) or 'gzip twice'}; allowed: gzip once, or nothing"
+    if h5py.h5z.FILTER_DEFLATE not in codes:
+        return ""
+    skipped = 1 << codes.index(h5py.h5z.FILTER_DEFLATE)
+    most = prod(found.chunks) * found.dtype.itemsize + 4  # a checksum may lie inside
+    for index in range(found.id.get_num_chunks()):
+        info = found.id.get_chunk_info(index)
+        if info.size > most + (most >> 4) + 64:
+            return f"has a chunk of {info.size} bytes for {most}"
+        if not info.filter_mask & skipped and not _inflates_within(found.id, info.chunk_offset, most):
+            return f"has a chunk that inflates to more than its {most} bytes, or is no gzip data"
+    return ""
+
+
+def _inflates_within(found: Any, offset: tuple[int, ...], most: int) -> bool:
+    _, data = found.read_direct_chunk(offset)
+    stream, total = zlib.decompressobj(), 0
+    try:
+        while not stream.eof:
+            piece = stream.decompress(data, 1 << 20)
+            total += len(piece)
+            data = stream.unconsumed_tail
+            if total > most or (not piece and not data):
+                return False
+    except zlib.error:
+        return False
+    return True

@@ -1,0 +1,113 @@
+"""Writing an opened recording into a scan file like any other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.errors import Cancelled, InvalidInput
+from steradian.plans import ScanPlan, VisitOrder
+from steradian.progress import IsCancelled, Progress
+from steradian.scans import schema
+from steradian.scans.importing.source import Source
+from steradian.scans.store import AlineStore, create_scan_file
+
+USUAL_RATE, DUTY = 50.0, 0.5
+"""Pulse rate of a plan made for a recording that states none, in Hz, and the share of a period its record may fill."""
+EXCITATION = (200e-9, 3e-6)
+
+
+@dataclass(frozen=True)
+class ImportedAline:
+    """An A-line for the store; what the source does not say is zero, its energy the nominal one."""
+
+    point: int
+    samples: NDArray[np.int16] | NDArray[np.float32]
+    scale: float
+    shot: int
+    energy: float = 1.0
+    wavelength_m: float = 0.0
+    fire_time_s: float = 0.0
+    quality: int = 0
+
+
+def plan_of(source: Source) -> ScanPlan:
+    """Make the plan that would have measured a recording.
+
+    Raises
+    ------
+    InvalidInput
+        When the recording is nothing a scan can be: no speed of sound, too short or too long records.
+    """
+    if source.sound_speed is None:
+        raise InvalidInput(
+            "sound_speed", "missing", f"300 to 6000 (m/s) in a description; {source.provenance['source']} states none"
+        )
+    mask = source.sensors.mask(source.format)
+    if source.depth is not None:
+        mask = mask.replace(depth=source.depth)
+    record = source.table.samples * source.sampling_interval
+    frames, excitation = source.table.frames, source.excitation
+    known = bool(excitation) and len(set(excitation)) == len(excitation) and frames % len(excitation) == 0
+    if not known or not all(EXCITATION[0] <= value <= EXCITATION[1] for value in excitation):
+        excitation = ()
+    return ScanPlan.create(
+        mask=mask,
+        pulse_rate=min(USUAL_RATE, DUTY / record),
+        samples=source.table.samples,
+        sampling_interval=source.sampling_interval,
+        sound_speed=source.sound_speed,
+        order=VisitOrder.GIVEN,
+        frames=frames // max(1, len(excitation)),
+        excitation=excitation,
+    )
+
+
+def write_scan(source: Source, path: Path, *, progress: Progress | None, cancelled: IsCancelled | None) -> None:
+    """Write a recording into a new scan file, block by block.
+
+    Integers of at most 16 bits stay what they are; everything else becomes float32.
+
+    Raises
+    ------
+    InvalidInput
+        When a sample is not finite, or the recording is nothing a scan can be.
+    Cancelled
+        When ``cancelled`` said so.
+    """
+    plan = plan_of(source)
+    kind = schema.SAMPLES if np.can_cast(source.table.dtype, np.int16) else schema.EXACT_SAMPLES
+    create_scan_file(
+        path,
+        plan,
+        scanner=source.scanner,
+        simulated=source.simulated,
+        scanner_model=f"imported from {source.format}",
+        sample_kind=kind,
+        time_zero=source.time_zero,
+    )
+    total = source.table.points * source.table.frames
+    rows = np.arange(total)
+    with AlineStore(path) as store:
+        for start, block in source.table.blocks():
+            if cancelled and cancelled():
+                raise Cancelled(f"the import was stopped after {start} of {total} A-lines")
+            store.append(_alines(start, block, kind, source.scale), rows)
+            if progress:
+                progress("A-lines", start + len(block), total)
+        store.set_fired(total)
+
+
+def _alines(start: int, block: NDArray[Any], kind: np.dtype[Any], scale: float) -> Iterator[ImportedAline]:
+    with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite and is refused
+        samples = block.astype(kind)
+    if kind.kind == "f" and not np.isfinite(samples).all():
+        row, column = np.argwhere(~np.isfinite(samples))[0]
+        raise InvalidInput(f"traces[{start + row}, {column}]", block[row, column], "finite numbers within float32")
+    for index, row in enumerate(samples, start):
+        yield ImportedAline(index, row, scale, shot=index + 1)

@@ -1,0 +1,38 @@
+"""One writer of a scan file at a time."""
+
+from __future__ import annotations
+
+import errno
+import struct
+import sys
+from pathlib import Path
+
+from steradian.errors import Conflict
+
+_FLOCK = "hhqqi"
+"""The system's ``struct flock``: type, whence, start, length, process."""
+
+
+def lock(handle: int, path: Path) -> None:
+    """Hold a file for writing until it is closed; the system lets go of it when the process dies.
+
+    The lock belongs to the open file and not to the process, and it is of another kind than the HDF5 library's: readers
+    are not disturbed. Where there are no such locks, nothing is held.
+
+    Raises
+    ------
+    Conflict
+        When somebody else holds it.
+    """
+    if sys.platform != "linux":
+        return
+    import fcntl
+
+    request = struct.pack(_FLOCK, fcntl.F_WRLCK, 0, 0, 0, 0)
+    try:
+        fcntl.fcntl(handle, fcntl.F_OFD_SETLK, request)
+    except OSError as error:
+        if error.errno in (errno.EAGAIN, errno.EACCES):
+            raise Conflict(f"{path} is being written by another process") from error
+        if error.errno not in (errno.EINVAL, errno.ENOLCK, errno.EOPNOTSUPP):
+            raise

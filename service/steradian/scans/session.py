@@ -1,0 +1,296 @@
+"""A session: one stretch of work on a scan, from a connected scanner into its file.
+
+Every batch is on the disk before it is acknowledged, so the scanner keeps whatever the file does not hold yet. What
+is uploaded is always just the rows that are wanted, under a tag that the file knows: a later session can tell whether
+A-lines that the scanner still holds are its own.
+"""
+
+from __future__ import annotations
+
+import logging
+import secrets
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+import fabry_perot
+from fabry_perot.states import HoldCause
+from steradian.scans.control import Control, End, Phase, Wish
+from steradian.scans.course import Course, Segment
+from steradian.scans.excitation import tune_excitation
+from steradian.scans.layout import is_full
+from steradian.scans.store import AlineStore, Upload
+
+_log = logging.getLogger(__name__)
+LOOK = 0.1
+"""Seconds between two looks at what is wished, while nothing is fired."""
+TRIES = 30
+"""A request whose link is lost is made so often before the scan is given up."""
+AGAIN = 1.0
+"""Seconds between two attempts to write to a full disk."""
+_STOPPED = frozenset({HoldCause.REQUEST, HoldCause.CLEARED})
+"""Why a scanner stands that was not stopped by us."""
+Answer = TypeVar("Answer")
+_STANDING = frozenset({"paused", "safe_hold", "ready"})
+"""States of a scanner that fires again only when told to."""
+
+
+class ScanSession:
+    """Measures rows of a scan file.
+
+    Parameters
+    ----------
+    scanner
+        Connected.
+    store
+        The scan file.
+    control
+        What is wished, and who is told.
+    """
+
+    def __init__(self, scanner: fabry_perot.Scanner, store: AlineStore, control: Control) -> None:
+        self._scanner, self._store, self._control = scanner, store, control
+        self._course: Course = store.course
+        self._rows: NDArray[np.int64] = np.zeros(0, np.int64)
+        self._fired_before = self._shots_before = 0
+        self._phase: Phase | None = None
+        self._lapses, self._stored_at_lapse = 0, -1
+        self._fires = False
+        """Whether the laser is to fire, were it not for something that passes."""
+
+    def rescue(self) -> int:
+        """Store what the scanner still holds of the last session's upload, firing nothing; returns how many A-lines.
+
+        After this process was killed the scanner holds A-lines that were fired and never acknowledged.
+        """
+        last = self._store.last_upload()
+        if last is None:
+            return 0
+        before = self._store.stored
+        try:
+            self._course.upload(self._scanner, last.rows, last.tag, resume=True)
+        except fabry_perot.PlanInvalid:
+            return 0  # it has booted since, or measured something else
+        self._rows = last.rows
+        self._drain()
+        self._count(last.fired + self._laser_shots() - last.laser_shots)
+        return self._store.stored - before
+
+    def measure(self, wanted: NDArray[np.bool_]) -> End:
+        """Measure the ``wanted`` rows (F·M,) in the order of interrogation.
+
+        Raises
+        ------
+        fabry_perot.ScannerError
+            When the scanner or its link gave up; every acknowledged A-line is stored.
+        """
+        end = End.COMPLETE
+        for segment in self._course.segments(wanted):
+            wish = self._control.wish()
+            if wish in (Wish.STOP, Wish.ABORT):
+                return self._leave(wish)
+            end = self._measure(segment)
+            if end is not End.COMPLETE:
+                return end
+        self._enter(Phase.COMPLETING)
+        return end
+
+    def _measure(self, segment: Segment) -> End:
+        if self._phase is not Phase.RUNNING:
+            self._enter(Phase.ARMING)
+        tune_excitation(self._scanner, segment.excitation)
+        tag = 1 + secrets.randbelow(0xFFFFFFFE)
+        upload = Upload(segment.rows, tag, self._store.fired, self._laser_shots())
+        if not self._store_patiently(lambda: self._store.note_upload(upload)):
+            return self._leave(self._control.wish())
+        self._course.upload(self._scanner, segment.rows, tag)
+        self._rows = segment.rows
+        self._fired_before, self._shots_before = self._store.fired, self._scanner.status.shots
+        self._scanner.start(self._scanner.arm())
+        self._fires = True
+        try:
+            while (end := self._take()) is None:
+                end = self._after_a_lapse()
+                if end is not None:
+                    break
+            if end is End.ABORTED:
+                self._note_fired()
+                return end
+            self._report_fired()
+        except BaseException:
+            self._note_fired()
+            raise
+        finally:
+            self._fires = False
+        return end
+
+    def _after_a_lapse(self) -> End | None:
+        """Go on after this process was held up for longer than the laser's lease: nothing is lost.
+
+        Whatever was wished meanwhile comes first.
+        """
+        wish = self._control.wish()
+        if wish is Wish.PAUSE:
+            wish = self._pause()
+        if wish in (Wish.STOP, Wish.ABORT):
+            return self._leave(wish)
+        if self._store.stored > self._stored_at_lapse:
+            self._stored_at_lapse, self._lapses = self._store.stored, 0
+        self._lapses += 1
+        if self._lapses > TRIES:
+            raise fabry_perot.LinkLost(f"the laser's lease lapsed {TRIES} times without an A-line in between")
+        self._go_on()
+        return None
+
+    def _laser_shots(self) -> int:
+        """Return the laser's own counter, which lasts longer than the scanner's boots."""
+        return int(self._insist(self._scanner.statistics)["laser_shots"])
+
+    def _take(self) -> End | None:
+        """Store A-lines as they come; returns how it ended, ``None`` when the laser's lease lapsed."""
+        try:
+            for batch in self._scanner.alines(idle=True):
+                if batch and not self._keep(batch):
+                    return self._leave(self._control.wish())
+                recovering = self._scanner.recovering
+                if recovering:
+                    self._enter(Phase.RECOVERING)
+                elif self._phase is Phase.RECOVERING or batch:
+                    self._enter(Phase.RUNNING)
+                wish = self._control.wish()
+                if wish is Wish.PAUSE and not recovering:
+                    wish = self._pause()
+                if wish is Wish.ABORT or (wish is Wish.STOP and not recovering):
+                    return self._leave(wish)
+        except fabry_perot.LeaseLapsed:
+            return None
+        return End.COMPLETE
+
+    def _pause(self) -> Wish:
+        """Stop firing, store what was fired, and wait until something else is wished; returns that."""
+        self._enter(Phase.PAUSING)
+        self._halt()
+        self._enter(Phase.PAUSED)
+        self._note_fired()
+        while (wish := self._control.wish()) is Wish.PAUSE:
+            self._control.wait(LOOK)
+        if wish is Wish.RUN:
+            self._enter(Phase.ARMING)
+            self._fires = True
+            self._go_on()
+        return wish
+
+    def _leave(self, wish: Wish) -> End:
+        """End before the end."""
+        if wish is Wish.STOP:
+            self._enter(Phase.STOPPING)
+            self._halt()
+            return End.STOPPED
+        self._enter(Phase.ABORTING)
+        self._fires = False
+        try:
+            self._scanner.abort("laser-off")
+        except fabry_perot.ScannerError as error:  # it does not hear us: then its lease is not renewed either
+            _log.warning("the scanner does not answer the abort, its laser goes off by itself: %s", error)
+        return End.ABORTED
+
+    def _halt(self) -> None:
+        """Stop firing and store what was fired already."""
+        self._fires = False
+        self._rest()
+        self._drain()
+
+    def _rest(self) -> None:
+        """Stop firing."""
+        try:
+            self._insist(self._scanner.pause)
+        except fabry_perot.Refused:  # it stands already: done, or the lease has lapsed
+            return
+
+    def _drain(self) -> None:
+        """Store what the scanner holds; it fires nothing meanwhile."""
+        try:
+            for batch in self._scanner.alines(idle=True):
+                if batch and not self._keep(batch):
+                    return
+                if not self._scanner.holds:
+                    return
+        except (fabry_perot.LeaseLapsed, fabry_perot.ScanAborted):
+            return
+
+    def _keep(self, batch: Sequence[fabry_perot.ALine]) -> bool:
+        """Store and acknowledge; False when the disk was full and the end was not waited for."""
+        if not self._store_patiently(lambda: self._store.append(batch, self._rows)):
+            return False
+        self._scanner.acknowledge(batch[-1])
+        self._note_fired()
+        self._control.progress(self._store.stored, self._store.count)
+        return True
+
+    def _store_patiently(self, write: Callable[[], None]) -> bool:
+        """Write, and while the disk is full let the laser rest and try again; False when somebody wants to end."""
+        blocked = False
+        while True:
+            try:
+                write()
+                break
+            except OSError as error:
+                if not is_full(error):
+                    raise
+            if not blocked:
+                self._rest()
+            blocked = True
+            self._control.blocked(f"the disk of {self._store.path} is full")
+            if self._control.wish() in (Wish.STOP, Wish.ABORT):
+                return False
+            self._control.wait(AGAIN)
+        if blocked:
+            self._control.blocked(None)
+            if self._fires and self._control.wish() is Wish.RUN:
+                self._go_on()
+        return True
+
+    def _go_on(self) -> None:
+        """Fire again, if there is something left to fire for and nobody has stopped the scanner itself."""
+        if self._scanner.state in _STANDING and self._scanner.status.cause not in _STOPPED:
+            try:
+                self._insist(self._scanner.resume)
+            except fabry_perot.Refused as error:  # its state has changed meanwhile; what it is now, the next look tells
+                _log.info("the scan was not taken up again: %s", error)
+
+    def _insist(self, request: Callable[[], Answer]) -> Answer:
+        """Make a request again when the link was renewed under it."""
+        for left in reversed(range(TRIES)):
+            try:
+                return request()
+            except (fabry_perot.LinkLost, fabry_perot.NoAnswer):
+                if not left or self._control.wish() is Wish.ABORT:
+                    raise
+            self._control.wait(LOOK)
+        raise AssertionError
+
+    def _report_fired(self) -> None:
+        """Note the scanner's account of this upload; an unanswered question after the last A-line is no failure."""
+        try:
+            self._count(self._fired_before + self._insist(self._scanner.report).fired)
+        except fabry_perot.ScannerError as error:
+            _log.warning("the scanner does not tell how often it fired: %s", error)
+            self._note_fired()
+
+    def _note_fired(self) -> None:
+        """Note the scanner's count; after it has booted anew that begins at 0, until the report at the end."""
+        if self._phase is not None:
+            self._count(self._fired_before + self._scanner.status.shots - self._shots_before)
+
+    def _count(self, fired: int) -> None:
+        """Note shots; a scanner that has forgotten some cannot take them back."""
+        fired = max(fired, self._store.stored * self._course.averages)
+        if fired > self._store.fired:
+            self._store.set_fired(fired)
+
+    def _enter(self, phase: Phase) -> None:
+        if phase is not self._phase:
+            self._phase = phase
+            self._control.enter(phase)

@@ -1,0 +1,65 @@
+"""Uploads told apart by a tag, and what an application sees while no A-line comes."""
+
+from contextlib import suppress
+
+import numpy as np
+import pytest
+
+import fabry_perot
+from fabry_perot.host import Plan
+from fabry_perot.simulator import launch
+
+POINTS = np.column_stack([np.linspace(-2e-3, 2e-3, 30), np.zeros(30)])
+PARAMETERS = {"samples": 64, "sampling_interval": 8e-9, "pulse_rate": 20.0}
+
+
+def test_the_same_points_under_another_tag_are_another_plan():
+    uids = {Plan.from_metres(POINTS, **PARAMETERS, tag=tag).uid for tag in (0, 1, 2)}
+    assert len(uids) == 3
+    assert Plan.from_metres(POINTS, **PARAMETERS).uid in uids
+
+
+def test_only_the_very_upload_is_resumed_and_what_was_fired_is_had_without_firing():
+    with launch(speed=10.0, ring=8) as simulator:
+        with fabry_perot.connect(simulator.url) as scanner:
+            scanner.upload(POINTS, **PARAMETERS, tag=5)
+            scanner.start(scanner.arm())
+            batches = scanner.alines(idle=True)
+            while not (first := next(batches)):
+                pass
+        with fabry_perot.connect(simulator.url) as scanner:
+            with pytest.raises(fabry_perot.PlanInvalid, match="resume"):
+                scanner.upload(POINTS, **PARAMETERS, tag=6, resume=True)
+        with fabry_perot.connect(simulator.url) as scanner:
+            fired = simulator.command("report")["shots"]
+            scanner.upload(POINTS, **PARAMETERS, tag=5, resume=True)
+            held = []
+            with suppress(fabry_perot.LeaseLapsed, fabry_perot.ScanAborted):
+                for batch in scanner.alines(idle=True):
+                    held += list(batch)
+            assert [line.number for line in held] == list(range(len(held)))
+            assert len(held) == fired == simulator.command("report")["shots"]
+            assert len(held) >= len(first)
+            assert not scanner.holds
+
+
+def test_a_pause_leaves_nothing_behind_and_idle_batches_keep_the_application_awake():
+    with launch(speed=10.0) as simulator, fabry_perot.connect(simulator.url) as scanner:
+        scanner.upload(POINTS, **PARAMETERS)
+        scanner.start(scanner.arm())
+        came = 0
+        for batch in scanner.alines(idle=True):
+            came += len(batch)
+            if batch:
+                scanner.acknowledge(batch[-1])
+            if came >= 5 and scanner.state == "scanning":
+                scanner.pause()
+            if scanner.state == "paused" and not scanner.holds:
+                break
+        assert came == simulator.command("report")["shots"]
+        assert not scanner.recovering
+        scanner.resume()
+        for batch in scanner.alines():
+            came += len(batch)
+            scanner.acknowledge(batch[-1])
+        assert came == len(POINTS)

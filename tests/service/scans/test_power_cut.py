@@ -1,0 +1,127 @@
+"""The power fails between any two writes, and the disk has taken only some sectors of what was not synchronised."""
+
+import random
+import shutil
+
+import numpy as np
+import pytest
+
+from steradian.scans import store as storing
+from steradian.scans.check import check_scan_file
+from steradian.scans.reading import read_scan
+from steradian.scans.store import AlineStore, create_scan_file
+
+SECTOR = 512
+CUTS = 120
+
+
+class Disk:
+    """Knows what of a file is on the disk for sure, and which writes since may be there or not, sector by sector."""
+
+    def __init__(self, path, monkeypatch):
+        self.durable = bytearray(path.read_bytes())
+        self.pending, self.moments, self.acknowledged = [], [], 0
+        overwrite, sync = AlineStore._overwrite, storing.sync_data
+
+        def note(store, offset, data):
+            overwrite(store, offset, data)
+            self.pending.append((offset, bytes(data)))
+            self.moment()
+
+        def synchronise(handle):
+            sync(handle)
+            for offset, data in self.pending:
+                self.durable[offset : offset + len(data)] = data
+            self.pending.clear()
+            self.moment()
+
+        monkeypatch.setattr(AlineStore, "_overwrite", note)
+        monkeypatch.setattr(storing, "sync_data", synchronise)
+
+    def moment(self):
+        self.moments.append((bytes(self.durable), list(self.pending), self.acknowledged))
+
+    @staticmethod
+    def after_a_cut(moment, chance):
+        """What is found when the power comes back."""
+        image, pending, _ = moment
+        image = bytearray(image)
+        for offset, data in pending:
+            at = offset
+            while at < offset + len(data):
+                end = min(at - at % SECTOR + SECTOR, offset + len(data))
+                if chance.random() < 0.5:
+                    image[at:end] = data[at - offset : end - offset]
+                at = end
+        return image
+
+
+@pytest.fixture
+def disk_after_scan(tmp_path, plan, alines, monkeypatch):
+    path = tmp_path / "scan.h5"
+    create_scan_file(path, plan)
+    disk = Disk(path, monkeypatch)
+    with AlineStore(path) as store:
+        for first in range(0, len(alines), 5):
+            store.append(alines[first : first + 5])
+            disk.acknowledged = first + 5
+            store.set_fired(disk.acknowledged)
+    monkeypatch.undo()
+    return disk
+
+
+def test_what_was_acknowledged_is_there_whenever_the_power_failed(disk_after_scan, plan, alines, tmp_path):
+    """… what is called stored is what was measured, and the rest of the scan fits into the same file."""
+    chance = random.Random(5)
+    truth = np.empty((plan.mask.count, plan.samples), np.int16)
+    truth[plan.visit] = [aline.samples for aline in alines]
+    path = tmp_path / "after.h5"
+    for moment in chance.sample(disk_after_scan.moments, CUTS):
+        path.write_bytes(Disk.after_a_cut(moment, chance))
+        acknowledged = plan.visit[: moment[2]]
+        unrepaired = read_scan(path) if moment[2] else None
+        report = check_scan_file(path)
+        with AlineStore(path) as store:
+            stored = ~store.missing
+            assert stored[acknowledged].all()
+            for row in np.flatnonzero(stored):
+                np.testing.assert_array_equal(store.read_row(row), truth[row])
+            if unrepaired is not None:
+                assert len(acknowledged) <= len(unrepaired.traces) <= report.intact
+            missing = store.missing[plan.visit]
+            store.append(alines[point] for point in np.flatnonzero(missing))
+        np.testing.assert_array_equal(read_scan(path).traces, truth)
+
+
+def test_a_cut_between_writes_can_damage_an_aline_and_the_check_sees_it(disk_after_scan, plan, tmp_path):
+    """The simulation is worth its name: some cuts leave torn A-lines, which are told from whole ones."""
+    chance, torn, listed = random.Random(6), 0, 0
+    path = tmp_path / "after.h5"
+    for moment in chance.sample(disk_after_scan.moments, 60):
+        path.write_bytes(Disk.after_a_cut(moment, chance))
+        report = check_scan_file(path)
+        torn, listed = torn + len(report.damaged), listed + len(report.unlisted)
+        assert check_scan_file(path).is_sound
+    assert torn
+    assert listed
+
+
+def test_the_note_of_what_the_scanner_was_given_is_whole_or_not_there(tmp_path, plan, monkeypatch):
+    path = tmp_path / "scan.h5"
+    create_scan_file(path, plan)
+    disk, chance = Disk(path, monkeypatch), random.Random(7)
+    uploads = [storing.Upload(plan.visit[: 10 + number].copy(), 77 + number, number, 1000) for number in range(6)]
+    with AlineStore(path) as store:
+        for upload in uploads:
+            store.note_upload(upload)
+    monkeypatch.undo()
+    known = {upload.tag: upload.rows.tolist() for upload in uploads}
+    seen = set()
+    for moment in disk.moments * 4:
+        shutil.copy(path, tmp_path / "after.h5")
+        (tmp_path / "after.h5").write_bytes(Disk.after_a_cut(moment, chance))
+        with AlineStore(tmp_path / "after.h5") as store:
+            last = store.last_upload()
+            seen.add(last and last.tag)
+            assert last is None or last.rows.tolist() == known[last.tag]
+    assert len(seen) > 3

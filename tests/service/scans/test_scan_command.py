@@ -1,0 +1,101 @@
+"""``steradian scan``: run, resume, retry and check from the command line."""
+
+import h5py
+import pytest
+from typer.testing import CliRunner
+
+from fabry_perot.simulator import launch
+from steradian.cli.app import app
+from steradian.cli.files import write_value
+from steradian.errors import DamagedFile, NotFound
+from steradian.masks import equi_steradian_mask
+from steradian.plans import ScanPlan
+from steradian.scans.control import Control, Wish
+from steradian.scans.proof import ResumeRefused
+from steradian.scans.run import run_scan
+
+
+@pytest.fixture(scope="module")
+def simulator():
+    with launch(speed=20.0, ring=8, seed=3) as simulator:
+        yield simulator
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory):
+    mask = equi_steradian_mask(aperture=13.56e-3, depth=3.6e-3, count=60)
+    plan = ScanPlan.create(mask=mask, samples=512, pulse_rate=100.0)
+    write_value(plan, tmp_path_factory.mktemp("plan") / "plan.json")
+    return plan
+
+
+@pytest.fixture
+def part(plan, simulator, tmp_path):
+    """The file of a scan that was stopped."""
+
+    class Stop(Control):
+        wanted = Wish.RUN
+
+        def progress(self, done, total):
+            self.wanted = Wish.STOP if done >= 20 else Wish.RUN
+
+        def wish(self):
+            return self.wanted
+
+    run_scan(plan, simulator.url, tmp_path / "part.h5", control=Stop())
+    return tmp_path / "part.h5"
+
+
+def call(*words, raises=None):
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    if raises is None:
+        assert result.exception is None, result.output
+    else:
+        assert isinstance(result.exception, raises), result.exception
+    return result.output
+
+
+def test_scan_plan_is_short_for_scan_run_plan(plan, simulator, tmp_path):
+    write_value(plan, tmp_path / "plan.json")
+    for words in (["scan"], ["scan", "run"]):
+        output = tmp_path / f"{len(words)}.h5"
+        said = call(*words, tmp_path / "plan.json", "--scanner", simulator.url, "--output", output)
+        assert "69 of 69" in said
+        assert output.is_file()
+
+
+def test_resume_says_what_it_compared_and_fills_the_same_file(part, simulator):
+    said = call("scan", "resume", part, "--scanner", simulator.url)
+    assert "69 of 69" in said
+    assert "correlated" in said
+    assert "all listed" not in call("scan", "check", part)
+
+
+def test_resume_of_another_plan_is_refused(part, plan, simulator, tmp_path):
+    write_value(plan.replace(pulse_rate=10.0), tmp_path / "other.json")
+    call("scan", "resume", part, "--plan", tmp_path / "other.json", "--scanner", simulator.url, raises=ResumeRefused)
+
+
+def test_check_finds_and_corrects_the_table_but_never_an_aline(part, simulator):
+    with h5py.File(part, "r+") as file:
+        rows = file["alines/status"][:].nonzero()[0][:2]
+        file["alines/samples"][rows[0], 5] += 1
+        file["alines/status"][rows[1]] = 0
+        before = file["alines/samples"][:]
+    said = call("scan", "check", part, "--no-repair", raises=DamagedFile)
+    assert "not corrected" in said
+    said = call("scan", "check", part)
+    assert f"1: rows {rows[0]}" in said
+    assert f"1: rows {rows[1]}" in said
+    assert "sound" in call("scan", "check", part)
+    with h5py.File(part) as file:
+        assert (file["alines/samples"][:] == before).all()
+        assert file["alines/status"][:][rows].tolist() == [0, 1]
+    assert "69 of 69" in call("scan", "retry", part, "--scanner", simulator.url)
+
+
+def test_positions_that_were_changed_are_no_scan_any_more(part):
+    with h5py.File(part, "r+") as file:
+        file["mask/positions"][3] += 1e-6
+    call("scan", "check", part, raises=DamagedFile)
+    call("scan", "check", part.with_name("none.h5"), raises=NotFound)

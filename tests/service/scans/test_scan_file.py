@@ -1,0 +1,105 @@
+"""The scan file is what its document says, and files of the first version are read and continued."""
+
+import re
+import subprocess
+from pathlib import Path
+from shutil import which
+
+import h5py
+import numpy as np
+import pytest
+
+from fabry_perot.simulator import launch
+from steradian.scans.check import check_scan_file
+from steradian.scans.control import Control, Wish
+from steradian.scans.reading import list_frames, read_scan
+from steradian.scans.run import resume_scan, run_scan
+from steradian.scans.store import AlineStore, create_scan_file
+
+DOCUMENT = Path(__file__).parents[3] / "docs" / "scan-file.md"
+
+
+@pytest.fixture
+def path(tmp_path, plan, alines):
+    file = tmp_path / "scan.h5"
+    wavelengths = np.full(plan.mask.count, 1.55e-6)
+    create_scan_file(file, plan.replace(wavelengths=wavelengths, excitation=(8e-7,)), scan_id="s1", scanner="A")
+    with AlineStore(file) as store:
+        store.append(alines)
+    return file
+
+
+def test_every_object_is_documented_with_its_type_and_every_documented_one_exists(path):
+    rows = re.findall(r"^\| `(/[\w/]*)`(?: attributes)? \|([^|]*)\|([^|]*)\|$", DOCUMENT.read_text(), re.M)
+    found = {}
+    with h5py.File(path) as file:
+        file.visititems(
+            lambda name, item: found.__setitem__("/" + name, item.dtype.str[1:] if hasattr(item, "dtype") else "")
+        )
+        documented = {name: kind.split()[-1] if kind.strip() else "" for name, kind, _ in rows}
+        assert set(documented) | {"/alines", "/run"} == {*found, "/"}
+        for name, kind in documented.items():
+            if name in found:
+                assert found[name] == kind, name
+        for group in ("/", "/mask", "/plan"):
+            words = next(text for name, kind, text in rows if name == group)
+            for attribute in file[group].attrs:
+                assert f"`{attribute}`" in words, (group, attribute)
+
+
+def test_datasets_are_numbers_only(path):
+    with h5py.File(path) as file:
+        file.visititems(
+            lambda name, item: (
+                None if isinstance(item, h5py.Group) else pytest.fail(name) if item.dtype.kind not in "iuf" else None
+            )
+        )
+
+
+@pytest.mark.skipif(which("octave-cli") is None, reason="Octave is not installed")
+def test_octave_reads_it(path):
+    code = f'load("{path}"); printf("%d %d", rows(alines.samples), columns(alines.samples));'
+    said = subprocess.run(["octave-cli", "--eval", code], capture_output=True, text=True, timeout=60)
+    assert said.stdout in ("69 256", "256 69"), said.stderr
+
+
+def test_where_it_comes_from_is_in_it(path, plan):
+    with h5py.File(path) as file:
+        assert file.attrs["scanner"] == "A"
+        assert file.attrs["software"].startswith("steradian ")
+        assert len(file.attrs["tuning_map"]) == 64
+        assert f'"pulse_rate":{plan.pulse_rate}' in file["plan"].attrs["document"]
+    assert list_frames(path)[0].excitation == 8e-7
+
+
+def as_version_1(path):
+    """Take out what the first version did not have."""
+    with h5py.File(path, "r+") as file:
+        for name in ("run", "plan/frame_excitation"):
+            del file[name]
+        for name in ("scanner_model", "tuning_map", "geometry_crc32c"):
+            del file.attrs[name]
+        for name in ("frames", "document"):
+            del file["plan"].attrs[name]
+        file.attrs["schema_version"] = 1
+
+
+def test_a_file_of_version_1_is_read_checked_and_continued(tmp_path, plan):
+    class Stop(Control):
+        stored = 0
+
+        def progress(self, done, total):
+            self.stored = done
+
+        def wish(self):
+            return Wish.STOP if self.stored >= 20 else Wish.RUN
+
+    path, slow = tmp_path / "old.h5", plan.replace(pulse_rate=100.0, samples=512)
+    with launch(speed=20.0, ring=8) as simulator:
+        run_scan(slow, simulator.url, path, control=Stop())
+        as_version_1(path)
+        before = read_scan(path)
+        assert 20 <= len(before.traces) < plan.mask.count
+        assert check_scan_file(path).is_sound
+        assert resume_scan(path, simulator.url, plan=slow).stored == plan.mask.count
+    assert check_scan_file(path).is_sound
