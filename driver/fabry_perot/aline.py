@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, overload
 
+import google_crc32c
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,6 +25,15 @@ _META = LAYOUT[ALineMeta]
 META_SIZE = _META.size
 _PEEK = struct.Struct("<16xI8xH")
 """Checksum and number of samples in a record."""
+_peek, _value = _PEEK.unpack_from, google_crc32c.value
+
+
+def is_whole(record: bytes) -> bool:
+    """Return whether length and checksum of a record are right."""
+    if len(record) < META_SIZE:
+        return False
+    crc, count = _peek(record)
+    return len(record) == META_SIZE + 2 * count and _value(record[META_SIZE:]) == crc
 
 
 def check_record(blob: bytes, encoding: int = Encoding.INT16) -> bytes:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from fabry_perot.aline import ALineBatch, check_record
+from fabry_perot.aline import ALineBatch, check_record, is_whole
 from fabry_perot.codes import ALL_FRAGMENTS, MAX_MISSING
+from fabry_perot.encoding import Encoding
 from fabry_perot.errors import FrameError
 from fabry_perot.messages import LAYOUT, ALineHead
 
@@ -74,10 +75,17 @@ class Assembly:
         size, rest = divmod(len(payload) - _HEAD.size, head.more + 1)
         if rest or size <= 0:
             raise FrameError(f"{len(payload)} bytes are not {head.more + 1} equal A-lines")
-        keep, number, point = self._keep, head.number, head.point
+        number, point = head.number, head.point
+        first, last, lines = self.complete, self.durable + self._window, self._lines
+        usual = head.encoding == Encoding.INT16 and not self._asked
         for end in range(_HEAD.size + size, len(payload) + 1, size):
-            keep(number, point, payload[end - size : end], head.encoding)
+            blob = payload[end - size : end]
+            if usual and first <= number < last and number not in lines and is_whole(blob):
+                lines[number] = point, blob  # without a call more than it needs
+            else:
+                self._keep(number, point, blob, head.encoding)
             number, point = number + 1, point + 1
+        self.horizon = max(self.horizon, min(number, last) - 1)
 
     def _wanted(self, number: int) -> bool:
         """Note that A-line ``number`` was sent; return whether it is still wanted."""

@@ -29,6 +29,9 @@ from fabry_perot.messages import (
 )
 from fabry_perot.states import RUNNING, DeviceState, HostState
 
+SOON = 1000
+"""Nothing is due within so many µs of a look at it, unless a frame comes in."""
+
 
 class Host:
     """The host's end of the protocol.
@@ -72,7 +75,7 @@ class Host:
         self.ack_due = False
         self._out: list[bytes] = []
         self._sequence = 0
-        self._hello_due = self._caps_due = self._acked_at = self._leased_at = 0
+        self._polled_at = self._hello_due = self._caps_due = self._acked_at = self._leased_at = 0
         self._hello_tries = 0
         self._echo_sent = -1
         self._abort: Abort | None = None
@@ -129,7 +132,10 @@ class Host:
 
     def receive(self, data: bytes, now: int) -> None:
         """Take bytes from the line at host time ``now``."""
-        for frame in self.deframer.feed(data):
+        frames = self.deframer.feed(data)
+        if not frames and 0 <= now - self._polled_at < SOON:
+            return
+        for frame in frames:
             if not self._mine(frame) and frame.type != Type.HELLO_ACK:
                 self.foreign_frames += 1
             elif (handler := HANDLERS.get(frame.type)) is not None:
@@ -145,6 +151,7 @@ class Host:
 
     def poll(self, now: int) -> None:
         """Send what is due at host time ``now``."""
+        self._polled_at = now
         if self.phase in (HostState.CLOSED, HostState.LOST):
             return
         if self.phase is HostState.HELLO or self.silent_for(now) > self.timing.silence:
