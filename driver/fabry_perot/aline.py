@@ -33,7 +33,7 @@ def is_whole(record: bytes) -> bool:
     if len(record) < META_SIZE:
         return False
     crc, count = _peek(record)
-    return len(record) == META_SIZE + 2 * count and _value(record[META_SIZE:]) == crc
+    return len(record) == META_SIZE + 2 * count and bool(_value(record[META_SIZE:]) == crc)
 
 
 def check_record(blob: bytes, encoding: int = Encoding.INT16) -> bytes:

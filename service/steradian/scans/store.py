@@ -119,9 +119,14 @@ class AlineStore:
             samples.id.get_chunk_info_by_coord((row, 0)).byte_offset for row in range(0, self.count, self._chunk_rows)
         ]
         self._offsets = {name: alines[name].id.get_offset() for name in schema.COLUMNS}
-        self._columns = {name: np.array(alines[name], kind) for name, kind in schema.COLUMNS.items()}
+        # not through HDF5, which may answer a second opening of a file by one process from what it remembers
+        self._columns = {
+            name: self._read(self._offsets[name], self.count, np.dtype(kind)).copy()
+            for name, kind in schema.COLUMNS.items()
+        }
         self._stored: NDArray[np.bool_] = self._columns["status"] == schema.STORED
-        self._fired_offset, self.fired = file["fired"].id.get_offset(), int(file["fired"][()])
+        self._fired_offset = file["fired"].id.get_offset()
+        self.fired = int(self._read(self._fired_offset, 1, np.dtype(schema.FIRED))[0])
         self._run = {name: file["run"][name].id.get_offset() for name in file["run"]} if "run" in file else {}
 
     @property
