@@ -5,8 +5,10 @@ Traces (M, N_t) and positions (M, 2) in; a :class:`Volume` indexed [x, y, z] out
 
 from steradian.imaging.conditioning import Conditioning, Display, rim_weights
 from steradian.imaging.direct import direct_spectrum, spectrum_of
+from steradian.imaging.iterative_options import Iterative
 from steradian.imaging.plan import ReconstructionPlan
 from steradian.imaging.reconstruct import reconstruct
+from steradian.imaging.response import Correction, ElasticFilm, FilmResponse, MeasuredFilm
 from steradian.imaging.volume import Axes, Volume
 from steradian.imaging.weights import voronoi_weights
 from steradian.imaging.windows import Window, kaiser_bessel
@@ -14,7 +16,12 @@ from steradian.imaging.windows import Window, kaiser_bessel
 __all__ = [
     "Axes",
     "Conditioning",
+    "Correction",
     "Display",
+    "ElasticFilm",
+    "FilmResponse",
+    "Iterative",
+    "MeasuredFilm",
     "ReconstructionPlan",
     "Volume",
     "Window",

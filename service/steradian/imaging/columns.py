@@ -13,6 +13,7 @@ import numpy as np
 
 from steradian.compiled import compiled
 from steradian.imaging.fft import fft
+from steradian.imaging.lookup import look_up
 from steradian.imaging.simd import (
     collect,
     distribute,
@@ -67,10 +68,13 @@ def _reach(square: float, band: float) -> int:
 
 @compiled
 def _stencils(
-    square: float, first: int, count: int, ratio: float, turns: float, width: int, nearest: int, taps_of: Any,
-    sine: Any, cosine: Any, index: Any, fraction: Any, phase: Any, gain: Any, taps: Any,
+    square: float, first: int, count: int, ratio: float, turns: float, table: Any, steps: Any, width: int, nearest: int,
+    taps_of: Any, sine: Any, cosine: Any, index: Any, fraction: Any, phase: Any, gain: Any, taps: Any,
 ) -> None:  # fmt: skip
-    """First grid points, taps and factors (2l/κ)·e^{−2πi·turns·κ} of ``count`` ≤ PIECE values of l from ``first``."""
+    """First grid points, taps and factors (2l/κ)·e^{−2πi·turns·κ} of ``count`` ≤ PIECE values of l from ``first``.
+
+    A filter, if ``table`` has more than one entry, is part of the factors.
+    """
     lead = 0.5 - 0.5 * width if nearest else -0.5 * width
     for n in range(count):
         l = float(first + n)  # noqa: E741
@@ -82,6 +86,12 @@ def _stencils(
         turn = kappa * turns
         phase[n] = turn - np.rint(turn)
         gain[n] = 2.0 * l / kappa if kappa > 0 else 2.0
+    if table.shape[1] > 1:
+        for n in range(count):
+            kappa = np.sqrt(float(first + n) * float(first + n) + square)
+            amplitude, turn = look_up(table, steps, square, kappa)
+            gain[n] *= amplitude
+            phase[n] -= turn + np.rint(phase[n] - turn)
     degree = taps_of.shape[1] - 1
     pi = splat16(fraction.dtype.type(np.pi))
     for o in range(0, count, 16):
@@ -144,8 +154,8 @@ _gather4, _gather2, _gather1 = _gather_of(load4, splat4), _gather_of(load2, spla
 def columns(
     first: int, last: int, source: Any, source_rows: Any, source_imaginary: Any, factors: Any, squares: Any, edges: Any,
     target: Any, target_rows: Any, target_imaginary: Any, samples: int, centre: int, length: int, window: Any,
-    size: int, ratio: float, turns: float, width: int, nearest: int, taps_of: Any, sine: Any, cosine: Any,
-    depth_first: int, depth_count: int, ft: Any, fz: Any, flag: Any,
+    size: int, ratio: float, turns: float, table: Any, steps: Any, width: int, nearest: int, taps_of: Any, sine: Any,
+    cosine: Any, depth_first: int, depth_count: int, ft: Any, fz: Any, flag: Any,
     a: Any, b: Any, index: Any, fraction: Any, phase: Any, gain: Any, taps: Any, tmp: Any,
 ) -> None:  # fmt: skip
     """Blocks ``first`` … ``last`` of 16 columns from ``source`` (time) to ``target`` (depth)."""
@@ -177,8 +187,8 @@ def columns(
                 if count <= 0:
                     continue
                 _stencils(
-                    square, start, count, ratio, turns, width, nearest, taps_of, sine, cosine, index, fraction, phase,
-                    gain, taps,
+                    square, start, count, ratio, turns, table, steps, width, nearest, taps_of, sine, cosine, index,
+                    fraction, phase, gain, taps,
                 )  # fmt: skip
                 if lanes == 4:
                     _gather4(x, xo, length, h, size, lane, start, count, width, index, phase, gain, taps)

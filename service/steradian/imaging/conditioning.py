@@ -172,11 +172,14 @@ class Display:
         Magnitude of the analytic signal along depth.
     log_range_db
         Logarithmic compression: values become decibels below the maximum, cut at −``log_range_db``. None: linear.
+    non_negative
+        Negative values, which initial pressure does not have but a limited view leaves, become 0.
     """
 
     gain_db_per_mm: float = 0.0
     envelope: bool = False
     log_range_db: float | None = None
+    non_negative: bool = False
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.gain_db_per_mm):
@@ -194,6 +197,8 @@ class Display:
 
             for i in range(values.shape[0]):
                 values[i] = np.abs(hilbert(values[i], axis=-1))
+        if self.non_negative:
+            np.maximum(values, 0, out=values)
         if self.log_range_db is not None:
             size = np.abs(values)
             top = float(size.max()) or 1.0

@@ -137,8 +137,8 @@ def _depths(plan: ReconstructionPlan, source: NDArray[Any], target: NDArray[Any]
         columns(
             piece * each, min((piece + 1) * each, len(real)), source, real, imaginary, table.factors, table.squares,
             table.edges, target, out_real, out_imaginary, g.samples, plan._centre, plan._length, plan._time_window,
-            g.record, plan._length / g.record, plan._turns, len(plan._taps), plan._nearest, plan._taps, sine, cosine,
-            g.depth[0], g.depth[1] - g.depth[0], _tables(ft), _tables(fz), flag, *space,
+            g.record, plan._length / g.record, plan._turns, *plan._filter, len(plan._taps), plan._nearest, plan._taps,
+            sine, cosine, g.depth[0], g.depth[1] - g.depth[0], _tables(ft), _tables(fz), flag, *space,
         )  # fmt: skip
 
     workers.run("time to depth", -(-len(real) // each), scratch, work, **how)

@@ -14,6 +14,7 @@ from steradian.imaging.blocks import blocks
 from steradian.imaging.factors import Transform, transform
 from steradian.imaging.geometry import Geometry, geometry
 from steradian.imaging.lateral import Lateral, filled, grid_of, gridded, non_uniform
+from steradian.imaging.response import Correction, tabulated
 from steradian.imaging.sizes import lateral_grid, time_grid
 from steradian.imaging.volume import Volume
 from steradian.imaging.windows import Shape, Window
@@ -68,6 +69,7 @@ class ReconstructionPlan:
         time_padding: float = 1.0,
         lateral_padding: float = 1.0,
         wrap: bool = False,
+        correction: Correction | None = None,
         dtype: Literal["float32", "float64"] | None = None,
         memory_limit: int | None = None,
         threads: int | None = None,
@@ -106,6 +108,9 @@ class ReconstructionPlan:
             places = np.concatenate([np.zeros_like(places), places], axis=1)
         self._prepare_lateral(places, method, window)
         self._prepare_time(window)
+        self._filter = tabulated(
+            correction, nyquist=0.5 / g.sampling_interval, bandwidth=0.5 * g.record, sound_speed=g.sound_speed
+        )
         scales = [g.record * g.depth_step / X for X in g.period]
         both = (0.0, scales[0]) if flat else (scales[0], scales[1])
         norm = 0.5 / (float(np.prod(g.padded_modes)) * g.record)

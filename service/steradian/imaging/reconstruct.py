@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from steradian.errors import InvalidInput
-from steradian.imaging.plan import Method, ReconstructionPlan
+from steradian.imaging.iterative_options import Iterative
+from steradian.imaging.plan import Method as DirectMethod
+from steradian.imaging.plan import ReconstructionPlan
+from steradian.imaging.response import Correction
 from steradian.imaging.volume import Volume
 from steradian.imaging.windows import Shape, Window
 from steradian.progress import IsCancelled, Progress
+
+Method: TypeAlias = DirectMethod | Literal["iterative"]
 
 
 def reconstruct(
@@ -33,6 +38,8 @@ def reconstruct(
     time_padding: float = 1.0,
     lateral_padding: float = 1.0,
     wrap: bool = False,
+    correction: Correction | None = None,
+    iterative: Iterative | None = None,
     scale: float = 1.0,
     dtype: Literal["float32", "float64"] | None = None,
     memory_limit: int | None = None,
@@ -69,6 +76,9 @@ def reconstruct(
         "linear", "nearest": κ interpolated between the frequencies of the record doubled with zeros, as k-Wave does.
         "interpolated": the grid (the sensors', or that of the modes) is filled linearly from the sensors first, and
         ``weights`` play no part.
+        "iterative": the image that fits the A-lines best among those a regulariser prefers
+        (:mod:`steradian.imaging.iterative`, whose function also tells how it was found); ``weights``, ``window`` and
+        ``time_padding`` play no part, and the lateral padding is chosen if it is 1.
     tolerance
         Relative l2 error of the image's spectrum against the direct sums; chooses window and grids.
     window
@@ -81,6 +91,10 @@ def reconstruct(
         sources outside the aperture. The image's points stay where they are.
     wrap
         Allow sensors outside the aperture; they count where the periodic aperture has them.
+    correction
+        Of the film's response over frequency and angle: a regularised filter, or for "iterative" part of the model.
+    iterative
+        Regulariser and stopping rule of that method.
     scale
         Factor of the traces (pressure per count).
     dtype
@@ -107,6 +121,31 @@ def reconstruct(
     data = np.asarray(traces)
     if data.ndim != 2:
         raise InvalidInput("traces", f"an array of shape {data.shape}", "shape (M, N_t): one row a sensor")
+    if method == "iterative":
+        from steradian.imaging.iterative import reconstruct_iteratively
+
+        return reconstruct_iteratively(
+            data,
+            positions,
+            sampling_interval=sampling_interval,
+            sound_speed=sound_speed,
+            aperture=aperture,
+            modes=modes,
+            options=iterative,
+            upsampling=upsampling,
+            depth_range=depth_range,
+            tolerance=tolerance,
+            time_zero=time_zero,
+            lateral_padding=lateral_padding if lateral_padding > 1 else None,
+            wrap=wrap,
+            scale=scale,
+            response=correction.response if correction else None,
+            dtype=dtype,
+            memory_limit=memory_limit,
+            threads=threads,
+            progress=progress,
+            cancelled=cancelled,
+        ).volume
     plan = ReconstructionPlan(
         positions,
         samples=data.shape[1],
@@ -124,6 +163,7 @@ def reconstruct(
         time_padding=time_padding,
         lateral_padding=lateral_padding,
         wrap=wrap,
+        correction=correction,
         dtype=dtype,
         memory_limit=memory_limit,
         threads=threads,

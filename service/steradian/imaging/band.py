@@ -1,0 +1,83 @@
+"""How far up in frequency A-lines hold signal, what noise they hold, and the same A-lines with fewer samples."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.imaging.volume import RealArray
+
+_ABOVE = 2.0  # power of signal plus noise against noise alone where the band ends
+_FLOOR = 1e-7  # least power against the strongest frequency's, for data without noise
+_MARGIN = 1.15  # Nyquist frequency kept against the band's end
+_CHUNK = 512  # traces filtered together
+
+
+def signal_band(traces: RealArray, sampling_interval: float) -> tuple[float, float]:
+    """Highest frequency with signal, in Hz, and the white noise's standard deviation a sample.
+
+    The noise is taken from the top quarter of frequencies, where a film's signal has ended; the band ends where the
+    mean power of all traces falls below twice the noise's for good.
+    """
+    samples = traces.shape[1]
+    power = np.zeros(samples // 2 + 1)
+    for first in range(0, len(traces), _CHUNK):
+        spectrum = np.fft.rfft(traces[first : first + _CHUNK], axis=1)
+        power += (np.abs(spectrum) ** 2).sum(axis=0)
+    power /= len(traces) * samples
+    width = max(1, len(power) // 64)
+    smooth = np.convolve(power, np.ones(width) / width, mode="same")
+    noise = float(np.median(power[-max(1, len(power) // 4) :]))
+    loud = np.flatnonzero(smooth > max(_ABOVE * noise, _FLOOR * float(smooth.max())))
+    last = int(loud[-1]) if loud.size else len(power) - 1
+    return float((last + 1) / (samples * sampling_interval)), float(np.sqrt(noise))
+
+
+def thinning(highest: float, sampling_interval: float) -> int:
+    """Tell how many samples one sample of a band ending at ``highest`` may stand for."""
+    return max(1, int(0.5 / sampling_interval / (_MARGIN * highest)))
+
+
+def thinned(traces: RealArray, factor: int, dtype: str) -> RealArray:
+    """Every ``factor``-th sample after a low-pass at the new Nyquist frequency; padded with zeros to a multiple."""
+    from scipy import fft
+
+    if factor == 1:
+        return np.ascontiguousarray(traces, dtype)
+    samples = -(-traces.shape[1] // factor)
+    result: NDArray[np.floating] = np.empty((len(traces), samples), dtype)
+    for first in range(0, len(traces), _CHUNK):
+        part = np.asarray(traces[first : first + _CHUNK], dtype)
+        # twice as long, so that nothing wraps
+        spectrum = fft.rfft(part, 2 * samples * factor, axis=1)[:, : samples + 1]
+        spectrum[:, -1] = spectrum[:, -1].real
+        result[first : first + _CHUNK] = fft.irfft(spectrum, 2 * samples, axis=1)[:, :samples] / factor
+    return result
+
+
+def refined(values: RealArray, factors: tuple[int, ...]) -> RealArray:
+    """Sinc interpolation: ``factors`` points a voxel along each axis, the first of them on the voxel itself.
+
+    Along depth the image is continued with zeros, laterally periodically.
+    """
+    from scipy import fft
+
+    result = values
+    for axis, factor in enumerate(factors):
+        if factor == 1:
+            continue
+        count = result.shape[axis]
+        length = count if axis < result.ndim - 1 else fft.next_fast_len(count + 64, real=True)
+        other = 1 if axis == 0 else 0
+        shape = tuple(n * factor if a == axis else n for a, n in enumerate(result.shape))
+        fine: RealArray = np.empty(shape, values.dtype)
+        for first in range(0, result.shape[other], 16):
+            some: list[slice] = [slice(None)] * result.ndim
+            some[other] = slice(first, first + 16)
+            spectrum = fft.rfft(result[tuple(some)], length, axis=axis)
+            if length % 2 == 0:
+                np.moveaxis(spectrum, axis, 0)[-1] *= 0.5
+            long = np.moveaxis(fft.irfft(spectrum, length * factor, axis=axis), axis, 0)[: count * factor]
+            fine[tuple(some)] = np.moveaxis(long, 0, axis) * values.dtype.type(factor)
+        result = fine
+    return result

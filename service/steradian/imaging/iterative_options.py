@@ -1,0 +1,67 @@
+"""What an iterative reconstruction seeks, and when it stops."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias, get_args
+
+import numpy as np
+
+from steradian.errors import InvalidInput
+
+Regularisation: TypeAlias = Literal["total-variation", "sparsity", "tikhonov", "none"]
+
+
+@dataclass(frozen=True, slots=True)
+class Iterative:
+    """What the iterative reconstruction seeks, and when it stops.
+
+    Parameters
+    ----------
+    regularisation
+        "total-variation", "sparsity" (sum of absolute values), "tikhonov" (½ sum of squares) or "none".
+    strength
+        λ as a share of the largest value of Aᵀg (above which sparsity would leave nothing); for tikhonov of A's largest
+        singular value squared. None: 0.01 for total variation, 0.02 for sparsity, 0.1 for tikhonov.
+    non_negative
+        Look among images without negative values only.
+    iterations
+        Most iterations.
+    change
+        Stop when an iteration changes the image by less than this share of its norm.
+    discrepancy
+        Stop when the residual is below so many times the noise's norm (Morozov's principle); None: do not look.
+    noise
+        Standard deviation of the noise of one sample, in the traces' unit; None: read from above the signal's band.
+    highest_frequency
+        End of the band in Hz; None: read from the traces.
+    """
+
+    regularisation: Regularisation = "total-variation"
+    strength: float | None = None
+    non_negative: bool = True
+    iterations: int = 30
+    change: float = 1e-3
+    discrepancy: float | None = 1.0
+    noise: float | None = None
+    highest_frequency: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.regularisation not in get_args(Regularisation):
+            raise InvalidInput("regularisation", self.regularisation, ", ".join(get_args(Regularisation)))
+        for name in ("strength", "discrepancy", "noise", "highest_frequency"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value >= 0):
+                raise InvalidInput(name, value, "a finite number from 0, or None")
+        if self.highest_frequency == 0:
+            raise InvalidInput("highest_frequency", 0, "above 0 Hz, or None")
+        if self.iterations != int(self.iterations) or not 1 <= self.iterations <= 10_000:
+            raise InvalidInput("iterations", self.iterations, "a whole number from 1 to 10000")
+        if not 0 <= self.change < 1:
+            raise InvalidInput("change", self.change, "a share from 0, below 1")
+
+    def weight(self) -> float:
+        """λ in the units described under ``strength``."""
+        if self.strength is not None:
+            return float(self.strength)
+        return {"total-variation": 0.01, "sparsity": 0.02, "tikhonov": 0.1, "none": 0.0}[self.regularisation]

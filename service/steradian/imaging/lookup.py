@@ -1,0 +1,27 @@
+"""Reading the table of a response inside the kernels (compiled)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from steradian.compiled import compiled
+
+
+@compiled
+def look_up(table: Any, steps: Any, square: float, kappa: float) -> tuple[float, float]:
+    """Response at κ and the angle whose sine is |j|/κ: amplitude and phase in turns, linear in both.
+
+    ``table`` has shape (2, frequencies, sines), ``steps`` the rows a unit of κ and the columns a unit of sine.
+    """
+    u = min(kappa * steps[0], table.shape[1] - 1.000001)
+    sine = np.sqrt(square) / kappa if kappa > 0 else 0.0
+    v = min(sine * steps[1], table.shape[2] - 1.000001)
+    i, k = int(u), int(v)
+    a, b = u - i, v - k
+    low = table[0, i, k] * (1 - b) + table[0, i, k + 1] * b
+    high = table[0, i + 1, k] * (1 - b) + table[0, i + 1, k + 1] * b
+    low_turn = table[1, i, k] * (1 - b) + table[1, i, k + 1] * b
+    high_turn = table[1, i + 1, k] * (1 - b) + table[1, i + 1, k + 1] * b
+    return low * (1 - a) + high * a, low_turn * (1 - a) + high_turn * a

@@ -1,0 +1,80 @@
+"""Proximal steps of the iterative reconstruction: what the image is pulled towards between two gradient steps.
+
+Each regulariser R has ``step(u, x, length)``: x becomes the minimiser of ½‖x − u‖² + length·R(x), over x ≥ 0 where
+asked. Total variation is isotropic, in units of the finest voxel side; its dual variables stay from one call to the
+next, so that a few projected gradient steps (Chambolle's, with the constraint as by Beck and Teboulle 2009) suffice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.imaging import workers
+from steradian.imaging.iterative_options import Regularisation
+from steradian.imaging.volume import RealArray
+
+Proximal: TypeAlias = Callable[[RealArray, RealArray, float], None]
+_INNER = 4  # dual steps a call
+_ROWS = 4  # rows along x a piece of work has
+
+
+def proximal(
+    kind: Regularisation, *, non_negative: bool, shape: tuple[int, ...], spacing: tuple[float, ...], threads: int
+) -> Proximal:
+    """Return the step of a regulariser for images of that shape; ``step(u, x, length)`` writes x and may change u."""
+    if kind == "total-variation":
+        return _TotalVariation(non_negative, shape, spacing, threads)
+
+    def step(u: RealArray, x: RealArray, length: float) -> None:
+        if kind == "tikhonov":
+            np.multiply(u, u.dtype.type(1 / (1 + length)), out=x)
+        elif kind == "sparsity" and not non_negative:
+            np.clip(u, -length, length, out=x)
+            np.subtract(u, x, out=x)
+        else:
+            np.subtract(u, u.dtype.type(length if kind == "sparsity" else 0.0), out=x)
+        if non_negative:
+            np.maximum(x, 0, out=x)
+
+    return step
+
+
+class _TotalVariation:
+    """The step for total variation, with its dual variables."""
+
+    def __init__(self, non_negative: bool, shape: tuple[int, ...], spacing: tuple[float, ...], threads: int) -> None:
+        self._shape = (shape[0], shape[1] if len(shape) == 3 else 1, shape[-1])
+        finest = min(spacing)
+        sides = (spacing[0], spacing[1] if len(shape) == 3 else finest, spacing[-1])
+        self._rates = tuple(finest / s for s in sides)
+        self._low = 0.0 if non_negative else -np.inf
+        self._threads = threads
+        self._dual: NDArray[Any] | None = None
+
+    def __call__(self, u: RealArray, x: RealArray, length: float) -> None:
+        from steradian.imaging.variation import ascend, primal
+
+        u, x = u.reshape(self._shape), x.reshape(self._shape)
+        if self._dual is None:
+            self._dual = np.zeros((3, *self._shape), u.dtype)
+        dual, kind = self._dual, u.dtype.type
+        rates = np.array(self._rates, u.dtype)
+        scale, low = kind(length), kind(self._low)
+        rate = kind(1 / (max(length, 1e-30) * 4 * float((rates**2).sum())))
+        pieces = -(-self._shape[0] // _ROWS)
+
+        def descend(piece: int, _: None, flag: NDArray[np.uint8]) -> None:
+            primal(u, dual, x, piece * _ROWS, min((piece + 1) * _ROWS, len(u)), scale, rates, low)
+
+        def climb(piece: int, _: None, flag: NDArray[np.uint8]) -> None:
+            ascend(x, dual, piece * _ROWS, min((piece + 1) * _ROWS, len(u)), rate, rates)
+
+        how: dict[str, Any] = {"threads": self._threads, "progress": None, "cancelled": None}
+        for _ in range(_INNER):
+            workers.run("regularisation", pieces, lambda: None, descend, **how)
+            workers.run("regularisation", pieces, lambda: None, climb, **how)
+        workers.run("regularisation", pieces, lambda: None, descend, **how)

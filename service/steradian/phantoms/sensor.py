@@ -1,0 +1,6 @@
+"""What a Fabry–Pérot film does to the pressure: the same model as the simulated scanner's."""
+
+from fabry_perot.simulator.film import directivity as angular_response
+from fabry_perot.simulator.film import low_pass as band_limited
+
+__all__ = ["angular_response", "band_limited"]
