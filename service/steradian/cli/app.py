@@ -8,7 +8,21 @@ from typing import Annotated
 import typer
 
 from steradian import __version__
-from steradian.cli import benchmark, demo, key, mask, plan, reconstruct, scan, serve, worker
+from steradian.cli import (
+    benchmark,
+    demo,
+    exporting,
+    importing,
+    key,
+    mask,
+    plan,
+    reconstruct,
+    scan,
+    serve,
+    sound_speed,
+    what_if,
+    worker,
+)
 from steradian.cli.console import complain
 from steradian.errors import Cancelled, Conflict, DamagedFile, InvalidInput, NotFound, ScanFailed, SteradianError
 
@@ -36,8 +50,12 @@ app = typer.Typer(
 )
 app.add_typer(mask.app, name="mask")
 app.command("plan")(plan.plan)
-app.command("scan")(scan.scan)
+app.add_typer(scan.app, name="scan")
 app.command("reconstruct")(reconstruct.reconstruct)
+app.command("what-if")(what_if.what_if)
+app.command("sound-speed")(sound_speed.sound_speed)
+app.command("import")(importing.import_)
+app.command("export")(exporting.export)
 app.add_typer(benchmark.app, name="benchmark")
 app.command("demo")(demo.demo)
 app.command("serve")(serve.serve)

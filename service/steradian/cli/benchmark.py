@@ -72,6 +72,95 @@ def link(json_file: JsonFile = None) -> None:
     _publish("link", rows, json_file)
 
 
+@app.command()
+def storage(
+    json_file: JsonFile = None,
+    folder: Annotated[Path | None, typer.Option(help="A folder on the disk to measure.")] = None,
+) -> None:
+    """Time durable A-lines into a scan file beside a plain file appended to and synchronised at the same batch size.
+
+    'ratio' is the scan file's rate over the plain file's and 'limit' what it must not fall below.
+    """
+    from steradian.benchmarks.storage import storage as measure
+
+    with progress_bar() as progress:
+        rows = measure(folder=folder, progress=progress)
+    _publish("storage", rows, json_file)
+
+
+@app.command()
+def queue(
+    json_file: JsonFile = None,
+    jobs: Annotated[int, typer.Option(help="Reconstructions for the throughput; 0 leaves it out.", min=0)] = 20,
+    load: Annotated[int, typer.Option(help="Short jobs for the load; 0 leaves it out.", min=0)] = 400,
+) -> None:
+    """Time the job queue: throughput beside the library in a loop, waiting times, and 400 jobs under eight readers.
+
+    'ratio' is the service's throughput in units of the row's; 'cpu s per job' counts every process. With
+    STERADIAN_DATABASE_URL the queue is on PostgreSQL.
+    """
+    from steradian.benchmarks.queue import queue as measure
+
+    with progress_bar() as progress:
+        rows = measure(
+            jobs=jobs, load_jobs=load, database_url=os.environ.get("STERADIAN_DATABASE_URL"), progress=progress
+        )
+    for kind in ("throughput", "latency", "load"):
+        chosen = [row for row in rows if (row["case"] if row["case"] in {"latency", "load"} else "throughput") == kind]
+        if chosen:
+            _publish(kind, chosen, None)
+    if json_file is not None:
+        _write("queue", rows, json_file)
+
+
+@app.command()
+def live(
+    json_file: JsonFile = None,
+    revisions: Annotated[int, typer.Option(help="Parts in which the A-lines of the scan arrive.", min=2)] = 16,
+    quick: Annotated[bool, typer.Option(help="A small scan: whether it runs, no measurement.")] = False,
+) -> None:
+    """Time the revisions of the live view beside the same pictures made from scratch at full resolution, in turns.
+
+    'ratio' is a revision's time over the full image's, 'ratio with last' counts the full image at the end as a
+    revision, 'limit' is what that must not exceed; 'last error' is how far the image grown from all A-lines is from
+    the one made at once (relative l2).
+    """
+    from steradian.benchmarks.live import live as measure
+
+    with progress_bar() as progress:
+        rows = measure(quick=quick, revisions=revisions, progress=progress)
+    _publish("live", rows, json_file)
+
+
+@app.command()
+def paper(
+    output: Annotated[Path, typer.Option(help="Folder for paper.md; pictures and JSON go into paper/ in it.")] = Path(
+        "paper-benchmark"
+    ),
+    quick: Annotated[bool, typer.Option(help="Small versions of all: whether they run, no measurement.")] = False,
+    only: Annotated[
+        list[str] | None, typer.Option(help="A section to measure, the others are kept; may be given several times.")
+    ] = None,
+    readme: Annotated[
+        Path | None, typer.Option(help="Also put the summary between the markers of this file.", exists=True)
+    ] = None,
+) -> None:
+    """Redo the paper's experiments with simulated data: tables, pictures and JSON, its figures beside ours.
+
+    Takes some ten minutes on two processors.
+    """
+    from steradian.benchmarks.paper import paper as measure
+    from steradian.benchmarks.paper.page import claims_of
+
+    with progress_bar() as progress:
+        document = measure(output, quick=quick, only=tuple(only or ()), readme=readme, progress=progress)
+    table = Table("claim", "paper", "ours", "holds", box=None, pad_edge=False, show_edge=False)
+    for claim in claims_of(document):
+        table.add_row(claim.text, claim.paper, claim.ours, "yes" if claim.holds else "no")
+    console().print(table)
+    console().print(f"{output / 'paper.md'}, figures in {output / 'paper' / 'paper.json'}")
+
+
 def _publish(name: str, rows: list[Row], path: Path | None) -> None:
     """Print rows as a table and write them, with what they were measured on, to ``path``."""
     columns = list(dict.fromkeys(key for row in rows for key in row))
@@ -81,8 +170,12 @@ def _publish(name: str, rows: list[Row], path: Path | None) -> None:
     for row in rows:
         table.add_row(*(_shown(row.get(column)) for column in columns))
     console().print(table)
-    if path is None:
-        return
+    if path is not None:
+        _write(name, rows, path)
+
+
+def _write(name: str, rows: list[Row], path: Path) -> None:
+    """Write rows with what they were measured on."""
     machine = {"cpus": os.cpu_count(), "system": platform.platform(), "python": platform.python_version()}
     document = {
         "benchmark": name,

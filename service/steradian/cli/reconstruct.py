@@ -10,6 +10,8 @@ import typer
 from steradian.cli.console import duration, frequency, length, progress_bar, show_figures
 
 CONDITIONING, DISPLAY = "What is done to the A-lines before", "What is done to the pictures"
+FOLLOWING = "A scan that is still running"
+ITERATIVE, FILM = "With the method iterative", "The sensor's response"
 
 
 def _option(kind: str, text: str, panel: str | None = None, parser: Any = None) -> Any:
@@ -20,7 +22,8 @@ def reconstruct(
     file: Annotated[Path, typer.Argument(help="A scan file, or a k-Wave recording (.npz with p, dt and dx).")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")] = Path("reconstruction"),
     method: Annotated[
-        str, typer.Option(help="nedner (NER where the sensors allow it), ner, linear, nearest or interpolated.")
+        str,
+        typer.Option(help="nedner (NER where the sensors allow it), ner, linear, nearest, interpolated; iterative."),
     ] = "nedner",
     modes: Annotated[int | None, typer.Option(help="Lateral modes per axis; default: as the scan suggests.")] = None,
     upsampling: Annotated[int, typer.Option(help="Sinc interpolation of the finished image, times.")] = 1,
@@ -44,6 +47,23 @@ def reconstruct(
     gain: Annotated[float, _option("", "Time-gain compensation in dB per mm of depth.", DISPLAY)] = 0.0,
     envelope: Annotated[bool, _option("", "Show the envelope along the depth.", DISPLAY)] = False,
     log_range: Annotated[float | None, _option("", "Show decibels, down to this many.", DISPLAY)] = None,
+    non_negative: Annotated[bool, _option("", "Show negative values as 0.", DISPLAY)] = False,
+    regularisation: Annotated[
+        str, _option("", "total-variation, sparsity, tikhonov or none.", ITERATIVE)
+    ] = "total-variation",
+    strength: Annotated[
+        float | None, _option("", "Weight of the regulariser; default: by its kind.", ITERATIVE)
+    ] = None,
+    iterations: Annotated[int, _option("", "Most iterations.", ITERATIVE)] = 30,
+    signed: Annotated[bool, _option("", "Allow negative values.", ITERATIVE)] = False,
+    film: Annotated[str, _option("", "ideal (no correction), elastic, rule or simulated.", FILM)] = "ideal",
+    max_gain: Annotated[float, _option("", "Largest amplification of a wave, and of the noise.", FILM)] = 10.0,
+    thickness: Annotated[float, _option("LENGTH", "Of an elastic film.", FILM, length)] = 38e-6,
+    follow: Annotated[
+        bool, _option("", "Make a coarse image every few seconds while it runs, the full one at its end.", FOLLOWING)
+    ] = False,
+    interval: Annotated[float, _option("TIME", "Between two of these images.", FOLLOWING, duration)] = 2.0,
+    patience: Annotated[float, _option("TIME", "Without a new A-line: the scan is over.", FOLLOWING, duration)] = 60.0,
 ) -> None:
     """Reconstruct the initial pressure and write the volume, its projections and a report into a folder."""
     from steradian.reconstructions.job import reconstruct_scan
@@ -68,10 +88,30 @@ def reconstruct(
             "rim": rim,
             "delay": delay,
         },
-        display={"gain_db_per_mm": gain, "envelope": envelope, "log_range_db": log_range},
+        display={
+            "gain_db_per_mm": gain,
+            "envelope": envelope,
+            "log_range_db": log_range,
+            "non_negative": non_negative,
+        },
+        iterative={
+            "regularisation": regularisation,
+            "strength": strength,
+            "iterations": iterations,
+            "non_negative": not signed,
+        },
+        film={"kind": film, "max_gain": max_gain, "thickness": thickness},
     )
     with progress_bar() as progress:
-        report = reconstruct_scan(file, output, parameters, progress=progress)
+        if follow:
+            from steradian.reconstructions.live import follow_scan
+            from steradian.scans.following import Quiet
+
+            report = follow_scan(
+                file, output, parameters, is_over=Quiet(file, patience), interval=interval, progress=progress
+            )
+        else:
+            report = reconstruct_scan(file, output, parameters, progress=progress)
     spacing = " × ".join(f"{1e6 * step:.4g}" for step in report.spacing_m)
     figures = {
         "sensors": f"{report.sensors} of {report.planned}",

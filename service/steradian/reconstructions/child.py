@@ -1,25 +1,30 @@
-"""Reconstructions, one after another, in a process of a worker: ``python -m steradian.reconstructions.child``."""
+"""Jobs, one after another, in a process of a worker: ``python -m steradian.reconstructions.child``."""
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from steradian.errors import InvalidInput
 from steradian.progress import Progress
 from steradian.storage.job_process import child_main
-from steradian.storage.paths import JobDirectory
+from steradian.storage.paths import DataDirectory, JobDirectory
+
+if TYPE_CHECKING:
+    from steradian.reconstructions.kept_plans import KeptPlans
 
 
-def work(payload: dict[str, Any], progress: Progress) -> dict[str, Any]:
-    """Reconstruct what the payload names.
+def work(payload: dict[str, Any], progress: Progress, *, kept: list[KeptPlans]) -> dict[str, Any]:
+    """Do what the payload asks.
 
     Parameters
     ----------
     payload
-        ``scan`` (path of the recording), ``output`` (folder for the results), ``parameters`` (of the reconstruction);
-        ``data`` (the data directory, to which the paths are relative) and ``job`` (the job's own folder), put there
-        by the worker.
+        ``kind`` of the job (:data:`steradian.reconstructions.kinds.KINDS`) and what that kind needs; ``data`` (the data
+        directory, to which paths are relative) and ``job`` (the job's own folder), put there by the worker.
+    kept
+        Where the plans of earlier jobs are; empty before the first one.
 
     Returns
     -------
@@ -27,15 +32,19 @@ def work(payload: dict[str, Any], progress: Progress) -> dict[str, Any]:
         The report, as plain JSON.
     """
     progress("loading", 0, 1)
-    from steradian.reconstructions.job import reconstruct_scan
-    from steradian.reconstructions.parameters import ReconstructionParameters
+    from steradian.reconstructions.kept_plans import KeptPlans
+    from steradian.reconstructions.kinds import KINDS
+    from steradian.reconstructions.tasks import Work
 
-    parameters = ReconstructionParameters.create(**payload["parameters"])
-    data = Path(payload["data"])
-    with JobDirectory(Path(payload["job"])).running():
-        report = reconstruct_scan(data / payload["scan"], data / payload["output"], parameters, progress=progress)
-    return asdict(report)
+    if not kept:
+        kept.append(KeptPlans())
+    kind = KINDS.get(payload["kind"])
+    if kind is None:
+        raise InvalidInput("kind", payload["kind"], ", ".join(KINDS))
+    folder = JobDirectory(Path(payload["job"]))
+    with folder.running():
+        return kind.run(Work(DataDirectory(Path(payload["data"])), folder.root, kept[0], progress), payload)
 
 
 if __name__ == "__main__":
-    child_main(work)
+    child_main(partial(work, kept=[]))

@@ -8,16 +8,23 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steradian.errors import InvalidInput
 from steradian.imaging import Volume, reconstruct
-from steradian.imaging.conditioning import Conditioning
+from steradian.imaging.conditioning import Conditioning, Display
 from steradian.progress import IsCancelled, Progress
+from steradian.reconstructions.kept_plans import KeptPlans
 from steradian.reconstructions.parameters import DEFAULT_SPACING, ReconstructionParameters
+from steradian.reconstructions.projections import project
 from steradian.reconstructions.volume_file import write_volume
 from steradian.scans.recording import Recording, open_recording
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 
 @dataclass
@@ -48,10 +55,12 @@ def reconstruct_scan(
     output: Path,
     parameters: ReconstructionParameters | None = None,
     *,
+    frame: int = 0,
+    plans: KeptPlans | None = None,
     progress: Progress | None = None,
     cancelled: IsCancelled | None = None,
 ) -> Report:
-    """Reconstruct a recording and write ``volume.h5``, ``mip-{x,y,z}.png`` and ``report.json`` into a folder.
+    """Reconstruct a recording and write ``volume.h5``, ``mip-{x,y,z}.png``, ``mip-depth.png`` and ``report.json``.
 
     Parameters
     ----------
@@ -61,6 +70,10 @@ def reconstruct_scan(
         Folder for the results; each appears under its name only when it is whole.
     parameters
         What to choose; the defaults fit a scan.
+    frame
+        Which frame of a scan that has several.
+    plans
+        Where plans are looked for and kept, if many recordings of one geometry are reconstructed.
     progress, cancelled
         Reported and asked between pieces of work.
 
@@ -74,27 +87,53 @@ def reconstruct_scan(
         When ``cancelled`` said so.
     """
     chosen = parameters or ReconstructionParameters()
-    report = Report(parameters=chosen.model_dump(mode="json"))
+    report = Report()
     with report.timed("read"):
-        recording = open_recording(scan)
+        recording = open_recording(scan, frame)
+    return write_reconstruction(recording, output, chosen, report, plans=plans, progress=progress, cancelled=cancelled)
+
+
+def write_reconstruction(
+    recording: Recording,
+    output: Path,
+    chosen: ReconstructionParameters,
+    report: Report,
+    *,
+    plans: KeptPlans | None = None,
+    progress: Progress | None = None,
+    cancelled: IsCancelled | None = None,
+) -> Report:
+    """Do the same as :func:`reconstruct_scan` with a recording that has been read; the report is completed."""
+    report.parameters = chosen.model_dump(mode="json")
     with report.timed("reconstruct"):
-        volume = reconstruct_recording(recording, chosen, progress=progress, cancelled=cancelled)
+        volume = reconstruct_recording(recording, chosen, plans=plans, progress=progress, cancelled=cancelled)
     report.axes = ", ".join(volume.names)
     report.shape, report.spacing_m = volume.values.shape, tuple(map(float, volume.spacing))
     report.sensors, report.planned = len(recording.positions), recording.planned
     report.sound_speed_m_s = _sound_speed(recording, chosen)
     report.provenance = recording.provenance
     output.mkdir(parents=True, exist_ok=True)
+    with report.timed("project"):
+        projections = project(volume)
     with report.timed("write"):
-        write_volume(output / "volume.h5", volume, parameters=report.parameters, provenance=recording.provenance)
+        write_volume(
+            output / "volume.h5",
+            volume,
+            parameters=report.parameters,
+            provenance=recording.provenance,
+            projections=projections,
+        )
     with report.timed("draw"):
-        from steradian.reconstructions.pictures import PLANES, Axis, draw_mip
+        from steradian.reconstructions.pictures import draw_depth_coded, draw_projection
 
-        shown = chosen.display.apply(volume)
-        axes: tuple[Axis, ...] = tuple(PLANES) if volume.dimensions == 3 else ("y",)
-        for axis in axes:
-            draw_mip(shown, axis, output / f"mip-{axis}.png", chosen.display)
-    _write_report(output / "report.json", report)
+        if chosen.display != Display():
+            volume = chosen.display.apply(volume)
+            projections = project(volume)
+        for axis, image in projections.items():
+            draw_projection(image, volume, axis, output / f"mip-{axis}.png", chosen.display)
+        if volume.dimensions == 3:
+            draw_depth_coded(volume, output / "mip-depth.png", chosen.display)
+    write_json(output / "report.json", report)
     return report
 
 
@@ -102,34 +141,64 @@ def reconstruct_recording(
     recording: Recording,
     parameters: ReconstructionParameters,
     *,
+    plans: KeptPlans | None = None,
     progress: Progress | None = None,
     cancelled: IsCancelled | None = None,
 ) -> Volume:
     """Reconstruct a recording in memory; see :func:`reconstruct_scan`."""
-    traces = np.multiply(recording.traces, np.asarray(recording.scale, np.float32).reshape(-1, 1), dtype=np.float32)
-    if parameters.conditioning != Conditioning():
-        traces = parameters.conditioning.apply(
-            traces, recording.positions, sampling_interval=recording.sampling_interval, aperture=recording.aperture
+    traces = conditioned(recording, parameters)
+    options = plan_options(recording, parameters)
+    correction = parameters.film.correction()
+    if plans is None or correction is not None or parameters.method == "iterative":
+        return reconstruct(
+            traces,
+            recording.positions,
+            **options,
+            correction=correction,
+            iterative=parameters.iterative,
+            progress=progress,
+            cancelled=cancelled,
         )
-    return reconstruct(
-        traces,
-        recording.positions,
-        sampling_interval=recording.sampling_interval,
-        sound_speed=_sound_speed(recording, parameters),
-        aperture=recording.aperture,
-        modes=_modes(recording, parameters),
-        weights=_weights(recording, parameters),
-        upsampling=parameters.upsampling,
-        depth_range=_depth_range(recording, parameters),
-        method=parameters.method,
-        tolerance=parameters.tolerance,
-        window=parameters.window,
-        time_zero=recording.time_zero + parameters.conditioning.delay,
-        time_padding=parameters.time_padding,
-        lateral_padding=parameters.lateral_padding,
-        progress=progress,
-        cancelled=cancelled,
+    plan = plans.get(recording.positions, traces.shape[1], options)
+    volume = plan.run(traces, progress=progress, cancelled=cancelled)
+    assert isinstance(volume, Volume)  # noqa: S101 - one set of traces
+    return volume
+
+
+def conditioned(recording: Recording, parameters: ReconstructionParameters) -> NDArray[np.float32]:
+    """Return A-lines (M, N_t) in units of pressure, treated as the parameters say."""
+    scale = np.asarray(recording.scale, np.float32).reshape(-1, 1)
+    traces: NDArray[np.float32] = np.multiply(recording.traces, scale, dtype=np.float32)
+    if parameters.conditioning == Conditioning():
+        return traces
+    return parameters.conditioning.apply(
+        traces, recording.positions, sampling_interval=recording.sampling_interval, aperture=recording.aperture
     )
+
+
+def plan_options(recording: Recording, parameters: ReconstructionParameters) -> dict[str, Any]:
+    """Return what :func:`steradian.imaging.reconstruct` and a plan take, but positions and traces.
+
+    Raises
+    ------
+    InvalidInput
+        When a parameter does not fit the recording.
+    """
+    return {
+        "sampling_interval": recording.sampling_interval,
+        "sound_speed": _sound_speed(recording, parameters),
+        "aperture": recording.aperture,
+        "modes": _modes(recording, parameters),
+        "weights": _weights(recording, parameters),
+        "upsampling": parameters.upsampling,
+        "depth_range": _depth_range(recording, parameters),
+        "method": parameters.method,
+        "tolerance": parameters.tolerance,
+        "window": parameters.window,
+        "time_zero": recording.time_zero + parameters.conditioning.delay,
+        "time_padding": parameters.time_padding,
+        "lateral_padding": parameters.lateral_padding,
+    }
 
 
 def _sound_speed(recording: Recording, parameters: ReconstructionParameters) -> float:
@@ -161,7 +230,8 @@ def _weights(recording: Recording, parameters: ReconstructionParameters) -> np.n
             return "voronoi"
 
 
-def _write_report(path: Path, report: Report) -> None:
+def write_json(path: Path, figures: DataclassInstance) -> None:
+    """Write a dataclass as JSON under a temporary name and rename it."""
     draft = path.with_name(path.name + ".new")
-    draft.write_text(json.dumps(asdict(report), indent=2) + "\n")
+    draft.write_text(json.dumps(asdict(figures), indent=2) + "\n", encoding="utf-8")
     draft.replace(path)

@@ -8,12 +8,14 @@ from pydantic import Field, model_validator
 
 from steradian.errors import InvalidInput
 from steradian.imaging.conditioning import Conditioning, Display
+from steradian.imaging.iterative_options import Iterative
+from steradian.reconstructions.film import Film
 from steradian.validation import Value, quantity
 
 DEFAULT_SPACING = 60e-6
 """Lateral spacing in metres where neither the caller nor a grid of sensors says otherwise (the paper's yarn)."""
 
-Method = Literal["nedner", "ner", "linear", "nearest", "interpolated"]
+Method = Literal["nedner", "ner", "linear", "nearest", "interpolated", "iterative"]
 Weights = Literal["mask", "uniform", "voronoi"]
 
 
@@ -40,6 +42,10 @@ class ReconstructionParameters(Value):
     lateral_padding: float = quantity(
         "times", "Zeros around the aperture against sources outside it", ge=1, le=16, default=1.0
     )
+    iterative: Iterative = Field(
+        default=Iterative(), description="Regulariser and stopping rule of the method iterative"
+    )
+    film: Film = Field(default=Film(), description="Response of the sensor, corrected for")
     conditioning: Conditioning = Field(default=Conditioning(), description="What is done to the A-lines before")
     display: Display = Field(default=Display(), description="What is done to the image before it is drawn")
 

@@ -17,17 +17,27 @@ from typing import Any, Literal
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from steradian import __version__
 from steradian.errors import DamagedFile, NotFound
 from steradian.imaging import Axes, Volume
+from steradian.reconstructions.projections import Projections, project
 
 FORMAT, VERSION = "steradian-volume", 1
-AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
 
 
-def write_volume(path: Path, volume: Volume, *, parameters: dict[str, Any], provenance: dict[str, Any]) -> None:
-    """Write a volume under a temporary name and rename it when it is whole.
+def write_volume(
+    path: Path,
+    volume: Volume,
+    *,
+    parameters: dict[str, Any],
+    provenance: dict[str, Any],
+    projections: Projections | None = None,
+) -> None:
+    """Write a volume under a temporary name and rename it when it is whole; ``projections`` where they are there.
+
+    It is not forced onto the disk: a volume that a power cut has spoiled can be made again from its scan.
 
     Raises
     ------
@@ -55,11 +65,30 @@ def write_volume(path: Path, volume: Volume, *, parameters: dict[str, Any], prov
                 }
             )
             if volume.dimensions == 3:
-                for axis in AXES:
-                    file.create_dataset(f"mip_{axis}", data=volume.mip(axis))
+                for axis, image in (projections or project(volume)).items():
+                    file.create_dataset(f"mip_{axis}", data=image)
         draft.replace(path)
     finally:
         draft.unlink(missing_ok=True)
+
+
+def read_projection(path: Path, axis: Literal["x", "y", "z"]) -> NDArray[np.floating[Any]]:
+    """Read the projection along one axis from a volume file; of an image from a line of sensors, the image itself.
+
+    Raises
+    ------
+    NotFound
+        When there is no such file.
+    DamagedFile
+        When it is truncated or of another kind.
+    """
+    if not path.is_file():
+        raise NotFound("file", str(path))
+    try:
+        with h5py.File(path, "r") as file:
+            return np.asarray(file[f"mip_{axis}" if f"mip_{axis}" in file else "values"])
+    except (OSError, KeyError) as error:
+        raise DamagedFile(f"{path} cannot be read as a volume: {error}") from error
 
 
 def read_volume(path: Path) -> Volume:

@@ -9,6 +9,7 @@ import threading
 from pathlib import Path
 from typing import Any
 
+from steradian.reconstructions.kinds import KINDS, RECONSTRUCTION
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.settings import Settings
 from steradian.storage.heartbeat import Heartbeat
@@ -17,7 +18,7 @@ from steradian.storage.jobs import JobRequest
 from steradian.storage.logs import configure_logging
 from steradian.storage.paths import DataDirectory
 
-RECONSTRUCTION = "reconstruction"
+CHILD = (sys.executable, "-m", "steradian.reconstructions.child")
 
 
 def reconstruction_job(
@@ -26,6 +27,8 @@ def reconstruction_job(
     scan: Path,
     parameters: ReconstructionParameters,
     output: Path | None = None,
+    *,
+    frame: int | None = None,
     **about: Any,
 ) -> JobRequest:
     """Describe a reconstruction as a job.
@@ -36,6 +39,8 @@ def reconstruction_job(
         The recording.
     output
         Folder for the results; by default the job's own in the data directory.
+    frame
+        Which frame of the recording, if it has several.
     **about
         ``scan_id``, ``batch_id``; and ``priority``, ``timeout``, ``principal`` of the :class:`JobRequest`.
 
@@ -48,6 +53,7 @@ def reconstruction_job(
         "scan": _portable(scan, data.root),
         "output": _portable(output or data.job(job_id).root, data.root),
         "parameters": parameters.model_dump(mode="json"),
+        "frame": frame,
         **{name: about.pop(name) for name in ("scan_id", "batch_id") if name in about},
     }
     return JobRequest(job_id, RECONSTRUCTION, payload, **about)
@@ -67,7 +73,7 @@ def main(slot: int) -> None:
         stop.start()
         from steradian.storage.queue import run_worker
 
-        run_worker(settings, slot, {RECONSTRUCTION: [sys.executable, "-m", "steradian.reconstructions.child"]})
+        run_worker(settings, slot, dict.fromkeys(KINDS, CHILD))
 
 
 if __name__ == "__main__":

@@ -47,6 +47,7 @@ def test_each_command_leaves_its_file(walk):
         "volume.h5",
         "mip-x.png",
         "mip-y.png",
+        "mip-depth.png",
         "mip-z.png",
         "report.json",
     }
@@ -130,7 +131,7 @@ def test_ctrl_c_ends_a_scan_with_its_file_kept(walk, tmp_path):
         (["reconstruct", "text.json"], 3, ["neither"]),
         (["reconstruct", "truncated.h5"], 3, ["truncated.h5"]),
         (["reconstruct", "nan.npz"], 2, ["traces", "nan"]),
-        (["reconstruct", "shape.npz"], 3, ["shape (8, 4, 5)"]),
+        (["reconstruct", "shape.npz"], 3, ["shape (8, 4, 5, 2)"]),
     ],
 )
 def test_bad_input_is_one_clear_line(walk, tmp_path, arguments, code, words):
@@ -138,7 +139,7 @@ def test_bad_input_is_one_clear_line(walk, tmp_path, arguments, code, words):
     (tmp_path / "text.json").write_text("no json")
     (tmp_path / "truncated.h5").write_bytes((walk / "scan.h5").read_bytes()[:5000])
     np.savez(tmp_path / "nan.npz", p=np.full((64, 4, 4), np.nan, np.float32), dt=2e-8, dx=1e-4, c=1500.0)
-    np.savez(tmp_path / "shape.npz", p=np.zeros((8, 4, 5), np.float32), dt=2e-8, dx=1e-4, c=1500.0)
+    np.savez(tmp_path / "shape.npz", p=np.zeros((8, 4, 5, 2), np.float32), dt=2e-8, dx=1e-4, c=1500.0)
     said = run(*arguments, cwd=tmp_path, code=code)
     for word in words:
         assert word in said

@@ -1,0 +1,30 @@
+"""A job that reports what time it is: ``python -m steradian.benchmarks.clock_job``."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from steradian.progress import Progress
+from steradian.storage.job_process import child_main
+
+TURN = 2**30
+"""Milliseconds after which the time begins again; counts in the database are 32-bit."""
+
+
+def milliseconds() -> int:
+    """Tell the time."""
+    return int(1e3 * time.time()) % TURN
+
+
+def work(payload: dict[str, Any], progress: Progress) -> dict[str, Any]:
+    """Report the time every ``every`` seconds for ``seconds`` seconds."""
+    end = time.monotonic() + payload["seconds"]
+    while time.monotonic() < end:
+        progress("clock", milliseconds(), TURN)
+        time.sleep(payload["every"])
+    return {}
+
+
+if __name__ == "__main__":
+    child_main(work)

@@ -1,0 +1,161 @@
+"""What a revision of the live view costs beside a reconstruction from scratch."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, TypeAlias, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabry_perot import phantoms
+from steradian.benchmarks.cases import INTERVAL, SPEED, YARN
+from steradian.imaging import Volume, reconstruct
+from steradian.imaging.conditioning import Display
+from steradian.masks import equi_steradian_mask
+from steradian.plans import ScanPlan
+from steradian.progress import Progress
+from steradian.quality import correlation, of_interest
+from steradian.reconstructions.job import plan_options, reconstruct_recording
+from steradian.reconstructions.live import Detail, LiveView, draw
+from steradian.reconstructions.parameters import ReconstructionParameters
+from steradian.scans.reading import read_scan
+from steradian.scans.store import AlineStore, create_scan_file
+
+Row: TypeAlias = dict[str, Any]
+Order = Literal["progressive", "snake"]
+REVISIONS, LIMIT = 16, 0.4
+NOISE = 10 ** (-30 / 20)  # of the largest sample
+
+
+@dataclass(frozen=True, slots=True)
+class _Aline:
+    """An A-line as the store takes it."""
+
+    point: int
+    samples: NDArray[np.int16]
+    scale: float = 1.0
+    energy: float = 1.0
+    wavelength_m: float = 1.55e-6
+    fire_time_s: float = 0.0
+    quality: int = 0
+    shot: int = 0
+
+
+def live(*, quick: bool = False, revisions: int = REVISIONS, progress: Progress | None = None) -> list[Row]:
+    """Follow the paper's yarn scan (1,605 points, 226² modes, 1,024 samples) in equal parts.
+
+    Parameters
+    ----------
+    quick
+        A small scan: a check that it runs, no measurement.
+    revisions
+        How many parts the A-lines arrive in; the last image is the full one from the file.
+    progress
+        Called at each revision.
+
+    Returns
+    -------
+    list of dict
+        One row a detail of the view and an order of visit. ``revision_s``: mean from A-lines in the file to
+        projections in picture files; ``full_s``: the same files made from scratch at the full resolution from the
+        same points (no volume file, which takes longer still), in turns with the revisions; ``ratio``: their quotient;
+        ``ratio_with_last``: with the full reconstruction at the end counted as the last revision, and ``limit``, what
+        it must not exceed; ``add_s``,
+        ``reconstruct_s``, ``write_s``: parts of a revision; ``last_error``: relative l2 distance of the image grown
+        from all A-lines to the one from the file, at the same resolution; ``truth``, ``truth_full``: mean correlation
+        of the z-projection of revisions, and of the full images of the same points with the mask's weights scaled, with
+        the true one over the pixels of interest.
+    """
+    rows = []
+    cases = [(detail, order) for detail in get_args(Detail) for order in get_args(Order)]
+    with tempfile.TemporaryDirectory() as folder:  # loads the compiled code
+        _follow(Path(folder), "full", "snake", True, 2, lambda _: None)
+    for number, (detail, order) in enumerate(cases):
+
+        def step(done: int, what: str = f"{detail}, {order}", first: int = number) -> None:
+            if progress is not None:
+                progress(what, first * revisions + done, len(cases) * revisions)
+
+        with tempfile.TemporaryDirectory() as folder:
+            rows.append(_follow(Path(folder), detail, order, quick, revisions, step))
+    return rows
+
+
+def _follow(folder: Path, detail: Detail, order: Order, quick: bool, revisions: int, step: Any) -> Row:
+    plan, traces, scale = _yarn(order, quick)
+    scan, parameters = folder / "scan.h5", ReconstructionParameters.create(modes=56 if quick else 226)
+    create_scan_file(scan, plan, simulated=True)
+    seconds, fulls, alike, parts = [], [], [], []
+    truth = _truth(parameters.modes or 0, quick)
+    interest = of_interest(truth)
+    with AlineStore(scan) as store:
+        view = LiveView(scan, folder / "live", parameters, detail)
+        for done, arrived in enumerate(np.array_split(np.arange(plan.mask.count), revisions)):
+            step(done)
+            store.append(_Aline(int(v), traces[plan.visit[v]], scale) for v in arrived)
+            begin = time.perf_counter()
+            revision = view.revise()
+            seconds.append(time.perf_counter() - begin)
+            begin = time.perf_counter()
+            full = reconstruct_recording(read_scan(scan), parameters)
+            views = draw(full, folder / "full", Display())
+            fulls.append(time.perf_counter() - begin)
+            assert revision is not None and view.latest is not None  # noqa: S101, PT018
+            parts.append(revision.seconds)
+            alike.append([correlation(image, truth, interest) for image in (view.latest, views["z"])])
+    grown, same = view.volume(), _from_scratch(scan, view, parameters)
+    mean, full_mean = float(np.mean(seconds)), float(np.mean(fulls))
+    return {
+        "detail": detail,
+        "order": order,
+        "revisions": revisions,
+        "shape": "×".join(map(str, grown.values.shape)),
+        "revision_s": mean,
+        "full_s": full_mean,
+        "ratio": mean / full_mean,
+        "limit": LIMIT if detail == "preview" else None,
+        "ratio_with_last": float(np.mean([*seconds[:-1], fulls[-1]])) / full_mean,
+        **{f"{name}_s": float(np.mean([part[name] for part in parts])) for name in ("add", "reconstruct", "write")},
+        "last_error": _distance(grown, same),
+        "truth": float(np.mean(alike, axis=0)[0]),
+        "truth_full": float(np.mean(alike, axis=0)[1]),
+    }
+
+
+def _yarn(order: Order, quick: bool) -> tuple[ScanPlan, NDArray[np.int16], float]:
+    """Plan, A-lines in counts in the order of the mask, and pressure per count."""
+    mask = equi_steradian_mask(YARN, 3.6e-3, 100 if quick else 1600)
+    samples = 256 if quick else 1024
+    plan = ScanPlan.create(
+        mask=mask, samples=samples, sampling_interval=INTERVAL, sound_speed=SPEED, order=order, averages=1
+    )
+    balls = phantoms.yarn(0)
+    pressure = phantoms.pressure(balls, mask.positions, np.arange(samples) * INTERVAL, SPEED)
+    peak = float(np.abs(pressure).max())
+    noisy = pressure + peak * NOISE * np.random.default_rng(0).standard_normal(pressure.shape)
+    scale = float(np.abs(noisy).max()) / 32767
+    return plan, np.rint(noisy / scale).astype(np.int16), scale
+
+
+def _truth(modes: int, quick: bool) -> NDArray[np.float32]:
+    """Projection [x, y] of the true initial pressure."""
+    lateral = (np.arange(modes) - modes // 2) * YARN / modes
+    depth = np.arange(0, 256 if quick else 1024, 4) * INTERVAL * SPEED
+    projection: NDArray[np.float32] = phantoms.initial_pressure(phantoms.yarn(0), lateral, lateral, depth).max(axis=2)
+    return projection
+
+
+def _from_scratch(scan: Path, view: LiveView, parameters: ReconstructionParameters) -> Volume:
+    """Reconstruct all of a scan file at the view's resolution."""
+    recording = read_scan(scan)
+    options = view.preview.plan_options(plan_options(recording, parameters))
+    traces = np.multiply(recording.traces, np.asarray(recording.scale)[:, None], dtype=np.float32)
+    return reconstruct(view.preview.reduce(traces), recording.positions, **options)
+
+
+def _distance(a: Volume, b: Volume) -> float:
+    return float(np.linalg.norm(a.values - b.values) / np.linalg.norm(b.values))

@@ -1,0 +1,44 @@
+"""Small pieces of Markdown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+
+def table(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Write a table; the first column is text, the others are aligned to the right."""
+    lines = [_row(columns), "|" + "|".join(["---"] + ["--:"] * (len(columns) - 1)) + "|"]
+    return "\n".join(lines + [_row([*map(str, row)]) for row in rows]) + "\n"
+
+
+def picture(name: str, words: str) -> str:
+    """Show a picture that :meth:`Run.picture` named, with words for who cannot see it."""
+    return f"![{words}](paper/{name}.png)\n"
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """Write a number with fixed digits behind the point, and a dash for none."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    return f"{value:,.{digits}f}".replace("-", "−")
+
+
+def with_error(value: float | None, error: float | None, digits: int = 1) -> str:
+    """Write a value and its spread, such as 33.4 ± 8.0."""
+    return f"{number(value, digits)} ± {number(error, digits)}"
+
+
+def percent(share: float | None, digits: int = 0) -> str:
+    """Write a share of 1 as a percentage."""
+    return number(None if share is None else 100 * share, digits) + " %"
+
+
+def spread(values: Sequence[float], digits: int = 3) -> str:
+    """Write the range of several runs, such as 0.951–0.962."""
+    low, high = number(min(values), digits), number(max(values), digits)
+    return low if low == high else f"{low}–{high}"
+
+
+def _row(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |"

@@ -1,0 +1,76 @@
+"""The page and the README's block: pure functions of the JSON document."""
+
+from __future__ import annotations
+
+from itertools import chain
+from typing import Any
+
+from steradian.benchmarks.paper.markdown import number, table
+from steradian.benchmarks.paper.sections import Claim, sections
+from steradian.errors import InvalidInput
+
+BEGIN, END = "<!-- paper: begin, written by `steradian benchmark paper` -->", "<!-- paper: end -->"
+
+
+def page(document: dict[str, Any]) -> str:
+    """Write the page.
+
+    Parameters
+    ----------
+    document
+        What :func:`steradian.benchmarks.paper.paper` returned or its JSON file holds.
+
+    Returns
+    -------
+    str
+        Markdown; sections that were not measured are left out.
+    """
+    parts = document["sections"]
+    measured = [section for section in sections() if section.name in parts]
+    machine = document["machine"]
+    claims = claims_of(document)
+    blocks = [
+        "# The paper done again",
+        "Written by `steradian benchmark paper`; every figure below comes from [its JSON](paper/paper.json), none is "
+        "typed in.\nThe paper is Schmid et al., *Computational Realization of a Non-Equidistant Grid Sampling in "
+        "Photoacoustics with a\nNon-Uniform FFT*. Its data are measured ones, ours are simulated: what is compared is "
+        "what each method makes of the same data.",
+        f"{document['software']}, Python {machine['python']}, {machine['cpus']} processors, "
+        f"{number(sum(parts[s.name]['seconds'] for s in measured) / 60, 1)} minutes, {document['measured'][:10]}.",
+    ]
+    if any(parts[section.name].get("quick") for section in measured):
+        blocks.append("**Parts of this were run with `--quick`: they show that it runs and measure nothing.**")
+    blocks += ["## In short", _summary(claims)]
+    for section in measured:
+        blocks += [f"## {section.title}", section.write(parts[section.name]).strip()]
+    return "\n\n".join(blocks) + "\n"
+
+
+def readme_block(document: dict[str, Any]) -> str:
+    """Write the README's summary, with its markers."""
+    return f"{BEGIN}\n{_summary([c for c in claims_of(document) if c.headline])}{END}"
+
+
+def put_into_readme(text: str, document: dict[str, Any]) -> str:
+    """Replace the block between the markers.
+
+    Raises
+    ------
+    InvalidInput
+        When the text has no such markers.
+    """
+    if BEGIN not in text or END not in text:
+        raise InvalidInput("readme", "no markers", f"a file with the lines {BEGIN} and {END}")
+    before, rest = text.split(BEGIN, 1)
+    return before + readme_block(document) + rest.split(END, 1)[1]
+
+
+def claims_of(document: dict[str, Any]) -> list[Claim]:
+    """Collect the claims of the sections that were measured."""
+    parts = document["sections"]
+    return list(chain.from_iterable(s.claims(parts[s.name]) for s in sections() if s.name in parts))
+
+
+def _summary(claims: list[Claim]) -> str:
+    rows = [[c.text, c.paper or "–", c.ours, "yes" if c.holds else "**no**"] for c in claims]
+    return table(["claim", "paper", "ours", "holds"], rows)

@@ -1,0 +1,83 @@
+"""What the sections' pictures share: panels in millimetres, small files."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from PIL import Image
+
+_DPI = 90
+_COLOURS = 96
+FORMATS = {"xy": ("x (mm)", "y (mm)"), "xz": ("x (mm)", "z, depth (mm)"), "yz": ("y (mm)", "z, depth (mm)")}
+
+
+def figure(width: float, height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, list[Axes]]:
+    """Make a figure of some size in inches and its panels, row by row."""
+    made = Figure(figsize=(width, height), dpi=_DPI, layout="constrained")
+    panels = made.subplots(rows, columns, squeeze=False, **options)
+    return made, list(panels.ravel())
+
+
+def show(
+    axes: Axes,
+    image: NDArray[Any],
+    across: NDArray[np.float64],
+    up: NDArray[np.float64],
+    title: str,
+    plane: str = "xy",
+    highest: float | None = None,
+) -> None:
+    """Show an image [across, up] in grey, negative values black; coordinates in metres."""
+    dx, dy = 1e3 * (across[1] - across[0]), 1e3 * (up[1] - up[0])
+    left, right = 1e3 * across[0] - dx / 2, 1e3 * across[-1] + dx / 2
+    low, high = 1e3 * up[0] - dy / 2, 1e3 * up[-1] + dy / 2
+    downward = plane != "xy"
+    extent = (left, right, high, low) if downward else (left, right, low, high)
+    axes.imshow(
+        np.clip(image, 0, None).T,
+        cmap="gray",
+        vmin=0,
+        vmax=highest or float(image.max()),
+        extent=extent,
+        origin="upper" if downward else "lower",
+    )
+    axes.set_title(title, fontsize=9)
+    axes.set_xlabel(FORMATS[plane][0], fontsize=8)
+    axes.set_ylabel(FORMATS[plane][1], fontsize=8)
+    axes.tick_params(labelsize=7)
+
+
+def curves(
+    axes: Axes,
+    x: Sequence[float],
+    series: dict[str, Sequence[float | None]],
+    labels: tuple[str, str],
+    *,
+    bold: str | None = None,
+) -> None:
+    """Draw named curves with a legend; the bold one in front."""
+    for name, values in series.items():
+        y = [np.nan if value is None else value for value in values]
+        axes.plot(x, y, ".-", markersize=3, linewidth=2.2 if name == bold else 1.0, label=name)
+    axes.set_xlabel(labels[0], fontsize=8)
+    axes.set_ylabel(labels[1], fontsize=8)
+    axes.tick_params(labelsize=7)
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=7)
+
+
+def save(made: Figure, path: Path) -> None:
+    """Write a PNG with few colours, which keeps it small, under a temporary name first."""
+    drawn = io.BytesIO()
+    made.savefig(drawn, format="png")
+    picture = Image.open(drawn).convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE)
+    draft = path.with_name(path.name + ".new")
+    picture.save(draft, format="png", optimize=True)
+    draft.replace(path)

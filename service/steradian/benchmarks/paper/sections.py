@@ -1,0 +1,109 @@
+"""What a part of the paper's benchmark is: a function that measures, and one that writes what it measured.
+
+To add one, write a module in this package with a ``SECTION`` and put the module's name into ``NAMES``, in the order of
+the page. ``measure`` returns plain JSON values; ``write`` turns exactly those into Markdown, so that no figure on the
+page can be typed by hand.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from steradian.errors import InvalidInput
+
+Part: TypeAlias = dict[str, Any]
+"""What a section measured: JSON values only (str, int, float, bool, None, lists and dicts of them)."""
+
+NAMES = ("resolution", "tree", "yarn", "iterative", "focus")
+"""Modules of this package, in the order of the page."""
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What a section's ``measure`` is given.
+
+    Parameters
+    ----------
+    quick
+        Small versions of everything: whether it runs, no measurement.
+    folder
+        Where pictures go, as PNG files; it exists.
+    step
+        Call as ``step(done, total)`` between pieces of work; raises ``Cancelled`` when the benchmark is cancelled.
+    """
+
+    quick: bool
+    folder: Path
+    step: Callable[[int, int], None]
+
+    def picture(self, name: str) -> Path:
+        """Path of a picture; show it on the page with :func:`~steradian.benchmarks.paper.markdown.picture`."""
+        return self.folder / f"{name}.png"
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A part of the benchmark.
+
+    Parameters
+    ----------
+    name
+        Its key in the JSON document and its name for ``--only``.
+    title
+        Its heading on the page.
+    measure
+        Does the work.
+    write
+        Markdown below the heading, from what ``measure`` returned; a pure function.
+    claims
+        Short statements for the top of the page and whether they held, from what ``measure`` returned.
+    """
+
+    name: str
+    title: str
+    measure: Callable[[Run], Part]
+    write: Callable[[Part], str]
+    claims: Callable[[Part], list[Claim]] = lambda part: []
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """One line of the summary at the top of the page.
+
+    Parameters
+    ----------
+    text
+        What the paper, or this project, says.
+    paper, ours
+        Both figures, as text; empty where there is none.
+    holds
+        Whether ours bears it out.
+    headline
+        Whether the README shows it too.
+    """
+
+    text: str
+    paper: str
+    ours: str
+    holds: bool
+    headline: bool = False
+
+
+def sections(only: tuple[str, ...] = ()) -> list[Section]:
+    """Load the sections, all or those named, in the order of the page.
+
+    Raises
+    ------
+    InvalidInput
+        When a name is unknown.
+    """
+    for name in only:
+        if name not in NAMES:
+            raise InvalidInput("only", name, ", ".join(NAMES))
+    chosen = [name for name in NAMES if not only or name in only]
+    found: list[Section] = [importlib.import_module(f"{__package__}.{name}").SECTION for name in chosen]
+    return found

@@ -1,0 +1,106 @@
+"""A whole service on a folder of its own, for benchmarks: started, asked, and its processes' time added up."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from steradian.errors import SteradianError
+from steradian.settings import Settings
+
+UNDER_WAY = frozenset({"queued", "running", "cancelling"})
+
+
+@dataclass(frozen=True)
+class RunningService:
+    """Address of its API, and the process that all others belong to."""
+
+    url: str
+    pid: int
+    settings: Settings
+
+    def ask(self, path: str, body: dict[str, Any] | None = None, **headers: str) -> Any:
+        """Send a request and return the JSON of the answer."""
+        return ask(f"{self.url}{path}", body, **headers)
+
+    def scan_file(self, scan_id: str) -> Path:
+        """Where a scan's A-lines lie."""
+        return self.settings.data / "scans" / f"{scan_id}.h5"
+
+    def processor_seconds(self) -> float:
+        """Processor time that all of its processes have used, those that have ended included; 0 where unknown."""
+        return processor_seconds(self.pid)
+
+
+@contextmanager
+def running_service(settings: Settings) -> Iterator[RunningService]:
+    """Run ``steradian serve`` until the block ends."""
+    command = [sys.executable, "-m", "steradian", "serve"]
+    process = subprocess.Popen(
+        command, env=settings.environment(), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+    try:
+        assert process.stdout is not None  # noqa: S101 - asked for
+        line = process.stdout.readline()
+        if " at " not in line:
+            raise SteradianError(f"the service did not start: {line.strip() or 'it said nothing'}")
+        yield RunningService(line.partition(" at ")[2].split()[0].rstrip("/"), process.pid, settings)
+    finally:
+        process.terminate()
+        process.wait(20)
+
+
+def ask(url: str, body: dict[str, Any] | None = None, **headers: str) -> Any:
+    """Send a request and return the JSON of the answer."""
+    data = None if body is None else json.dumps(body).encode()
+    request = urllib.request.Request(url, data, {"Content-Type": "application/json", **headers})  # noqa: S310
+    with urllib.request.urlopen(request, timeout=200) as answer:  # noqa: S310 - our own service
+        return json.load(answer)
+
+
+def make_scan(service: RunningService, *, count: int, samples: int) -> str:
+    """Scan an equi-steradian mask on the simulated scanner; returns the scan's identifier."""
+    equi = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": count}
+    mask = service.ask("/masks", equi)
+    plan = service.ask("/plans", {"mask_id": mask["id"], "samples": samples, "pulse_rate": 200})
+    key = {"Idempotency-Key": f"benchmark-{os.getpid()}-{time.time_ns()}", "Prefer": "wait=120"}
+    scan = service.ask("/scans", {"plan_id": plan["id"]}, **key)
+    while scan["state"] not in {"complete", "partial", "failed", "aborted", "interrupted"}:
+        scan = service.ask(f"/scans/{scan['id']}", Prefer="wait=60")
+    if scan["state"] != "complete":
+        raise SteradianError(f"the scan is {scan['state']}: {scan['error']}")
+    return str(scan["id"])
+
+
+def finish(service: RunningService, identifier: str) -> dict[str, Any]:
+    """Wait until a reconstruction is over; raises :class:`SteradianError` when it has not succeeded."""
+    while (job := service.ask(f"/reconstructions/{identifier}", Prefer="wait=60"))["state"] in UNDER_WAY:
+        pass
+    if job["state"] != "succeeded":
+        raise SteradianError(f"{identifier} is {job['state']}: {job['error']}")
+    found: dict[str, Any] = job
+    return found
+
+
+def processor_seconds(pid: int) -> float:
+    """Processor time of a process and all below it, in seconds; 0 where the system does not tell."""
+    table: dict[int, tuple[int, float]] = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError, ValueError, IndexError):
+            fields = (folder / "stat").read_text().rpartition(")")[2].split()
+            ticks = sum(int(fields[number]) for number in (11, 12, 13, 14))  # own and of ended children
+            table[int(folder.name)] = (int(fields[1]), ticks / os.sysconf("SC_CLK_TCK"))
+    family, found = {pid}, 0
+    while len(family) != found:
+        found = len(family)
+        family |= {child for child, (parent, _) in table.items() if parent in family}
+    return sum(table[member][1] for member in family if member in table)

@@ -1,0 +1,31 @@
+"""``steradian sound-speed``: the speed of sound that makes a recording's image sharpest."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from steradian.cli.console import progress_bar, show_figures
+
+
+def sound_speed(
+    file: Annotated[Path, typer.Argument(help="A scan file or another known recording.")],
+    output: Annotated[Path, typer.Argument(help="Folder for the curve (JSON and PNG).")] = Path("sound-speed"),
+    first: Annotated[float, typer.Option(help="Slowest speed tried, m/s.")] = 1380.0,
+    last: Annotated[float, typer.Option(help="Fastest speed tried, m/s.")] = 1620.0,
+    steps: Annotated[int, typer.Option(help="Speeds of the first round, ends included.")] = 25,
+) -> None:
+    """Find the speed of sound: sharpness against speed, the refined maximum and its standard error."""
+    from steradian.reconstructions.sound_speed import scan_sound_speed
+
+    with progress_bar() as progress:
+        curve = scan_sound_speed(file, output, first=first, last=last, steps=steps, progress=progress)
+    error = "" if curve.standard_error is None else f" ± {curve.standard_error:.2f}"
+    figures = {
+        "sound speed": f"{curve.best:.2f}{error} m/s",
+        "range": f"{first:g} … {last:g} m/s" + (", whose end is the sharpest: move it" if curve.at_edge else ""),
+        "folder": f"{output} ({', '.join(sorted(path.name for path in output.iterdir()))})",
+    }
+    show_figures("Speed of sound", figures)

@@ -1,0 +1,60 @@
+"""``steradian what-if``: a dense scan as if a sparse mask had been measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from steradian.cli.console import length, progress_bar, show_figures
+from steradian.cli.files import read_value
+
+
+def what_if(
+    file: Annotated[Path, typer.Argument(help="A finished dense scan: a scan file or another known recording.")],
+    output: Annotated[Path, typer.Argument(help="Folder for the results.")] = Path("what-if"),
+    mask: Annotated[Path, typer.Option(help="A mask file, made by 'steradian mask'.")] = Path("mask.json"),
+    points: Annotated[
+        str, typer.Option(help="nearest: the point measured nearest to each of the mask's; exact: the same points.")
+    ] = "nearest",
+    modes: Annotated[int | None, typer.Option(help="Lateral modes per axis; default: as the scan suggests.")] = None,
+    weights: Annotated[str, typer.Option(help="Of the image through the mask: mask, uniform or voronoi.")] = "mask",
+    sound_speed: Annotated[float | None, typer.Option(help="Speed of sound in m/s; default: the scan's.")] = None,
+    diameter: Annotated[
+        float | None,
+        typer.Option(parser=length, help="Compare within this disc around the point of interest; default: 45° wide."),
+    ] = None,
+    threshold: Annotated[float, typer.Option(help="Pixels count from this share of the full image's maximum.")] = 0.04,
+) -> None:
+    """Reconstruct a dense scan through a sparse mask, and compare with the image of all its A-lines."""
+    from steradian.masks import Mask
+    from steradian.reconstructions.parameters import ReconstructionParameters
+    from steradian.reconstructions.what_if import what_if as run
+
+    parameters = ReconstructionParameters.create(modes=modes, weights=weights, sound_speed=sound_speed)
+    chosen: Any = points
+    with progress_bar() as progress:
+        report = run(
+            file,
+            read_value(Mask, mask),
+            output,
+            parameters,
+            points=chosen,
+            diameter=diameter,
+            threshold=threshold,
+            progress=progress,
+        )
+    within = "everywhere" if report.diameter_m is None else f"in a disc of {1e3 * report.diameter_m:.4g} mm"
+    moved = report.displacement_m
+    figures: dict[str, object] = {
+        "A-lines": f"{report.used} of {report.scan_points} ({100 * report.share:.3g} %)",
+        "points of the mask": f"{report.asked}, {report.merged} merged with others",
+        "displacement": f"{1e6 * moved['rms']:.4g} µm rms, {1e6 * moved['largest']:.4g} µm at most",
+        "compared": f"{within}, from {100 * report.threshold:g} % of the maximum",
+    }
+    for name, value in report.quality.items():
+        figures[name.replace("_", " ")] = "undefined" if value is None else f"{value:.4g}"
+    figures["pulses saved"] = f"{100 * report.saved['scan_share']:.3g} %"
+    figures["folder"] = f"{output} ({', '.join(sorted(path.name for path in output.iterdir()))})"
+    show_figures("What if", figures)

@@ -1,0 +1,84 @@
+"""Which sensor recorded the A-lines, and how far its response is taken back."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from steradian.imaging.response import Correction, ElasticFilm
+from steradian.masks.sensor import HIGHEST, REFERENCE_ANGLE, REFERENCE_SLOPE
+from steradian.validation import Value, quantity
+
+
+class Film(Value):
+    """The film's response over frequency and angle, corrected for in the reconstruction."""
+
+    kind: Literal["ideal", "elastic", "rule", "simulated"] = Field(
+        default="ideal",
+        description="ideal: no correction; elastic: an elastic film on an elastic backing (Cox and Beard 2007); "
+        "rule: the loss at an angle by the paper's two figures, as in what a mask promises; "
+        "simulated: that of the simulated scanner",
+    )
+    max_gain: float = quantity("times", "Largest amplification of a wave, and of the noise", ge=1, le=1000, default=10)
+    thickness: float = quantity("m", "Distance of the mirrors", gt=0, le=1e-3, default=38e-6)
+    speeds: tuple[float, float] = Field(
+        default=(2200.0, 1100.0), description="Longitudinal and shear speed in the film (m/s)"
+    )
+    density: float = quantity("kg/m³", "Of the film", gt=0, le=30e3, default=1289.0)
+    backing_speeds: tuple[float, float] = Field(
+        default=(2180.0, 910.0), description="Longitudinal and shear speed in the backing (m/s)"
+    )
+    backing_density: float = quantity("kg/m³", "Of the backing", gt=0, le=30e3, default=1200.0)
+
+    def correction(self) -> Correction | None:
+        """Return what the reconstruction takes; None for an ideal film.
+
+        Raises
+        ------
+        InvalidInput
+            When a pair of speeds is impossible.
+        """
+        match self.kind:
+            case "ideal":
+                return None
+            case "rule":
+                return Correction(RuleOfThumb(), self.max_gain)
+            case "simulated":
+                return Correction(SimulatedFilm(), self.max_gain)
+            case "elastic":
+                film = ElasticFilm(
+                    thickness=self.thickness,
+                    speeds=self.speeds,
+                    density=self.density,
+                    backing_speeds=self.backing_speeds,
+                    backing_density=self.backing_density,
+                )
+                return Correction(film, self.max_gain)
+
+
+class RuleOfThumb:
+    """The loss by :func:`steradian.masks.sensor.attenuation_db`; above its range as much as at its end."""
+
+    def at(
+        self, frequencies: NDArray[np.float64], sines: NDArray[np.float64], sound_speed: float
+    ) -> NDArray[np.complex128]:
+        """As :meth:`steradian.imaging.response.FilmResponse.at`."""
+        known = np.minimum(np.asarray(frequencies, np.float64), HIGHEST)[:, None]
+        across = (np.asarray(sines, np.float64)[None, :] / np.sin(REFERENCE_ANGLE)) ** 2
+        return np.asarray(10 ** (-REFERENCE_SLOPE * known * across / 20), np.complex128)
+
+
+class SimulatedFilm:
+    """The simulated scanner's own response: one pole in frequency, a loss at the side."""
+
+    def at(
+        self, frequencies: NDArray[np.float64], sines: NDArray[np.float64], sound_speed: float
+    ) -> NDArray[np.complex128]:
+        """As :meth:`steradian.imaging.response.FilmResponse.at`."""
+        from fabry_perot.simulator.film import BANDWIDTH, directivity
+
+        across = directivity(np.sqrt(1 - np.clip(np.asarray(sines, np.float64), 0, 1) ** 2))
+        return np.asarray(across[None, :] / (1 + 1j * np.asarray(frequencies)[:, None] / BANDWIDTH), np.complex128)

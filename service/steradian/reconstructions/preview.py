@@ -1,0 +1,92 @@
+"""Previews: the same reconstruction with fewer, about isotropic voxels, for a person who watches a scan.
+
+A digitiser samples depth finer (12 µm at 8 ns) than sensors and modes sample the plane (60 µm in the paper's yarn). A
+preview keeps the lateral pixels and takes the frequencies of the A-lines only as far as a depth step of that size
+carries them, which leaves a quarter of the voxels or less.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+DEPTH_TO_LATERAL = 0.8
+"""Largest depth step in lateral spacings: κ then still reaches beyond the largest lateral mode."""
+MOST_VOXELS = 0.25
+"""Share of the full image's voxels a preview may have."""
+COARSER = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0)
+"""Lateral spacings tried, in those of the full image."""
+
+
+@dataclass(frozen=True)
+class Preview:
+    """How much coarser than the full image.
+
+    Attributes
+    ----------
+    modes
+        Lateral modes an axis.
+    decimation
+        Samples of an A-line that become one.
+    """
+
+    modes: int
+    decimation: int
+
+    def plan_options(self, options: dict[str, Any]) -> dict[str, Any]:
+        """Change the full image's options (:func:`steradian.reconstructions.job.plan_options`) to the preview's."""
+        interval = self.decimation * options["sampling_interval"]
+        depths = options["depth_range"]
+        if depths is not None:  # the last slice may lie between two of the preview's
+            step = interval * options["sound_speed"]
+            depths = (step * (depths[0] // step), step * (depths[1] // step))
+        return options | {"modes": self.modes, "sampling_interval": interval, "depth_range": depths, "upsampling": 1}
+
+    def samples(self, samples: int) -> int:
+        """Count the samples of a preview's A-line."""
+        return ceil(samples / self.decimation)
+
+    def reduce(self, traces: NDArray[Any]) -> NDArray[np.float32]:
+        """Take every ``decimation``-th sample of A-lines freed of what lies beyond the new Nyquist frequency.
+
+        Parameters
+        ----------
+        traces
+            (K, N_t); the first sample of the result is at the time of the first one here.
+
+        Returns
+        -------
+        ndarray
+            (K, ceil(N_t/decimation)) float32.
+        """
+        from scipy import fft
+
+        if self.decimation == 1:
+            return traces.astype(np.float32, copy=False)
+        count = self.samples(traces.shape[1])
+        long = 2 * count * self.decimation  # zeros after the record: its end does not ring into its beginning
+        spectrum = fft.rfft(traces.astype(np.float32, copy=False), long, axis=1)[:, : count + 1]
+        edge = np.clip((1 - np.arange(count + 1) / count) / 0.1, 0, 1)
+        spectrum *= (np.sin(np.pi / 2 * edge) ** 2 / self.decimation).astype(np.float32)
+        return np.ascontiguousarray(fft.irfft(spectrum, 2 * count, axis=1)[:, :count], np.float32)
+
+
+def preview_of(modes: int, samples: int, spacing: float, depth_step: float) -> Preview:
+    """Choose a preview with at most a quarter of the full image's voxels.
+
+    Parameters
+    ----------
+    modes, samples
+        Lateral modes an axis and samples of an A-line, of the full image.
+    spacing, depth_step
+        Its voxel's sides in metres, before upsampling.
+    """
+    for coarser in COARSER:
+        decimation = max(1, min(int(DEPTH_TO_LATERAL * coarser * spacing / depth_step), samples // 16))
+        if coarser**2 * decimation >= 1 / MOST_VOXELS:
+            break
+    return Preview(max(2, round(modes / coarser)), decimation)

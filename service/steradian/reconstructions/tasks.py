@@ -1,0 +1,212 @@
+"""The work of each kind of job, as it is done in a worker's child process."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, is_dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from steradian.errors import Conflict
+from steradian.progress import Progress
+from steradian.reconstructions import asked
+from steradian.storage.paths import DataDirectory
+
+if TYPE_CHECKING:
+    from steradian.reconstructions.kept_plans import KeptPlans
+    from steradian.storage.database import Database
+
+
+@dataclass(frozen=True)
+class Work:
+    """Where and with what a job works.
+
+    Attributes
+    ----------
+    data, folder
+        The data directory, and the job's own folder in it.
+    plans
+        Plans of earlier jobs of this process.
+    """
+
+    data: DataDirectory
+    folder: Path
+    plans: KeptPlans
+    progress: Progress
+
+
+def reconstruct(work: Work, job: asked.Reconstruction) -> dict[str, Any]:
+    """Reconstruct a recording."""
+    from steradian.reconstructions.job import reconstruct_scan
+
+    scan, output = work.data.root / job.scan, work.data.root / job.output
+    how: dict[str, Any] = {"frame": job.frame or 0, "plans": work.plans, "progress": work.progress}
+    return asdict(reconstruct_scan(scan, output, job.parameters, **how))
+
+
+def follow(work: Work, job: asked.Live) -> dict[str, Any]:
+    """Reconstruct a scan while it runs, and in full when it is over."""
+    from steradian.reconstructions.live import follow_scan
+    from steradian.storage.scans import ScanRepository
+    from steradian.storage.states import SETTLED_SCAN_STATES
+
+    with _database() as database:
+        scans, scan = ScanRepository(database), work.data.scan_file(job.scan_id)
+
+        def is_over() -> bool:
+            return scans.get(job.scan_id).state in SETTLED_SCAN_STATES
+
+        report = follow_scan(
+            scan, work.folder, job.parameters, is_over=is_over, interval=job.interval, progress=work.progress
+        )
+    return asdict(report)
+
+
+def imagine(work: Work, job: asked.WhatIf) -> dict[str, Any]:
+    """Reconstruct a scan through another mask."""
+    from steradian.reconstructions.job import Report, write_reconstruction
+    from steradian.reconstructions.what_if import through, what_if
+    from steradian.scans.recording import open_recording
+    from steradian.storage.masks import MaskRepository
+
+    with _database() as database:
+        mask = MaskRepository(database).load(job.mask_id)
+    scan = work.data.scan_file(job.scan_id)
+    figures = what_if(scan, mask, work.folder, job.parameters, points=job.points, progress=work.progress)
+    sparse, _ = through(open_recording(scan), mask, job.points)
+    report = write_reconstruction(
+        sparse, work.folder, job.parameters, Report(), plans=work.plans, progress=work.progress
+    )
+    return asdict(report) | {"what_if": _plain(figures), "files": _left(work.folder)}
+
+
+def scan_speeds(work: Work, job: asked.SoundSpeed) -> dict[str, Any]:
+    """Find the speed of sound at which a scan's image is sharpest."""
+    from steradian.reconstructions.sound_speed import scan_sound_speed
+
+    curve = scan_sound_speed(
+        work.data.scan_file(job.scan_id),
+        work.folder,
+        job.parameters,
+        first=job.first,
+        last=job.last,
+        steps=job.steps,
+        progress=work.progress,
+    )
+    return _plain(curve) | {"files": _left(work.folder)}
+
+
+def judge(work: Work, job: asked.Quality) -> dict[str, Any]:
+    """Compare a volume with a reference."""
+    from steradian.quality import compare
+    from steradian.reconstructions.volume_file import read_volume
+
+    images = []
+    for number, identifier in enumerate((job.reconstruction_id, job.reference_id)):
+        work.progress("reading", number, 2)
+        images.append(read_volume(work.data.job(identifier).volume))
+    work.progress("comparing", 0, 1)
+    figures = compare(images[0], images[1], diameter=job.diameter, threshold=job.threshold)
+    whole = {name: value if value == value else None for name, value in figures.items()}  # NaN is no JSON
+    (work.folder / "quality.json").write_text(json.dumps(whole, indent=2) + "\n")
+    return {"figures": whole, "files": ["quality.json"]}
+
+
+def export(work: Work, job: asked.Export) -> dict[str, Any]:
+    """Write a volume or scan in another format; a format that is a folder is packed into a zip archive."""
+    wanted = work.folder / f"{job.reconstruction_id or job.scan_id}{asked.SUFFIXES[job.format]}"
+    if job.scan_id is not None:
+        from steradian.scans.exporting import export_scan
+
+        made = export_scan(work.data.scan_file(job.scan_id), wanted, format="ipasc", progress=work.progress)
+    else:
+        from steradian.reconstructions.exporting import export_volume
+
+        volume = work.data.job(job.reconstruction_id or "").volume
+        made = export_volume(volume, wanted, format=job.format, progress=work.progress)  # type: ignore[arg-type]
+    if made.is_dir():
+        work.progress("packing", 0, 1)
+        packed = Path(shutil.make_archive(str(made), "zip", made.parent, made.name))
+        shutil.rmtree(made)
+        made = packed
+    return {"files": [made.name], "bytes": made.stat().st_size}
+
+
+def take_in(work: Work, job: asked.ImportAs) -> dict[str, Any]:
+    """Make a scan of an upload: its file is looked at here and nowhere else."""
+    from steradian.reconstructions.imported import read_imported
+    from steradian.scans.importing import import_scan
+    from steradian.storage.imports import register_import
+
+    uploads = [work.data.upload(name) for name in (job.upload_id, job.companion_id) if name is not None]
+    scan = work.data.scan_file(job.scan_id)
+    if not scan.is_file():  # else an earlier attempt got that far
+        if not all(upload.is_file() for upload in uploads):
+            raise Conflict("an upload is gone; send the file again")
+        source, description = _unpacked(work.folder, job, *uploads)
+        import_scan(source, scan, description=description, progress=work.progress)
+    said = read_imported(scan)
+    about: dict[str, Any] = {"labels": job.labels, "who": job.principal}
+    with _database() as database:
+        register_import(database, said.plan, job.scan_id, simulated=said.simulated, summary=said.summary, **about)
+    for upload in uploads:
+        upload.unlink(missing_ok=True)
+    return {"scan_id": job.scan_id, "plan_id": said.plan.id, "mask_id": said.plan.mask.id, **said.summary}
+
+
+def _unpacked(
+    folder: Path, job: asked.ImportAs, upload: Path, companion: Path | None = None
+) -> tuple[Path, Path | None]:
+    """Give uploads the names by which the importer knows text files and a description its companion."""
+    source = folder / ("source.csv" if _is_text(upload) else "source")
+    source.unlink(missing_ok=True)
+    source.symlink_to(upload)
+    said = dict(job.description or {})
+    if companion is not None:
+        beside = folder / "companion"
+        beside.unlink(missing_ok=True)
+        beside.symlink_to(companion)
+        said["positions"] = beside.name
+    if not said:
+        return source, None
+    description = folder / "description.json"
+    description.write_text(json.dumps(said))
+    return source, description
+
+
+def _is_text(path: Path) -> bool:
+    with path.open("rb") as file:
+        begin = file.read(1024)
+    return b"\0" not in begin and begin.isascii() and begin[:1] != b"\x89" and begin[:2] != b"PK"
+
+
+@contextmanager
+def _database() -> Iterator[Database]:
+    from steradian.settings import Settings
+    from steradian.storage.database import Database, metadata_url
+
+    database = Database(metadata_url(Settings.create()))
+    try:
+        yield database
+    finally:
+        database.close()
+
+
+def _plain(figures: Any) -> dict[str, Any]:
+    """Turn a report into plain JSON."""
+    plain = asdict(figures) if is_dataclass(figures) and not isinstance(figures, type) else dict(figures)
+    document: dict[str, Any] = json.loads(json.dumps(plain, default=_as_json))
+    return document
+
+
+def _as_json(value: Any) -> Any:
+    return value.tolist() if hasattr(value, "tolist") else str(value)
+
+
+def _left(folder: Path) -> list[str]:
+    """Name the files of results in a job's folder."""
+    kinds = {".json", ".png", ".h5", ".csv", ".npy"}
+    return sorted(path.name for path in folder.iterdir() if path.suffix in kinds and path.is_file())

@@ -1,0 +1,38 @@
+"""At full size: iterative reconstruction, speed of sound and film hold what the paper page claims (minutes)."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from steradian.benchmarks.paper import focus, iterative
+from steradian.benchmarks.paper.sections import Run
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("section", [iterative.SECTION, focus.SECTION], ids=lambda section: section.name)
+def test_every_claim_of_the_section_holds_at_full_size(section, tmp_path: Path) -> None:
+    part = json.loads(json.dumps(section.measure(Run(False, tmp_path, lambda done, total: None)), allow_nan=False))
+    print(section.write(part))
+    for claim in section.claims(part):
+        assert claim.holds, f"{claim.text}: {claim.ours}"
+
+
+@pytest.mark.parametrize("section", [iterative.SECTION, focus.SECTION], ids=lambda section: section.name)
+def test_a_small_version_runs_and_its_page_holds_what_its_json_does(section, tmp_path: Path) -> None:
+    part = json.loads(json.dumps(section.measure(Run(True, tmp_path, lambda done, total: None)), allow_nan=False))
+    text = section.write(part)
+    pictures = [line.split("(paper/")[1].rstrip(")") for line in text.splitlines() if line.startswith("![")]
+    assert pictures
+    assert all((tmp_path / name).stat().st_size > 1000 for name in pictures)
+    assert all(claim.ours for claim in section.claims(part))
+    if section is iterative.SECTION:
+        found = part["rows"][0]["images"]
+        assert f"{found['direct']['volume']:.3f}" in text
+        assert found["iterative"]["volume"] > found["direct"]["volume"]
+    else:
+        assert f"{part['speeds'][0]['best']:,.2f} m/s" in text
+        assert part["film"]["rows"][0]["amplitude"] < 0.75

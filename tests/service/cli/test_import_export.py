@@ -1,0 +1,82 @@
+"""``steradian import`` and ``steradian export``: what they make, and how they refuse."""
+
+import io
+import json
+import sys
+from contextlib import redirect_stderr, redirect_stdout
+
+import h5py
+import numpy as np
+import pytest
+
+from fabry_perot.phantoms import Balls, pressure
+from steradian.cli import main
+
+BALL = Balls(np.array([[0.4e-3, -0.7e-3, 1.5e-3]]), np.array([150e-6]), np.array([1.0]))
+
+
+def run(*arguments, cwd, code=0):
+    """Run the program's own entry point in a folder and check its exit code; returns both outputs."""
+    said = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(said), redirect_stderr(said):
+        patch.chdir(cwd)
+        patch.setattr(sys, "argv", ["steradian", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+    assert (ended.value.code or 0) == code, said.getvalue()
+    return said.getvalue()
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory):
+    """A CSV of A-lines, imported, reconstructed and exported again."""
+    folder = tmp_path_factory.mktemp("walk")
+    line = (np.arange(16) - 8) * 0.2e-3
+    positions = np.stack(np.meshgrid(line, line, indexing="ij"), -1).reshape(-1, 2)
+    np.savetxt(folder / "lines.csv", pressure(BALL, positions, 2e-8 * np.arange(128), 1500.0), delimiter=",")
+    about = {"sampling_interval": 20, "times": "ns", "lengths": "mm", "sound_speed": 1500}
+    about["grid"] = {"count": [16, 16], "interval": [0.2, 0.2]}
+    (folder / "about.json").write_text(json.dumps(about))
+    run("import", "lines.csv", "scan.h5", "--description", "about.json", cwd=folder)
+    run("reconstruct", "scan.h5", "--modes", "16", "--output", "out", cwd=folder)
+    return folder
+
+
+def test_a_recording_goes_from_csv_to_nrrd(walk):
+    """The ball of the CSV lies in the exported volume where it was, in millimetres."""
+    import nrrd
+
+    run("export", "out/volume.h5", "ball.nrrd", cwd=walk)
+    values, header = nrrd.read(str(walk / "ball.nrrd"))
+    steps = np.diag(header["space directions"])
+    place = header["space origin"] + steps * np.unravel_index(values.argmax(), values.shape)
+    np.testing.assert_allclose(place, 1e3 * BALL.centres[0], atol=0.15)
+
+
+def test_a_scan_is_exported_as_ipasc_and_imported_again(walk):
+    """A scan needs no format: it becomes IPASC, and comes back with the same samples."""
+    run("export", "scan.h5", "ipasc.hdf5", cwd=walk)
+    assert "ipasc" in run("import", "ipasc.hdf5", "back.h5", cwd=walk)
+    with h5py.File(walk / "scan.h5") as old, h5py.File(walk / "back.h5") as new:
+        np.testing.assert_array_equal(old["alines/samples"], new["alines/samples"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["import", "none.csv", "new.h5"], 3, ["none.csv"]),
+        (["import", "lines.csv", "new.h5"], 2, ["positions", "description"]),
+        (["import", "lines.csv", "scan.h5", "--description", "about.json"], 4, ["exists"]),
+        (["import", "about.json", "new.h5"], 3, ["neither HDF5"]),
+        (["export", "out/volume.h5", "ball.dicom"], 2, ["format", "nrrd"]),
+        (["export", "out/volume.h5", "ball", "--format", "dicom"], 2, ["nifti, tiff, ome-zarr"]),
+        (["export", "out/volume.h5", "out", "--format", "png"], 4, ["folder that exists"]),
+        (["export", "scan.h5", "scan.nrrd", "--format", "nrrd"], 2, ["ipasc"]),
+        (["export", "lines.csv", "ball.nrrd"], 3, ["lines.csv"]),
+    ],
+)
+def test_refusals_are_one_clear_line(walk, arguments, code, words):
+    """Each refusal has its exit code and names what and what is allowed."""
+    said = " ".join(run(*arguments, cwd=walk, code=code).split())
+    for word in words:
+        assert word in said

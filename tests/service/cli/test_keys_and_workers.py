@@ -1,0 +1,72 @@
+"""``steradian key`` and ``steradian worker`` as a person meets them."""
+
+import os
+import re
+import subprocess
+import sys
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+from steradian.storage.database import Database
+from steradian.storage.keys import KeyStore, Scope, Unauthorized
+from steradian.storage.paths import DataDirectory
+
+MAIN = [sys.executable, "-m", "steradian"]
+CLEAN = {name: value for name, value in os.environ.items() if not name.startswith("STERADIAN_")}
+
+
+def run(*words, **variables):
+    return subprocess.run(
+        [*MAIN, *map(str, words)], capture_output=True, text=True, env=CLEAN | variables, timeout=60, check=False
+    )
+
+
+@pytest.fixture
+def keys(tmp_path):
+    database = Database(DataDirectory(tmp_path).metadata_url)
+    yield KeyStore(database)
+    database.close()
+
+
+def test_a_key_is_shown_once_lets_its_owner_in_and_can_be_revoked(tmp_path, keys):
+    made = run("key", "create", "Ada", "--scope", "plan", "--scope", "operate", "--data", tmp_path)
+    key = made.stdout.strip()
+    assert (made.returncode, made.stderr) == (0, "")
+    assert re.fullmatch(r"sk_[0-9a-f]+_[\w-]{40,}", key)
+    principal = keys.check(key)
+    assert (principal.scopes, "Ada" in principal.name) == ({Scope.PLAN, Scope.OPERATE}, True)
+    listed = run("key", "list", "--data", tmp_path).stdout
+    identifier = key.split("_")[1]
+    assert re.search(rf"{identifier}\s+Ada\s+operate plan\s+valid", listed)
+    assert key.split("_", 2)[2] not in listed
+    assert run("key", "revoke", identifier, "--data", tmp_path).returncode == 0
+    assert "revoked" in run("key", "list", "--data", tmp_path).stdout
+    with pytest.raises(Unauthorized):
+        keys.check(key)
+
+
+def test_a_key_may_end_by_itself_and_reads_only_unless_more_is_said(tmp_path, keys):
+    key = run("key", "create", "guest", "--days", "0.5", "--data", tmp_path).stdout.strip()
+    assert keys.check(key).scopes == {Scope.READ}
+    keys.clock = lambda: datetime.now(UTC) + timedelta(days=1)
+    with pytest.raises(Unauthorized):
+        keys.check(key)
+
+
+def test_a_wrong_scope_or_key_is_one_line_that_says_what_there_is(tmp_path):
+    wrong = run("key", "create", "Ada", "--scope", "everything", "--data", tmp_path)
+    assert (wrong.returncode, wrong.stdout) == (2, "")
+    assert "read, plan, operate, reconstruct, admin" in wrong.stderr.replace("\n", " ")
+    unknown = run("key", "revoke", "nope", "--data", tmp_path)
+    assert unknown.returncode == 3
+    assert "no key 'nope'" in unknown.stderr
+    assert "Traceback" not in wrong.stderr + unknown.stderr
+
+
+def test_a_worker_without_a_database_says_what_it_needs(tmp_path):
+    refused = run("worker", "--data", tmp_path)
+    assert refused.returncode == 2
+    assert "STERADIAN_DATABASE_URL" in refused.stderr
+    assert "steradian serve" in refused.stderr
+    assert "Traceback" not in refused.stderr

@@ -1,0 +1,73 @@
+"""Following a scan and asking "what if", as a person does it: real processes, real files."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from steradian.cli.files import write_value
+from steradian.masks import equi_steradian_mask
+from steradian.plans import ScanPlan
+from steradian.reconstructions.volume_file import read_volume
+
+YARN = Path(__file__).parents[2] / "data" / "yarn_kwave_slice.npz"
+
+
+def start(*arguments, cwd):
+    return subprocess.Popen(
+        [sys.executable, "-m", "steradian", *map(str, arguments)],
+        cwd=cwd,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def run(*arguments, cwd, code=0):
+    process = start(*arguments, cwd=cwd)
+    output = process.communicate(timeout=100)[0]
+    assert process.returncode == code, output
+    assert "Traceback" not in output
+    return output
+
+
+def test_a_running_scan_is_followed_to_its_full_reconstruction(tmp_path):
+    plan = ScanPlan.create(mask=equi_steradian_mask(6e-3, 2e-3, 100), samples=512)
+    write_value(plan, tmp_path / "plan.json")
+    follower = start(
+        "reconstruct", "scan.h5", "-o", "live", "--follow", "--interval", "200ms", "--modes", "32", cwd=tmp_path
+    )
+    try:
+        run("scan", "plan.json", "--simulator-speed", "0.6", cwd=tmp_path)
+        output = follower.communicate(timeout=60)[0]
+    finally:
+        follower.kill()
+    assert follower.returncode == 0, output
+    revision = json.loads((tmp_path / "live" / "revision.json").read_text())
+    assert revision["final"] is True
+    assert revision["number"] >= 2  # the others while the scan ran, for over three seconds
+    run("reconstruct", "scan.h5", "-o", "whole", "--modes", "32", cwd=tmp_path)
+    live, whole = (read_volume(tmp_path / name / "volume.h5").values for name in ("live", "whole"))
+    np.testing.assert_array_equal(live, whole)
+
+
+def test_what_if_prints_and_writes_how_good_a_sparse_mask_would_have_been(tmp_path):
+    with np.load(YARN) as archive:
+        aperture = 64 * float(archive["dx"])
+    write_value(equi_steradian_mask(aperture, 1.5e-3, 400), tmp_path / "mask.json")
+    output = run("what-if", YARN, "out", "--mask", "mask.json", cwd=tmp_path)
+    report = json.loads((tmp_path / "out" / "what-if.json").read_text())
+    assert report["quality"]["mip_z_correlation"] > 0.85
+    assert f"{report['used']} of 4096" in output
+    assert f"{report['quality']['mip_z_correlation']:.4g}" in output
+    refused = run("what-if", YARN, "out", "--mask", "mask.json", "--points", "exact", cwd=tmp_path, code=2)
+    assert "points not measured" in refused
+
+
+@pytest.mark.parametrize("command", ["reconstruct", "what-if"])
+def test_their_help_fits_the_screen(command, tmp_path):
+    output = run(command, "--help", cwd=tmp_path)
+    assert {"reconstruct": "--follow", "what-if": "--mask"}[command] in output

@@ -1,0 +1,392 @@
+"""The live view: revisions while a scan runs, and at its end the reconstruction from the file."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fabry_perot import phantoms, simulator
+from steradian.benchmarks.live import live as benchmark
+from steradian.errors import Cancelled, InvalidInput, NotFound
+from steradian.imaging import Volume, reconstruct
+from steradian.masks import equi_steradian_mask, equiangular_mask
+from steradian.plans import ScanPlan
+from steradian.quality import correlation, of_interest
+from steradian.reconstructions import live
+from steradian.reconstructions.job import plan_options, reconstruct_scan
+from steradian.reconstructions.live import LiveView, follow_scan
+from steradian.reconstructions.parameters import ReconstructionParameters
+from steradian.reconstructions.preview import Preview, preview_of
+from steradian.reconstructions.volume_file import read_volume
+from steradian.scans.following import Quiet, ScanFollower
+from steradian.scans.reading import read_scan
+from steradian.scans.run import run_scan
+from steradian.scans.store import AlineStore, create_scan_file
+
+SAMPLES, INTERVAL, SPEED = 256, 8e-9, 1500.0
+PARAMETERS = ReconstructionParameters.create(modes=32)
+
+
+class Aline:
+    """An A-line as the store takes it."""
+
+    energy, wavelength_m, fire_time_s, quality, shot = 1.0, 1.55e-6, 0.0, 0, 0
+
+    def __init__(self, point: int, samples: np.ndarray, scale: float) -> None:
+        self.point, self.samples, self.scale = point, samples, scale
+
+
+class GrowingScan:
+    """A scan file of two balls, filled on demand."""
+
+    def __init__(self, path: Path, order: str = "progressive", count: int = 200) -> None:
+        self.path = path
+        mask = equi_steradian_mask(4e-3, 1.2e-3, count)
+        self.plan = ScanPlan.create(mask=mask, samples=SAMPLES, sound_speed=SPEED, order=order)
+        balls = phantoms.Balls(
+            centres=np.array([[0.3e-3, -0.2e-3, 1.2e-3], [-0.6e-3, 0.5e-3, 1.5e-3]]),
+            sigmas=np.array([70e-6, 90e-6]),
+            amplitudes=np.array([1.0, 0.7]),
+        )
+        pressure = phantoms.pressure(balls, mask.positions, np.arange(SAMPLES) * INTERVAL, SPEED)
+        self.scale = float(np.abs(pressure).max()) / 30000
+        self.counts = np.rint(pressure / self.scale).astype(np.int16)
+        create_scan_file(path, self.plan, simulated=True)
+        self.done = 0
+
+    def measure(self, count: int) -> None:
+        points = range(self.done, min(self.done + count, self.plan.mask.count))
+        with AlineStore(self.path) as store:
+            store.append(Aline(p, self.counts[self.plan.visit[p]], self.scale) for p in points)
+        self.done = points.stop
+
+    @property
+    def is_over(self) -> bool:
+        return self.done == self.plan.mask.count
+
+
+@pytest.fixture
+def scan(tmp_path: Path) -> GrowingScan:
+    return GrowingScan(tmp_path / "scan.h5")
+
+
+def _distance(image: np.ndarray, reference: np.ndarray) -> float:
+    return float(np.linalg.norm(image - reference) / np.linalg.norm(reference))
+
+
+def _from_scratch(scan: GrowingScan, view: LiveView, parameters: ReconstructionParameters = PARAMETERS) -> Volume:
+    """All A-lines of the file, with the view's voxels."""
+    recording = read_scan(scan.path)
+    traces = recording.traces * np.asarray(recording.scale)[:, None]
+    options = view.preview.plan_options(plan_options(recording, parameters))
+    return reconstruct(view.preview.reduce(traces), recording.positions, **options)
+
+
+def test_revisions_appear_as_alines_come_and_the_last_is_the_reconstruction_from_the_file(
+    scan: GrowingScan, tmp_path: Path
+) -> None:
+    """Each pause between two looks at the file brings 40 A-lines: five revisions, then the full one."""
+    output, seen = tmp_path / "live", []
+    scan.measure(40)
+
+    def revised(_: object) -> None:
+        seen.append(json.loads((output / "revision.json").read_text()))
+        for axis in "xyz":
+            assert (output / f"mip-{axis}.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+    report = follow_scan(
+        scan.path,
+        output,
+        PARAMETERS,
+        is_over=lambda: scan.is_over,
+        interval=0.1,
+        revised=revised,
+        wait=lambda _: scan.measure(40),
+    )
+    points = [revision["points"] for revision in seen]
+    assert points == [*[40, 80, 120, 160, 200, report.planned][: len(points) - 1], report.planned]
+    assert len(points) >= 5
+    assert [revision["number"] for revision in seen] == list(range(1, len(seen) + 1))
+    assert [revision["final"] for revision in seen] == [False] * (len(seen) - 1) + [True]
+    assert seen[0]["quality"]["correlation_with_previous"] is None
+    assert all(revision["quality"]["correlation_with_previous"] > 0.5 for revision in seen[2:])
+    assert all(revision["quality"]["sharpness"] > 0 for revision in seen)
+    gaps = [revision["coverage"]["largest_gap_m"] for revision in seen[:-1]]
+    assert gaps == sorted(gaps, reverse=True)
+    reference = tmp_path / "reference"
+    reconstruct_scan(scan.path, reference, PARAMETERS)
+    same = _distance(read_volume(output / "volume.h5").values, read_volume(reference / "volume.h5").values)
+    assert same < 1e-6
+    for axis in "xyz":
+        assert (output / f"mip-{axis}.png").read_bytes() == (reference / f"mip-{axis}.png").read_bytes()
+    assert {path.name for path in reference.iterdir()} | {"revision.json"} == {path.name for path in output.iterdir()}
+
+
+@pytest.mark.parametrize("detail", ["full", "preview"])
+@pytest.mark.parametrize("order", ["progressive", "snake"])
+def test_the_image_grown_from_all_alines_is_the_one_made_from_the_file_at_once(
+    tmp_path: Path, order: str, detail: str
+) -> None:
+    scan = GrowingScan(tmp_path / "scan.h5", order)
+    view = LiveView(scan.path, tmp_path / "live", PARAMETERS, detail)  # type: ignore[arg-type]
+    while not scan.is_over:
+        scan.measure(37)
+        view.revise()
+    assert _distance(view.volume().values, _from_scratch(scan, view).values) < 1e-4
+    if detail == "full":
+        report = reconstruct_scan(scan.path, tmp_path / "whole", PARAMETERS)
+        assert view.volume().values.shape == report.shape
+
+
+def test_a_preview_has_a_quarter_of_the_voxels_and_shows_the_same_projection(scan: GrowingScan, tmp_path: Path) -> None:
+    scan.measure(1000)
+    views = [LiveView(scan.path, tmp_path / d, PARAMETERS, d) for d in ("preview", "full")]  # type: ignore[arg-type]
+    for view in views:
+        view.revise()
+    small, full = (view.volume() for view in views)
+    assert small.values.size <= 0.25 * full.values.size
+    assert small.spacing[:2] == full.spacing[:2]
+    assert correlation(small.mip("z"), full.mip("z")) > 0.98
+
+
+def test_weights_fitted_to_the_points_so_far_make_a_half_done_pass_a_better_projection(tmp_path: Path) -> None:
+    """In the middle of the last pass of a progressive order one half of the aperture is twice as dense as the other."""
+    scan = GrowingScan(tmp_path / "scan.h5", count=800)
+    view = LiveView(scan.path, tmp_path / "live", PARAMETERS, "full")
+    scan.measure(int(0.62 * scan.plan.mask.count))
+    view.revise()
+    grown, plain = view.volume(), _from_scratch(scan, view)
+    scan.measure(1000)
+    model = _from_scratch(scan, view).mip("z")
+    interest = of_interest(model)
+    alike = [correlation(image.mip("z"), model, interest) for image in (grown, plain)]
+    assert 1 - alike[0] < 0.7 * (1 - alike[1])
+
+
+def test_the_median_that_all_alines_share_is_found_anew_at_each_revision(scan: GrowingScan, tmp_path: Path) -> None:
+    parameters = PARAMETERS.replace(conditioning=replace(PARAMETERS.conditioning, remove_common="median"))
+    view = LiveView(scan.path, tmp_path / "live", parameters, "full")
+    while not scan.is_over:
+        scan.measure(90)
+        view.revise()
+    recording = read_scan(scan.path)
+    traces = recording.traces * np.asarray(recording.scale)[:, None]
+    traces -= np.median(traces, axis=0)
+    whole = reconstruct(traces, recording.positions, **plan_options(recording, parameters))
+    assert _distance(view.volume().values, whole.values) < 1e-4
+
+
+def test_an_aline_measured_again_replaces_the_first_one(scan: GrowingScan, tmp_path: Path) -> None:
+    view = LiveView(scan.path, tmp_path / "live", PARAMETERS, "full")
+    good = scan.counts[scan.plan.visit[0]].copy()
+    scan.counts[scan.plan.visit[0]] = 30000
+    scan.measure(1000)
+    view.revise()
+    with AlineStore(scan.path) as store:
+        store.append([Aline(0, good, scan.scale)])
+    view.revise()
+    assert _distance(view.volume().values, _from_scratch(scan, view).values) < 1e-4
+
+
+def test_a_row_that_is_being_written_is_left_for_the_next_look(scan: GrowingScan) -> None:
+    scan.measure(10)
+    follower = ScanFollower(scan.path)
+    place = int(scan.plan.visit[0])
+    with scan.path.open("r+b") as file:  # half of the row has another value than its checksum says
+        at = scan.path.read_bytes().index(scan.counts[place].tobytes())
+        file.seek(at)
+        file.write(b"\x55" * 64)
+    first = follower.take()
+    assert len(first.points) == 9
+    assert place not in first.points
+    with scan.path.open("r+b") as file:
+        file.seek(at)
+        file.write(scan.counts[place].tobytes())
+    second = follower.take()
+    assert second.points.tolist() == [place]
+    np.testing.assert_allclose(second.traces[0], scan.counts[place] * scan.scale, rtol=1e-6)
+    assert not len(follower.take().points)
+
+
+def test_nothing_new_is_no_revision_and_cancelling_keeps_the_last_one(scan: GrowingScan, tmp_path: Path) -> None:
+    output, asked = tmp_path / "live", []
+    scan.measure(50)
+
+    def cancelled() -> bool:
+        asked.append(1)
+        return (output / "revision.json").exists() and len(asked) > 40
+
+    with pytest.raises(Cancelled):
+        follow_scan(
+            scan.path, output, PARAMETERS, is_over=lambda: False, interval=0.1, wait=lambda _: None, cancelled=cancelled
+        )
+    assert json.loads((output / "revision.json").read_text())["number"] == 1
+    assert not (output / "volume.h5").exists()
+
+
+def test_a_scan_that_ends_without_a_file_or_with_a_method_that_cannot_grow_is_refused(
+    scan: GrowingScan, tmp_path: Path
+) -> None:
+    with pytest.raises(NotFound):
+        follow_scan(tmp_path / "none.h5", tmp_path / "live", is_over=lambda: True)
+    scan.measure(10)
+    with pytest.raises(InvalidInput, match="interpolated"):
+        follow_scan(
+            scan.path, tmp_path / "live", PARAMETERS.replace(method="interpolated"), is_over=lambda: False, interval=0
+        )
+    with pytest.raises(InvalidInput, match="frame"):
+        LiveView(scan.path, tmp_path / "live", PARAMETERS, frame=1)
+
+
+def test_without_the_scanners_word_a_scan_is_over_when_whole_or_quiet_for_long(
+    scan: GrowingScan, tmp_path: Path
+) -> None:
+    now = [0.0]
+    quiet, absent = (Quiet(path, 30.0, lambda: now[0]) for path in (scan.path, tmp_path / "none.h5"))
+    assert not quiet()
+    assert not absent()
+    now[0] = 29.0
+    scan.measure(10)
+    assert not quiet()
+    now[0] = 58.0
+    assert not quiet()
+    assert absent()
+    now[0] = 60.0
+    assert quiet()
+    scan.measure(1000)
+    assert quiet()
+
+
+def test_a_preview_keeps_what_its_samples_carry_and_drops_the_rest() -> None:
+    preview = preview_of(226, 1024, 60e-6, 11.84e-6)
+    assert preview == Preview(226, 4)
+    assert preview_of(452, 1024, 30e-6, 11.84e-6).modes < 452
+    times = np.arange(1024) * INTERVAL
+    low, high = (np.exp(-(((times - 4e-6) / 1e-6) ** 2)) * np.sin(2 * np.pi * f * times) for f in (5e6, 30e6))
+    reduced = preview.reduce(np.stack([low, high]))
+    assert reduced.shape == (2, 256)
+    np.testing.assert_allclose(reduced[0], low[::4], atol=1e-3)
+    assert np.abs(reduced[1]).max() < 1e-3
+
+
+def _scan_in_a_process(plan: ScanPlan, url: str, path: Path) -> None:
+    run_scan(plan, url, path)
+
+
+def test_revisions_while_another_process_scans_1605_points(scan: GrowingScan, tmp_path: Path) -> None:
+    """The paper's mask on a simulated scanner, about 4 s long; the image is small so that the test is quick."""
+    scan.measure(10)
+    LiveView(scan.path, tmp_path / "before", PARAMETERS).revise()  # loads the compiled code
+    mask = equi_steradian_mask(13.56e-3, 3.6e-3, 1600)
+    plan = ScanPlan.create(mask=mask, samples=SAMPLES, sound_speed=SPEED, order="progressive")
+    path, seen = tmp_path / "yarn.h5", []
+    parameters = ReconstructionParameters.create(modes=56)
+    with simulator.launch(speed=8.0) as scanner:
+        process = multiprocessing.get_context("spawn").Process(
+            target=_scan_in_a_process, args=(plan, scanner.url, path)
+        )
+        process.start()
+        try:
+            report = follow_scan(
+                path,
+                tmp_path / "live",
+                parameters,
+                is_over=lambda: not process.is_alive(),
+                interval=0.2,
+                revised=seen.append,
+            )
+        finally:
+            process.join(30)
+    assert process.exitcode == 0
+    points = [revision.points for revision in seen]
+    assert points == [*sorted(set(points[:-1])), 1605]
+    assert len(points) >= 4
+    assert 0 < points[0] < points[-2] <= 1605
+    assert report.sensors == report.planned == 1605
+    reconstruct_scan(path, tmp_path / "reference", parameters)
+    values = [read_volume(tmp_path / name / "volume.h5").values for name in ("live", "reference")]
+    assert _distance(*values) < 1e-4
+
+
+def test_the_writer_is_not_kept_waiting_by_a_reader(scan: GrowingScan, tmp_path: Path) -> None:
+    """A view reads while a store writes, in two threads; nothing fails, is missed or is added half."""
+    view, over = LiveView(scan.path, tmp_path / "live", PARAMETERS), threading.Event()
+
+    def write() -> None:
+        with AlineStore(scan.path) as store:
+            for some in np.array_split(np.arange(scan.plan.mask.count), 40):
+                store.append(Aline(int(p), scan.counts[scan.plan.visit[p]], scan.scale) for p in some)
+        over.set()
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    began = time.monotonic()
+    while not over.is_set() and time.monotonic() - began < 20:
+        view.revise()
+    writer.join()
+    view.revise()
+    assert _distance(view.volume().values, _from_scratch(scan, view).values) < 1e-4
+
+
+def test_a_line_of_sensors_is_followed_too(tmp_path: Path) -> None:
+    mask = equiangular_mask(4e-3, 1.2e-3, 60)
+    plan = ScanPlan.create(mask=mask, samples=SAMPLES, sound_speed=SPEED)
+    create_scan_file(tmp_path / "scan.h5", plan, simulated=True)
+    counts = np.random.default_rng(0).integers(-1000, 1000, (mask.count, SAMPLES)).astype(np.int16)
+    view = LiveView(tmp_path / "scan.h5", tmp_path / "live", PARAMETERS, "full")
+    with AlineStore(tmp_path / "scan.h5") as store:
+        for some in np.array_split(np.arange(mask.count), 3):
+            store.append(Aline(int(p), counts[plan.visit[p]], 1.0) for p in some)
+            view.revise()
+    recording = read_scan(tmp_path / "scan.h5")
+    traces = recording.traces.astype(np.float32)
+    whole = reconstruct(traces, recording.positions, **plan_options(recording, PARAMETERS))
+    assert _distance(view.volume().values, whole.values) < 1e-4
+    assert {path.name for path in (tmp_path / "live").iterdir()} == {"mip-y.png", "revision.json"}
+
+
+def test_a_view_that_begins_late_takes_the_alines_in_pieces(
+    scan: GrowingScan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live, "AT_ONCE", 32)
+    scan.measure(1000)
+    view = LiveView(scan.path, tmp_path / "live", PARAMETERS)
+    revision = view.revise()
+    assert revision is not None
+    assert revision.points == scan.plan.mask.count
+    assert view.number == 1
+    assert _distance(view.volume().values, _from_scratch(scan, view).values) < 1e-4
+
+
+def test_the_benchmark_finds_the_grown_image_equal_to_the_one_made_at_once() -> None:
+    rows = benchmark(quick=True, revisions=3)
+    assert {(row["detail"], row["order"]) for row in rows} == {
+        (detail, order) for detail in ("preview", "full") for order in ("progressive", "snake")
+    }
+    assert all(row["last_error"] < 1e-4 for row in rows)
+    assert all(row["revision_s"] > 0 and row["full_s"] > 0 for row in rows)
+
+
+def test_a_later_frame_of_a_scan_is_followed_by_its_number(tmp_path: Path) -> None:
+    mask = equi_steradian_mask(4e-3, 1.2e-3, 60)
+    plan = ScanPlan.create(mask=mask, samples=SAMPLES, sound_speed=SPEED, frames=2)
+    path, count = tmp_path / "scan.h5", mask.count
+    create_scan_file(path, plan, simulated=True)
+    counts = np.random.default_rng(0).integers(-1000, 1000, (2 * count, SAMPLES)).astype(np.int16)
+    view = LiveView(path, tmp_path / "live", PARAMETERS, "full", frame=1)
+    with AlineStore(path) as store:
+        store.append(Aline(p, counts[p], 1.0) for p in range(count))
+        assert view.revise() is None
+        store.append(Aline(p, counts[p], 1.0) for p in range(count, 2 * count))
+    assert view.revise() is not None
+    recording = read_scan(path, 1)
+    traces = recording.traces.astype(np.float32)
+    whole = reconstruct(traces, recording.positions, **plan_options(recording, PARAMETERS))
+    assert _distance(view.volume().values, whole.values) < 1e-4
