@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _BATCH = 32  # samples or depths of a cell
 _BLOCKS = 32  # most blocks of columns a piece of work has
-_SMALL = 1 << 21  # image points below which handing a batch to a second thread costs more than it saves
+_SMALL = 1 << 21  # image points below which waiting for a second thread costs more than it saves
 
 
 def _tables(t: Transform) -> tuple[Any, ...]:
@@ -47,9 +47,9 @@ def execute(
     """Flat image [x][(y][)z] of one set of traces."""
     source = np.empty((plan._source_rows + 1) * plan._source_stride, plan.dtype)
     size = plan._out_rows * plan.geometry.shape[-1]
-    how: dict[str, Any] = {"threads": plan.threads, "progress": progress, "cancelled": cancelled}
-    batches = how | {"threads": 1} if size < _SMALL else how
-    _lateral(plan, traces, scale, source, batches)
+    threads = 1 if size < _SMALL else plan.threads
+    how: dict[str, Any] = {"threads": threads, "progress": progress, "cancelled": cancelled}
+    _lateral(plan, traces, scale, source, how)
     target = source
     if plan._lateral.replicated:
         target = np.empty((plan._target_rows + 1) * plan._target_stride, plan.dtype)
@@ -58,7 +58,7 @@ def execute(
     image = target
     if not plan._shared:
         image = np.empty(size, plan.dtype)
-    _images(plan, target, image, batches)
+    _images(plan, target, image, how)
     del target
     if image.size > size:
         image.resize(size, refcheck=False)
