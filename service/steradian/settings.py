@@ -59,6 +59,7 @@ class Settings(BaseSettings):
     log_level: Literal["DEBUG", "INFO", "WARNING", "ERROR"] = "INFO"
     max_mask_points: int = Field(default=200_000, ge=1, description="Largest mask accepted over HTTP (points)")
     max_upload_bytes: int = Field(default=64 * 2**20, ge=1024, description="Largest request body (bytes)")
+    max_import_bytes: int = Field(default=4 * 2**30, ge=1024, description="Largest file that can be imported (bytes)")
     max_volume_bytes: int = Field(default=8 * 2**30, ge=2**20, description="Largest volume a job may make (bytes)")
     job_timeout: float = Field(default=6 * 3600.0, gt=0, le=30 * 86_400, description="Longest a job may run (s)")
 

@@ -13,16 +13,19 @@ from steradian.api import (
     documents,
     events,
     health,
+    jobs,
     masks,
     metrics,
     plans,
     problems,
+    quality,
     reconstructions,
     results,
     root,
     scan_data,
     scanners,
     scans,
+    uploads,
 )
 from steradian.api.feed import Feed
 from steradian.api.middleware import BodyLimit, Observe, RequestId
@@ -30,7 +33,9 @@ from steradian.api.security import Authenticate
 from steradian.api.services import Services
 from steradian.settings import Settings
 
-RESOURCES = (root, masks, plans, scanners, scans, scan_data, reconstructions, results, batches, events)
+RESOURCES = (
+    root, masks, plans, scanners, scans, scan_data, reconstructions, results, quality, batches, uploads, jobs, events
+)  # fmt: skip
 
 
 def create_app(settings: Settings) -> FastAPI:
@@ -59,7 +64,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.services = services
     app.state.feed = Feed(services)
     app.state.metrics = metrics.Metrics(services)
-    app.add_middleware(BodyLimit, limit=settings.max_upload_bytes)
+    app.add_middleware(BodyLimit, limit=settings.max_upload_bytes, uploads=settings.max_import_bytes)
     app.add_middleware(Authenticate, keeper=services)
     app.add_middleware(Observe, metrics=app.state.metrics)
     app.add_middleware(RequestId)

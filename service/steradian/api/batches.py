@@ -1,4 +1,4 @@
-"""``/batches``: many reconstructions of one scan as one request, such as a scan over the speed of sound."""
+"""``/batches``: many reconstructions of one scan as one request: a sweep of parameters, of masks, of wavelengths."""
 
 from __future__ import annotations
 
@@ -14,14 +14,16 @@ from starlette.concurrency import run_in_threadpool
 
 from steradian.api.dependencies import Before, Limit, OptionalKey, ServicesNeeded, Who, link_next, replay
 from steradian.api.documents import BATCH_ID
-from steradian.api.reconstructions import ReconstructionWish
-from steradian.api.requests import check_request, check_size, note_request
+from steradian.api.reconstructions import JobWish
+from steradian.api.requests import Wanted, check_parts, check_request, frames_of, note_request
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.api.views import BASE, Listing
 from steradian.errors import Conflict, InvalidInput
+from steradian.reconstructions.asked import Identifier
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.storage.idempotency import Answer
+from steradian.storage.job_ledger import to_status
 from steradian.storage.jobs import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobStatus
 from steradian.storage.states import is_terminal
 from steradian.storage.tables import BatchRow, ReconstructionRow
@@ -29,37 +31,67 @@ from steradian.validation import Value
 
 router = APIRouter(prefix=f"{V1}/batches", tags=["batches"], route_class=GuardedRoute)
 MAX_JOBS = 200
-_EXAMPLE: dict[str, Any] = {
-    "scan_id": "s01jz0000000000000000000000",
-    "vary": {"sound_speed": [1480, 1490, 1500]},
-    "parameters": {"modes": 226},
-}
+_SCAN = "s01jz0000000000000000000000"
+_EXAMPLES: list[Any] = [
+    {"scan_id": _SCAN, "vary": {"sound_speed": [1480, 1490, 1500]}, "parameters": {"modes": 226}},
+    {"scan_id": _SCAN, "vary": {"mask_id": ["m0123456789abcdef01234567", "m1123456789abcdef01234567"]}},
+    {"scan_id": _SCAN, "each": "wavelength"},
+]
 
 
 class BatchRequest(Value):
     """What to vary: a job for every combination of the values."""
 
-    model_config = ConfigDict(json_schema_extra={"examples": [_EXAMPLE]})
+    model_config = ConfigDict(json_schema_extra={"examples": _EXAMPLES})
 
     scan_id: str = Field(min_length=1, max_length=64, description="Identifier of the scan")
-    vary: dict[str, list[Any]] = Field(min_length=1, description="Values of each parameter that varies")
+    vary: dict[str, list[Any]] = Field(
+        default_factory=dict,
+        description="Values of each parameter that varies; mask_id: masks to look through (what-if), frame: frames",
+    )
+    each: Literal["wavelength", "frame"] | None = Field(
+        default=None, description="A job for each excitation wavelength of the scan (its first frame), or each frame"
+    )
     parameters: dict[str, Any] = Field(default_factory=dict, description="What all jobs have in common")
+    points: Literal["nearest", "exact"] = Field(default="nearest", description="Of masks that are looked through")
     priority: int = Field(default=DEFAULT_PRIORITY, ge=0, le=LOWEST_PRIORITY, description="Smaller ones run first")
 
-    def jobs(self) -> list[ReconstructionParameters]:
+    def whole(self, excitation: list[float]) -> dict[str, list[Any]]:
+        """Return what varies, ``each`` spelled out; ``excitation`` is the wavelength of each frame of the scan."""
+        if self.each is None:
+            return self.vary
+        first: dict[float, int] = {}
+        for number, wavelength in enumerate(excitation):
+            first.setdefault(wavelength, number)
+        return self.vary | {"frame": list(range(len(excitation))) if self.each == "frame" else list(first.values())}
+
+    def jobs(self, vary: dict[str, list[Any]]) -> list[Wanted]:
         """Combine the values; raises :class:`InvalidInput` when there are too many or one is wrong."""
-        count = 1
-        for name, values in self.vary.items():
-            if name not in ReconstructionParameters.model_fields:
-                raise InvalidInput("vary", name, ", ".join(ReconstructionParameters.model_fields))
+        count, known = 1, [*ReconstructionParameters.model_fields, *_BESIDE]
+        for name, values in vary.items():
+            if name not in known:
+                raise InvalidInput("vary", name, ", ".join(known))
             count *= len(values)
-        if not 1 <= count <= MAX_JOBS:
-            raise InvalidInput("vary", f"{count} jobs", f"1 to {MAX_JOBS} jobs")
-        combinations = itertools.product(*self.vary.values())
-        return [
-            ReconstructionParameters.create(**self.parameters | dict(zip(self.vary, values, strict=True)))
-            for values in combinations
-        ]
+        if not vary or not 1 <= count <= MAX_JOBS:
+            raise InvalidInput("vary", f"{count} jobs" if vary else "empty", f"1 to {MAX_JOBS} jobs")
+        if "mask_id" in vary and "frame" in vary:
+            raise InvalidInput("vary", "mask_id and frame", "one of the two")
+        return [self._one(dict(zip(vary, values, strict=True))) for values in itertools.product(*vary.values())]
+
+    def _one(self, chosen: dict[str, Any]) -> Wanted:
+        beside = _Beside.create(**{name: chosen.pop(name) for name in _BESIDE if name in chosen})
+        parameters = ReconstructionParameters.create(**self.parameters | chosen)
+        return Wanted(parameters, mask_id=beside.mask_id, frame=beside.frame, points=self.points)
+
+
+class _Beside(Value):
+    """What may vary beside parameters."""
+
+    mask_id: Identifier | None = None
+    frame: int | None = Field(default=None, ge=0)
+
+
+_BESIDE = tuple(_Beside.model_fields)
 
 
 class MemberView(BaseModel):
@@ -108,20 +140,22 @@ class BatchView(BaseModel):
 @router.post("", status_code=202, summary="Queue a sweep of parameters", response_model=BatchView)
 async def create_batch(services: ServicesNeeded, who: Who, wanted: BatchRequest, key: OptionalKey) -> Response:
     """Queue a reconstruction for every combination of values; all are queued or none is."""
-    chosen = wanted.jobs()
 
     def make(session: Session) -> Answer:
-        batch = services.batches.add(session, scan, dict(wanted.vary), wanted.parameters, who.name)
+        batch = services.batches.add(session, scan, vary, wanted.parameters, who.name)
         noted = [
             note_request(services, session, scan, one, who, batch=batch, priority=wanted.priority) for one in chosen
         ]
         members = [row for row, _ in noted]
-        view = BatchView.of(batch, members, {row.id: JobStatus(job.id, job.state) for row, job in noted})
+        view = BatchView.of(batch, members, {row.id: to_status(job) for row, job in noted})
         return Answer(202, view.links["self"], view.model_dump_json())
 
+    excitation = await run_in_threadpool(_excitation, services, wanted.scan_id)
+    vary = wanted.whole(excitation)
+    chosen = wanted.jobs(vary)
     scan = await run_in_threadpool(check_request, services, wanted.scan_id, chosen[0])
     for one in chosen:
-        await run_in_threadpool(check_size, services, scan, one)
+        await run_in_threadpool(check_parts, services, scan, one)
     answer = await run_in_threadpool(services.answers.once, key, make)
     return replay(answer)
 
@@ -143,7 +177,7 @@ def read_batch(services: ServicesNeeded, batch_id: BATCH_ID) -> BatchView:
 
 
 @router.put("/{batch_id}/desired-state", summary="Cancel what is left of a batch")
-def wish(services: ServicesNeeded, who: Who, batch_id: BATCH_ID, wanted: ReconstructionWish) -> BatchView:
+def wish(services: ServicesNeeded, who: Who, batch_id: BATCH_ID, wanted: JobWish) -> BatchView:
     """Cancel every job that waits or runs; repeating it changes nothing."""
     row = services.batches.get(batch_id)
     for member in services.reconstructions.of_batch(batch_id):
@@ -155,6 +189,10 @@ def wish(services: ServicesNeeded, who: Who, batch_id: BATCH_ID, wanted: Reconst
     return _view(services, row)
 
 
+def _excitation(services: Services, scan_id: str) -> list[float]:
+    return frames_of(services.plans.get(services.scans.get(scan_id).plan_id).parameters)
+
+
 def _view(services: Services, row: BatchRow) -> BatchView:
     members = services.reconstructions.of_batch(row.id)
     jobs = services.ledger.statuses([member.id for member in members])
@@ -162,7 +200,7 @@ def _view(services: Services, row: BatchRow) -> BatchView:
 
 
 def _member(batch: BatchRow, row: ReconstructionRow, job: JobStatus) -> MemberView:
-    varied = {name: row.parameters.get(name) for name in batch.vary}
+    varied = {name: (job.payload if name in _BESIDE else row.parameters).get(name) for name in batch.vary}
     progress = 1.0 if job.is_over else job.done / job.total if job.total else 0.0
     return MemberView(id=row.id, varied=varied, state=job.state, progress=progress, figures=job.result or None)
 

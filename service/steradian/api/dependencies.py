@@ -102,10 +102,11 @@ Before: TypeAlias = Annotated[
 ]
 
 
-def link_next(response: Response, request: Request, limit: int, cursor: int | None) -> None:
-    """Point to the next page."""
+def link_next(response: Response, request: Request, limit: int, cursor: int | None, **filters: str | None) -> None:
+    """Point to the next page of a list, whose ``filters`` stay as they are."""
     if cursor is not None:
-        response.headers["Link"] = f'<{request.url.path}?limit={limit}&before={cursor}>; rel="next"'
+        chosen = "".join(f"&{name}={value}" for name, value in filters.items() if value is not None)
+        response.headers["Link"] = f'<{request.url.path}?limit={limit}&before={cursor}{chosen}>; rel="next"'
 
 
 def replay(answer: Answer) -> Response:

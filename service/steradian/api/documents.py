@@ -23,6 +23,9 @@ PLAN_ID: TypeAlias = Annotated[str, _identifier("plan", "p0123456789abcdef012345
 SCAN_ID: TypeAlias = Annotated[str, _identifier("scan", "s01jz0000000000000000000000")]
 RECONSTRUCTION_ID: TypeAlias = Annotated[str, _identifier("reconstruction", "r01jz0000000000000000000000")]
 BATCH_ID: TypeAlias = Annotated[str, _identifier("batch", "b01jz0000000000000000000000")]
+JOB_ID: TypeAlias = Annotated[str, _identifier("job", "j01jz0000000000000000000000")]
+FILE_NAME: TypeAlias = Annotated[str, Path(description="Name of the file", max_length=120, examples=["quality.json"])]
+UPLOAD_ID: TypeAlias = Annotated[str, _identifier("upload", "u01jz0000000000000000000000")]
 SCANNER_ID: TypeAlias = Annotated[str, _identifier("scanner", "scanner-0")]
 
 SECURITY = {

@@ -27,7 +27,7 @@ MAX_LISTENERS = 200
 BATCH = 200
 """Events that one listener holds at a time."""
 RETRY_MS = 1000
-_SNAPSHOT = {name: f"{BASE}/{name}" for name in ("scans", "reconstructions", "batches", "scanners")}
+_SNAPSHOT = {name: f"{BASE}/{name}" for name in ("scans", "reconstructions", "jobs", "batches", "scanners")}
 
 
 class TicketView(BaseModel):
@@ -43,7 +43,7 @@ class Filter:
     def __init__(
         self,
         kind: Annotated[
-            Literal["scan", "reconstruction", "batch", "scanner"] | None, Query(description="Only this kind")
+            Literal["scan", "reconstruction", "job", "batch", "scanner"] | None, Query(description="Only this kind")
         ] = None,
         scan_id: Annotated[str | None, Query(max_length=64, description="Only what concerns this scan")] = None,
         progress: Annotated[bool, Query(description="Also progress, at most five times a second")] = True,
@@ -86,7 +86,7 @@ def create_ticket(services: ServicesNeeded, who: Who) -> TicketView:
 async def stream(
     services: ServicesNeeded, feed: Annotated[Feed, Depends(_feed)], wanted: Annotated[Filter, Depends()]
 ) -> AsyncIterator[ServerSentEvent]:
-    """Follow changes of state (events named scan, reconstruction, batch, scanner) and progress.
+    """Follow changes of state (events named scan, reconstruction, job, batch, scanner) and progress.
 
     Changes carry ids; a client that sends the last one it saw as Last-Event-ID gets every later one exactly once, or
     one ``reset`` event when the log does not go back so far: then read the resources again. Progress carries no id

@@ -17,6 +17,7 @@ from sqlalchemy.exc import DBAPIError
 from starlette.concurrency import run_in_threadpool
 
 from steradian.api.services import Services
+from steradian.storage.job_ledger import event_kind
 
 LOOK = 0.1
 """Seconds between looks at the log."""
@@ -91,7 +92,7 @@ class Feed:
 
     def _find_progress(self) -> dict[str, Progress]:
         rows: list[tuple[str, Any, str | None]] = [("scan", row, row.id) for row in self._services.scans.under_way()]
-        rows += [("reconstruction", row, row.payload.get("scan_id")) for row in self._services.ledger.unfinished()]
+        rows += [(event_kind(row.kind), row, row.payload.get("scan_id")) for row in self._services.ledger.unfinished()]
         found = {}
         for kind, row, scan_id in rows:
             if row.stage is not None:

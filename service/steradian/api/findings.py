@@ -11,9 +11,14 @@ from pydantic import BaseModel, Field
 
 from steradian.errors import InvalidInput
 from steradian.masks import Arrangement
+from steradian.reconstructions.asked import Asked
 from steradian.validation import allowed_range
 
-_KINDS = ", ".join(kind.model_fields["arrangement"].default for kind in get_args(get_args(Arrangement)[0]))
+_TAGS = {
+    "arrangement": ", ".join(kind.model_fields["arrangement"].default for kind in get_args(get_args(Arrangement)[0])),
+    "kind": ", ".join(model.model_fields["kind"].default for model in get_args(Asked)),
+}
+"""The fields that tell the members of a union apart, and their values."""
 _PLACES = {"body": "body", "query": "query", "header": "header", "path": "path"}
 
 
@@ -50,11 +55,12 @@ def _finding(error: Mapping[str, Any], body: object, annotation: object) -> Find
     allowed = _allowed(annotation, path, body) if place == "body" else ""
     allowed = allowed or _limit(error)
     name = ".".join(path) or "the body"
+    tag = str(error.get("ctx", {}).get("discriminator", "")).strip("'")
     if error["type"] == "union_tag_invalid":
-        path, name = ["arrangement"], "arrangement"
-        detail = f"{name} is {_short(error['ctx'].get('tag'))}"
+        path = [*path, tag]
+        detail = f"{tag} is {_short(error['ctx'].get('tag'))}"
     elif error["type"] == "union_tag_not_found":
-        path, detail, allowed = ["arrangement"], "arrangement is missing", _KINDS
+        path, detail, allowed = [*path, tag], f"{tag} is missing", _TAGS.get(tag, "")
     elif error["type"] == "value_error":
         detail, allowed = f"{name}: {allowed}", ""
     elif error["type"] == "missing":
@@ -87,8 +93,10 @@ def _allowed(annotation: object, path: list[str], body: object) -> str:
     if not path:
         return ""
     for model in _models(annotation):
-        kind = model.model_fields.get("arrangement")
-        if kind and isinstance(body, dict) and body.get("arrangement") not in get_args(kind.annotation):
+        if isinstance(body, dict) and any(
+            tag in model.model_fields and body.get(tag) not in get_args(model.model_fields[tag].annotation)
+            for tag in _TAGS
+        ):
             continue
         info = model.model_fields.get(path[0])
         if info is not None:

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import numpy as np
 from fastapi import APIRouter, Body, Request, Response
+from fastapi.responses import FileResponse
 
 from steradian.api.arrays import CSV, JSON, NPY, negotiate
 from steradian.api.conditions import ConditionsNeeded, etag_of
@@ -17,6 +18,7 @@ from steradian.api.security import V1, GuardedRoute
 from steradian.api.views import Listing, MaskView, PointsView
 from steradian.errors import InvalidInput
 from steradian.masks import Arrangement, Mask
+from steradian.masks.picture import draw_mask
 
 router = APIRouter(prefix=f"{V1}/masks", tags=["masks"], route_class=GuardedRoute)
 
@@ -81,6 +83,26 @@ def read_points(services: ServicesNeeded, request: Request, mask_id: MASK_ID, co
     conditions.tag(etag)
     body = _written(services.masks.load(mask_id), kind)
     return Response(body, media_type=kind, headers={"ETag": etag, "Vary": "Accept"})
+
+
+@router.get(
+    "/{mask_id}/picture",
+    summary="A picture of a mask",
+    response_class=FileResponse,
+    responses={
+        200: {"content": {"image/png": {"schema": {"type": "string", "format": "binary"}}}},
+        304: {"description": "The one you have is still right"},
+    },
+)
+def read_picture(services: ServicesNeeded, mask_id: MASK_ID, conditions: ConditionsNeeded) -> FileResponse:
+    """Draw where the mask senses, how densely and what it can see; drawn once, then kept."""
+    row = services.masks.get(mask_id)
+    etag = etag_of(row.id, "picture")
+    conditions.tag(etag)
+    path = services.data.picture(row.id)
+    if not path.is_file():
+        draw_mask(services.masks.load(row.id), path, with_point_spread=False)
+    return FileResponse(path, media_type="image/png", headers={"ETag": etag})
 
 
 def _written(mask: Mask, kind: str) -> bytes | str:

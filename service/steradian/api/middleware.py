@@ -16,6 +16,7 @@ from steradian.api.problems import CODE_OF, problem
 from steradian.storage.logs import request_id
 
 _log = logging.getLogger(__name__)
+UPLOADS = "/api/v1/uploads"
 _REQUEST_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 
@@ -79,19 +80,20 @@ class Observe:
 
 
 class BodyLimit:
-    """Refuses bodies of more than ``limit`` bytes, before reading where the length is stated."""
+    """Refuses bodies of more than ``limit`` bytes, and ``uploads`` for files, before reading where that is stated."""
 
-    def __init__(self, app: ASGIApp, limit: int) -> None:
-        self.app, self.limit = app, limit
+    def __init__(self, app: ASGIApp, limit: int, uploads: int) -> None:
+        self.app, self._limit, self._uploads = app, limit, uploads
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve."""
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        text = f"the body is larger than the {self.limit} bytes this service takes"
+        limit = self._uploads if scope["path"] == UPLOADS else self._limit
+        text = f"the body is larger than the {limit} bytes this service takes"
         stated = Headers(scope=scope).get("content-length", "0")
-        if not stated.isdecimal() or int(stated) > self.limit:
+        if not stated.isdecimal() or int(stated) > limit:
             identifier = scope["state"]["request_id"]
             await problem(identifier, 413, CODE_OF[413], text, headers={"Connection": "close"})(scope, receive, send)
             return
@@ -101,7 +103,7 @@ class BodyLimit:
             nonlocal taken
             message = await receive()
             taken += len(message.get("body", b""))
-            if taken > self.limit:
+            if taken > limit:
                 raise HTTPException(413, text)
             return message
 

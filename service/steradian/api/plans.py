@@ -13,9 +13,9 @@ from steradian.api.documents import PLAN_ID
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.api.views import Listing, PlanView
-from steradian.plans import ScanPlan, VisitOrder
+from steradian.plans import Link, Motion, ScannerLimits, ScanPlan, Tuning, VisitOrder
 from steradian.storage.plans import preview_document
-from steradian.validation import Value
+from steradian.validation import FloatArray, Value
 
 router = APIRouter(prefix=f"{V1}/plans", tags=["plans"], route_class=GuardedRoute)
 
@@ -29,7 +29,12 @@ class PlanRequest(Value):
     """A plan: a mask and how to measure it."""
 
     model_config = ConfigDict(
-        json_schema_extra={"examples": [{"mask_id": "m0123456789abcdef01234567", "pulse_rate": 50}]}
+        json_schema_extra={
+            "examples": [
+                {"mask_id": "m0123456789abcdef01234567", "pulse_rate": 50},
+                {"mask_id": "m0123456789abcdef01234567", "frames": 2, "excitation": [7.5e-7, 8.5e-7]},
+            ]
+        }
     )
 
     mask_id: str = Field(min_length=1, max_length=64, description="Identifier of the mask")
@@ -39,6 +44,16 @@ class PlanRequest(Value):
     sampling_interval: float = _same_as("sampling_interval")
     sound_speed: float = _same_as("sound_speed")
     order: VisitOrder = VisitOrder.SNAKE
+    wavelengths: FloatArray | None = _same_as("wavelengths")
+    frames: int = _same_as("frames")
+    excitation: tuple[float, ...] = _same_as("excitation")
+    scanner: ScannerLimits = ScannerLimits()
+    motion: Motion = Motion()
+    tuning: Tuning = Tuning()
+    link: Link = Link()
+
+
+_OF_THE_PLAN = tuple(name for name in PlanRequest.model_fields if name != "mask_id")
 
 
 @router.post(
@@ -82,4 +97,4 @@ def read_plan(services: ServicesNeeded, plan_id: PLAN_ID, conditions: Conditions
 
 def _plan(services: Services, wanted: PlanRequest) -> ScanPlan:
     mask = services.masks.load(wanted.mask_id)
-    return ScanPlan.create(mask=mask, **wanted.model_dump(exclude={"mask_id"}))
+    return ScanPlan.create(mask=mask, **{name: getattr(wanted, name) for name in _OF_THE_PLAN})

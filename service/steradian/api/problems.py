@@ -19,7 +19,16 @@ from starlette.exceptions import HTTPException
 
 from steradian.api.conditions import NotModified
 from steradian.api.findings import Finding, findings_of, header_or_body
-from steradian.errors import Cancelled, Conflict, DamagedFile, InvalidInput, NotFound, ScanFailed, SteradianError
+from steradian.errors import (
+    Cancelled,
+    Conflict,
+    DamagedFile,
+    DiskFull,
+    InvalidInput,
+    NotFound,
+    ScanFailed,
+    SteradianError,
+)
 from steradian.storage.jobs import QueueUnavailable
 from steradian.storage.keys import Forbidden, Unauthorized
 from steradian.storage.scans import Outdated
@@ -43,6 +52,7 @@ STATUS_OF: dict[type[SteradianError], int] = {
     NotFound: 404,
     Conflict: 409,
     DamagedFile: 422,
+    DiskFull: 507,
     Cancelled: 409,
     ScanFailed: 502,
     QueueUnavailable: 503,

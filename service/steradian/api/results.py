@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse
+from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
 from steradian.api.arrays import ARRAY_FORMATS, JSON, NPY, RAW, negotiate, respond
@@ -18,10 +19,29 @@ from steradian.api.reconstructions import is_over, view_of
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.errors import Conflict, NotFound
+from steradian.reconstructions.kinds import LIVE
 from steradian.storage.states import ReconstructionState
 
 router = APIRouter(prefix=f"{V1}/reconstructions", tags=["reconstructions"], route_class=GuardedRoute)
 _SAME = {"description": "The one you have is still right"}
+
+
+class RevisionView(BaseModel):
+    """An image of a scan that is being followed."""
+
+    number: int
+    points: int = Field(description="A-lines the image is made of")
+    planned: int
+    final: bool = Field(description="Whether it is the full reconstruction of the scan that is over")
+    coverage: dict[str, float] = Field(
+        description="Share of the points, and of the aperture's area, and the largest gap", examples=[{"points": 0.5}]
+    )
+    quality: dict[str, float | None] = Field(
+        description="Correlation with the revision before, sharpness, maximum", examples=[{"sharpness": 0.1}]
+    )
+    image: dict[str, Any] = Field(description="Its shape and spacing", examples=[{"shape": [226, 226, 256]}])
+    seconds: dict[str, float] = Field(description="What it cost", examples=[{"total": 0.2}])
+
 
 Slice = Annotated[
     str | None,
@@ -40,14 +60,37 @@ async def read_mip(
     reconstruction_id: RECONSTRUCTION_ID,
     wait: Wait,
     conditions: ConditionsNeeded,
-    axis: Annotated[Literal["x", "y", "z"], Query(description="Along which axis")] = "z",
+    axis: Annotated[
+        Literal["x", "y", "z", "depth"], Query(description="Along which axis; depth: along z, coloured by depth")
+    ] = "z",
 ) -> FileResponse:
-    """Draw the projection along an axis, with scales in millimetres."""
-    await _succeeded(services, reconstruction_id, wait)
+    """Show the projection along an axis, with scales in millimetres; the newest revision's while one is followed."""
+    if not await run_in_threadpool(_is_followed, services, reconstruction_id):
+        await _succeeded(services, reconstruction_id, wait)
     path = await _existing(services.data.job(reconstruction_id).mip(axis), f"MIP along {axis} of", reconstruction_id)
     etag = etag_of_file(path)
     conditions.tag(etag)
     return FileResponse(path, media_type="image/png", headers={"ETag": etag})
+
+
+@router.get(
+    "/{reconstruction_id}/revision",
+    summary="How good the newest revision is while a scan is followed",
+    responses={304: _SAME},
+)
+async def read_revision(
+    services: ServicesNeeded, response: Response, reconstruction_id: RECONSTRUCTION_ID, conditions: ConditionsNeeded
+) -> RevisionView:
+    """Show number, coverage and quality of the image that /mip shows; the last one is the full reconstruction."""
+    await run_in_threadpool(services.reconstructions.get, reconstruction_id)
+    path = services.data.job(reconstruction_id).revision
+    if not await run_in_threadpool(path.is_file):
+        job = await run_in_threadpool(services.ledger.status, reconstruction_id)
+        if job.kind == LIVE and not job.is_over:
+            raise NotReady(f"reconstruction {reconstruction_id} is {job.state} and has no revision yet", retry_after=2)
+        raise NotFound("revision of", reconstruction_id)
+    conditions.tag(etag_of_file(path))
+    return RevisionView.model_validate_json(await run_in_threadpool(path.read_bytes))
 
 
 @router.get(
@@ -100,6 +143,12 @@ async def _succeeded(services: Services, identifier: str, wait: Wait) -> None:
         raise NotReady(f"reconstruction {identifier} is {view.state}; its result can be had when it has succeeded")
     why = f": {view.error.detail}" if view.error else ""
     raise Conflict(f"reconstruction {identifier} has {view.state} and left no result{why}")
+
+
+def _is_followed(services: Services, identifier: str) -> bool:
+    """Whether there are pictures of a job that is not over."""
+    job = services.ledger.status(identifier)
+    return job.kind == LIVE and not job.is_over and services.data.job(identifier).revision.is_file()
 
 
 async def _existing(path: Path, what: str, identifier: str) -> Path:

@@ -12,6 +12,7 @@ from steradian.api.arrays import CSV, JSON, NPY, RAW
 from steradian.api.dependencies import MAX_WAIT, ServicesNeeded
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.views import BASE
+from steradian.reconstructions.asked import SUFFIXES
 
 router = APIRouter(prefix=V1, tags=["service"], route_class=GuardedRoute)
 
@@ -23,12 +24,19 @@ class RootView(BaseModel):
     version: str = Field(description="Version of the software")
     api: Literal["v1"] = "v1"
     mode: Literal["simulated", "real"] = Field(description="Whether scans run on a simulated scanner")
-    limits: dict[str, float] = Field(description="Largest mask (points), body and volume (bytes), wait (s)")
+    limits: dict[str, float] = Field(description="Largest mask (points), body, upload, volume (bytes), wait (s)")
     formats: dict[str, list[str]] = Field(description="In what formats things can be had")
     links: dict[str, str]
 
 
-_FORMATS = {"points": [JSON, CSV, NPY], "alines": [NPY, RAW, JSON], "volume": [NPY, RAW, JSON], "mip": ["image/png"]}
+_FORMATS = {
+    "points": [JSON, CSV, NPY],
+    "alines": [NPY, RAW, JSON],
+    "volume": [NPY, RAW, JSON],
+    "mip": ["image/png"],
+    "picture": ["image/png"],
+    "export": list(SUFFIXES),
+}
 
 
 @router.get("/", summary="The service, its mode, limits and links")
@@ -41,13 +49,15 @@ def read_root(services: ServicesNeeded) -> RootView:
         limits={
             "mask_points": settings.max_mask_points,
             "body_bytes": settings.max_upload_bytes,
+            "upload_bytes": settings.max_import_bytes,
             "volume_bytes": settings.max_volume_bytes,
             "wait_seconds": MAX_WAIT,
         },
         formats=_FORMATS,
         links={
             **{
-                name: f"{BASE}/{name}" for name in ("masks", "plans", "scanners", "scans", "reconstructions", "batches")
+                name: f"{BASE}/{name}"
+                for name in ("masks", "plans", "scanners", "scans", "reconstructions", "batches", "jobs")
             },
             "events": f"{BASE}/events",
             "openapi": "/openapi.json",

@@ -25,7 +25,10 @@ from steradian.scans import schema
 
 router = APIRouter(prefix=f"{V1}/scans", tags=["scans"], route_class=GuardedRoute)
 
-Points = Annotated[str | None, Query(max_length=60, description="Points of the mask, numpy syntax", examples=["0:100"])]
+Points = Annotated[
+    str | None,
+    Query(max_length=60, description="Points of the mask, frame after frame, numpy syntax", examples=["0:100"]),
+]
 Slice = Annotated[
     str | None,
     Query(max_length=60, description="Points and samples (axes of the answer), numpy syntax", examples=["0:10,::2"]),
@@ -33,9 +36,10 @@ Slice = Annotated[
 
 
 class ShotsView(BaseModel):
-    """Each point's shot, in the order of the mask."""
+    """Each point's shot, in the order of the mask, frame after frame."""
 
     points: list[int] = Field(description="Indices into the mask")
+    frames: list[int] = Field(description="Which frame, from 0: how often, or at which excitation wavelength")
     stored: list[bool] = Field(description="Whether the A-line is in the file")
     shot: list[int] = Field(description="Number of the laser shot, from 1")
     fire_time: list[float] = Field(description="s, on the scanner's clock")
@@ -46,12 +50,13 @@ class ShotsView(BaseModel):
 class CoverageView(BaseModel):
     """How much of the mask is measured."""
 
-    points: int
+    points: int = Field(description="A-lines that the scan is to have, of all frames")
+    frames: int
     stored: int
     missing: int
     flagged: int = Field(description="Stored A-lines with a quality flag")
     fired: int = Field(description="Shots that the scanner fired")
-    area_fraction: float = Field(description="Share of the aperture that the stored points stand for")
+    area_fraction: float = Field(description="Share of the aperture that the stored points stand for, over all frames")
 
 
 @router.get(
@@ -84,8 +89,10 @@ def read_shots(services: ServicesNeeded, scan_id: SCAN_ID, points: Points = None
     count = len(columns["status"])
     chosen = Selection.parse(points, (count,), "points").index[0]
     rows = slice(chosen, chosen + 1) if isinstance(chosen, int) else chosen
+    places, mask = np.arange(*rows.indices(count)), len(columns["weights"])
     return ShotsView(
-        points=list(range(*rows.indices(count))),
+        points=(places % mask).tolist(),
+        frames=(places // mask).tolist(),
         stored=(columns["status"][rows] == schema.STORED).tolist(),
         shot=columns["shot"][rows].tolist(),
         fire_time=np.nan_to_num(columns["fire_time_s"][rows]).tolist(),
@@ -113,9 +120,11 @@ def read_coverage(services: ServicesNeeded, scan_id: SCAN_ID) -> CoverageView:
     """Count points and the area they stand for, also while the scan runs."""
     columns = _columns(services, scan_id)
     stored = columns["status"] == schema.STORED
-    weights = columns["weights"]
+    frames = len(stored) // len(columns["weights"])
+    weights = np.tile(columns["weights"], frames)
     return CoverageView(
         points=len(stored),
+        frames=frames,
         stored=int(stored.sum()),
         missing=int((~stored).sum()),
         flagged=int((stored & (columns["quality"] != 0)).sum()),

@@ -53,7 +53,10 @@ class ScanWish(Value):
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"state": "stopped", "reason": "enough"}]})
 
-    state: DesiredScanState = Field(description="stopped keeps what was measured and is a success; aborted gives up")
+    state: DesiredScanState = Field(
+        description="running: go on after a pause or an interruption; paused: the laser rests; stopped keeps what was"
+        " measured and is a success; aborted gives up. The last two cannot be taken back"
+    )
     reason: str | None = Field(default=None, max_length=500)
 
 
@@ -116,11 +119,15 @@ def change_scan(
     return ScanView.of(row)
 
 
-@router.put("/{scan_id}/desired-state", summary="Stop or abort a scan")
+@router.put("/{scan_id}/desired-state", summary="Run, pause, stop or abort a scan")
 def wish(
     services: ServicesNeeded, who: Who, scan_id: SCAN_ID, wanted: ScanWish, conditions: ConditionsNeeded
 ) -> ScanView:
-    """Say what a scan should become; repeating it changes nothing."""
+    """Say what a scan should become; repeating it changes nothing.
+
+    An interrupted scan goes on only by this: it proves that plan, scanner and tuning are what they were, or stays
+    interrupted with the difference as its error.
+    """
     revision = conditions.revision(scan_id)
     row = services.scans.desire(scan_id, wanted.state, wanted.reason, who.name, revision)
     conditions.tag(etag_of(row.id, row.revision))

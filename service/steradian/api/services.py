@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 QUEUE_PATIENCE = 30.0
+UPLOADS_KEPT = timedelta(days=1)
 RECONCILE_EVERY, TIDY_EVERY = 1.0, 600.0
 
 
@@ -129,8 +130,12 @@ class Services:
             self._over.wait(RECONCILE_EVERY)
 
     def tidy(self) -> None:
-        """Forget what is too old: events, idempotency keys and, where settings say so, finished reconstructions."""
+        """Forget what is too old: events, idempotency keys, uploads and, where settings say so, finished jobs."""
         now = self.clock()
+        oldest = (now - UPLOADS_KEPT).timestamp()
+        for path in self.data.uploads.glob("*"):
+            if path.stat().st_mtime < oldest:
+                path.unlink(missing_ok=True)
         self.log.prune(now - timedelta(days=self.settings.event_days))
         self.answers.prune()
         if self.settings.retention_days is not None:

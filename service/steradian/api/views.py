@@ -61,7 +61,7 @@ class MaskView(BaseModel):
             count=row.count,
             weight_ratio=row.weight_ratio,
             created=row.created,
-            links={"self": here, "points": f"{here}/points"},
+            links={"self": here, "points": f"{here}/points", "picture": f"{here}/picture"},
         )
 
 
@@ -85,6 +85,8 @@ class PlanView(BaseModel):
     sampling_interval: float = Field(description="s")
     sound_speed: float = Field(description="m/s")
     order: VisitOrder
+    frames: int = Field(default=1, description="How often the mask is measured at each excitation wavelength")
+    excitation: list[float] = Field(default_factory=list, description="Excitation wavelengths (m)", examples=[[7.5e-7]])
     preview: dict[str, Any] = Field(description="laser_seconds (s), travel (m), bytes, findings")
     created: datetime
     links: dict[str, str] = Field(examples=[{"self": "/api/v1/…"}])
@@ -149,8 +151,11 @@ class ReconstructionView(BaseModel):
     """A reconstruction: what was asked and how far it is."""
 
     id: str
+    kind: str = Field(description="reconstruction, live (follows its scan) or what-if", examples=["reconstruction"])
     scan_id: str
     batch_id: str | None = Field(description="The batch it belongs to")
+    mask_id: str | None = Field(description="The other mask of a what-if")
+    frame: int | None = Field(description="Which frame of the scan, if it has several")
     simulated: bool = Field(description="Whether the scan came from a simulated scanner")
     parameters: dict[str, Any]
     priority: int = Field(description="Smaller ones run first, equal ones in the order they were asked for")
@@ -171,13 +176,18 @@ class ReconstructionView(BaseModel):
     def of(cls, row: ReconstructionRow, job: JobStatus) -> Self:
         """Show a row and its job."""
         here = f"{BASE}/reconstructions/{row.id}"
-        mips = {f"mip_{axis}": f"{here}/mip?axis={axis}" for axis in "xyz"}
-        parts = {name: f"{here}/{name}" for name in ("volume", "log", "attempts")}
+        mips = {f"mip_{axis}": f"{here}/mip?axis={axis}" for axis in ("x", "y", "z", "depth")}
+        parts = {name: f"{here}/{name}" for name in ("volume", "quality", "log", "attempts")}
+        if job.kind == "live":
+            parts["revision"] = f"{here}/revision"
         links = {"self": here, "scan": f"{BASE}/scans/{row.scan_id}", **parts}
         return cls(
             id=row.id,
+            kind=job.kind,
             scan_id=row.scan_id,
             batch_id=row.batch_id,
+            mask_id=job.payload.get("mask_id"),
+            frame=job.payload.get("frame"),
             simulated=row.simulated,
             parameters=row.parameters,
             priority=job.priority,

@@ -56,7 +56,7 @@ def running_service(settings: Settings) -> Iterator[RunningService]:
         yield RunningService(line.partition(" at ")[2].split()[0].rstrip("/"), process.pid, settings)
     finally:
         process.terminate()
-        process.wait(20)
+        process.communicate(timeout=20)
 
 
 def ask(url: str, body: dict[str, Any] | None = None, **headers: str) -> Any:

@@ -84,7 +84,7 @@ class Loop:
         """End the processes."""
         for process in self._processes:
             process.kill()
-            process.wait()
+            process.communicate()
 
     def _expect(self, word: str) -> None:
         for process in self._processes:

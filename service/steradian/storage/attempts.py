@@ -21,6 +21,10 @@ from steradian.storage.tables import JobRow
 
 POLL: Final = 0.2
 """Seconds between looks at a cancellation and between progress reports."""
+HURRY: Final = 0.5
+"""Seconds after a job's end for which the next one is looked for almost without a pause."""
+HURRIED_POLL: Final = 0.01
+"""That pause."""
 BACKOFF: Final = 0.5
 """Seconds before the second start of a job whose process died; doubled for the third."""
 PATIENCE: Final = 120.0
@@ -37,7 +41,7 @@ class JobRunner:
     Parameters
     ----------
     commands
-        The program that runs each kind of job.
+        The program that runs each kind of job; kinds of the same program share its process.
     worker
         Name of this worker, for the history.
     """
@@ -45,14 +49,21 @@ class JobRunner:
     def __init__(
         self, settings: Settings, ledger: JobLedger, commands: Mapping[str, Sequence[str]], worker: str
     ) -> None:
-        self.stopping, self.idle = threading.Event(), threading.Event()
+        self.stopping, self.idle, self.ended = threading.Event(), threading.Event(), threading.Event()
         self.idle.set()
         self._settings, self._ledger, self._worker = settings, ledger, worker
         self._data = DataDirectory(settings.data)
         threads = str(settings.threads_per_job)
         limits = dict.fromkeys(("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"), threads)
         environment = settings.environment() | limits
-        self._processes = {kind: JobProcess(command, environment) for kind, command in commands.items()}
+        processes = {tuple(command): JobProcess(command, environment) for command in commands.values()}
+        self._processes = {kind: processes[tuple(command)] for kind, command in commands.items()}
+        self._ended = float("-inf")
+
+    @property
+    def is_hurried(self) -> bool:
+        """Whether a job has just ended and the next one is wanted at once."""
+        return self.idle.is_set() and time.monotonic() - self._ended < HURRY
 
     async def run(self, job_id: str) -> str:
         """Attempt a job until it is over; returns its state."""
@@ -70,19 +81,22 @@ class JobRunner:
             self._ledger.cancelled(job_id, self._worker)
             raise
         finally:
+            self._ended = time.monotonic()
             self.idle.set()
+            self.ended.set()
 
     async def _attempt(self, row: JobRow) -> JobRow:
         process = self._processes.get(row.kind)
         if process is None:
             refusal = Failed("unknown-kind", f"no worker runs jobs of kind {row.kind!r}")
             return await self._settle(row.id, refusal)
-        folder = self._data.job(row.id)
+        folder, progress = self._data.job(row.id), _Progress(self, row.id)
+        about = {"kind": row.kind, "job": str(folder.root), "data": str(self._data.root.absolute())}
         job = asyncio.ensure_future(
             process.run(
-                row.payload | {"job": str(folder.root), "data": str(self._data.root.absolute())},
+                row.payload | about,
                 log=folder.log,
-                report=_Progress(self, row.id),
+                report=progress,
                 timeout=min(row.timeout or self._settings.job_timeout, self._settings.job_timeout),
             )
         )
@@ -96,6 +110,7 @@ class JobRunner:
                     await self._patiently(lambda: self._ledger.put_back(row.id, self._worker))
                     self.idle.set()
                     await asyncio.Event().wait()  # the process ends first
+                await progress.pass_on()
                 if await self._is_unwanted(row.id):
                     await _kill(job)
                     return await self._patiently(lambda: self._ledger.cancelled(row.id, self._worker))
@@ -118,7 +133,7 @@ class JobRunner:
 
     async def _is_unwanted(self, job_id: str) -> bool:
         try:
-            state = (await asyncio.to_thread(self._ledger.get, job_id)).state
+            state = await asyncio.to_thread(self._ledger.state, job_id)
         except DBAPIError:
             return False  # asked again soon
         return state in {_R.CANCELLING, _R.CANCELLED}
@@ -142,18 +157,43 @@ class JobRunner:
                 await asyncio.sleep(0.5)
 
 
+def hurried(event: threading.Event, runner: JobRunner, poll: float) -> Callable[[float | None], bool]:
+    """Make a wait for ``event`` that ends early after a job's end, so that the next one is looked for at once.
+
+    The engine looks at the queue every ``poll`` seconds and waits between two looks for the event that says when to
+    stop; longer waits are left as they are.
+    """
+    plain = event.wait
+
+    def wait(timeout: float | None = None) -> bool:
+        if timeout is None or timeout > 2 * poll:
+            return plain(timeout)
+        if runner.is_hurried:
+            return plain(min(HURRIED_POLL, timeout))
+        if runner.ended.wait(timeout):
+            runner.ended.clear()
+        return event.is_set()
+
+    return wait
+
+
 class _Progress:
-    """Passes on progress at most every :data:`POLL` seconds, but every new stage and every end of one."""
+    """Passes on progress at most every :data:`POLL` seconds: at once, or the newest when its turn has come."""
 
     def __init__(self, runner: JobRunner, job_id: str) -> None:
-        self._runner, self._id, self._stage, self._when = runner, job_id, "", float("-inf")
+        self._runner, self._id, self._when = runner, job_id, float("-inf")
+        self._newest: tuple[str, int, int] | None = None
 
     async def __call__(self, stage: str, done: int, total: int) -> None:
-        now = time.monotonic()
-        if stage == self._stage and done < total and now - self._when < POLL:
+        self._newest = (stage, done, total)
+        await self.pass_on()
+
+    async def pass_on(self) -> None:
+        """Report what has not been reported, if it is time."""
+        if self._newest is None or time.monotonic() - self._when < POLL:
             return
-        self._stage, self._when = stage, now
-        await self._runner.report(self._id, stage, done, total)
+        self._when, newest, self._newest = time.monotonic(), self._newest, None
+        await self._runner.report(self._id, *newest)
 
 
 async def _kill(job: asyncio.Future[Any]) -> None:

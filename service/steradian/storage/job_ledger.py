@@ -8,10 +8,11 @@ from typing import Any
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from steradian.errors import Conflict
+from steradian.errors import Conflict, NotFound
 from steradian.storage.events import record
 from steradian.storage.jobs import MAX_ATTEMPTS, Died, Failed, JobRequest, JobStatus, Succeeded
-from steradian.storage.repository import Repository
+from steradian.storage.repository import Page, Repository
+from steradian.storage.scans import Outdated
 from steradian.storage.states import DesiredJobState, ReconstructionState, check_job_transition, is_terminal
 from steradian.storage.tables import JobRow
 
@@ -47,17 +48,45 @@ class JobLedger(Repository[JobRow]):
             history=[{"state": _R.QUEUED, "at": now.isoformat(), "who": request.principal, "why": "requested"}],
         )
         session.add(row)
-        record(session, now, "reconstruction", row.id, self._event(row, request.principal, "requested"))
+        record(session, now, event_kind(row.kind), row.id, self._event(row, request.principal, "requested"))
         return row
 
     def status(self, job_id: str) -> JobStatus:
         """Tell how a job stands; raises :class:`NotFound`."""
         return to_status(self.get(job_id))
 
+    def state(self, job_id: str) -> ReconstructionState:
+        """Tell a job's state alone; raises :class:`NotFound`."""
+        with self.database.read() as session:
+            found = session.scalar(select(JobRow.state).where(JobRow.id == job_id))
+        if found is None:
+            raise NotFound(self.kind, job_id)
+        return found
+
     def statuses(self, job_ids: list[str]) -> dict[str, JobStatus]:
         """Tell how several jobs stand."""
         with self.database.read() as session:
             return {row.id: to_status(row) for row in session.scalars(select(JobRow).where(JobRow.id.in_(job_ids)))}
+
+    def page_of(self, limit: int, before: int | None, kind: str | None, **asked: str | None) -> Page[JobRow]:
+        """List jobs, newest first, like :meth:`page`; of one kind, or those that were asked something.
+
+        Parameters
+        ----------
+        **asked
+            Members of the payload that must be equal; ``None`` does not matter.
+        """
+        query = select(JobRow).order_by(JobRow.sequence.desc()).limit(limit + 1)
+        if before is not None:
+            query = query.where(JobRow.sequence < before)
+        if kind is not None:
+            query = query.where(JobRow.kind == kind)
+        for name, value in asked.items():
+            if value is not None:
+                query = query.where(JobRow.payload[name].as_string() == value)
+        with self.database.read() as session:
+            rows = list(session.scalars(query))
+        return Page(rows[:limit], rows[limit - 1].sequence if len(rows) > limit else None)
 
     def mark_submitted(self, job_id: str) -> None:
         """Note that the engine has it."""
@@ -151,10 +180,18 @@ class JobLedger(Repository[JobRow]):
 
         return self._transact(job_id, change)
 
-    def set_priority(self, job_id: str, priority: int) -> JobRow:
-        """Note another priority; raises :class:`Conflict` when the job waits no more."""
+    def set_priority(self, job_id: str, priority: int, revision: int | None = None) -> JobRow:
+        """Note another priority; with ``revision``, only if the job has not changed since.
+
+        Raises
+        ------
+        Conflict
+            When the job waits no more; of the kind :class:`Outdated` when it has changed.
+        """
 
         def change(session: Session, row: JobRow) -> None:
+            if revision is not None and row.revision != revision:
+                raise Outdated(f"job {job_id} has changed since; read it again")
             if row.state is not _R.QUEUED:
                 raise Conflict(f"job {job_id} is {row.state}; only a queued one has a place in the queue")
             row.priority = priority
@@ -214,17 +251,24 @@ class JobLedger(Repository[JobRow]):
         row.history = [*row.history, {"state": following, "at": now.isoformat(), "who": who, "why": why}]
         if is_terminal(following):
             row.ended = now
-        record(session, now, "reconstruction", row.id, self._event(row, who, why))
+        record(session, now, event_kind(row.kind), row.id, self._event(row, who, why))
 
     def _event(self, row: JobRow, who: str, why: str) -> dict[str, Any]:
         about: Mapping[str, Any] = {name: row.payload.get(name) for name in ("scan_id", "batch_id")}
         return {"state": row.state, "attempt": row.attempt, "who": who, "why": why, **about}
 
 
+def event_kind(kind: str) -> str:
+    """Name the resource under which a job is known: those behind ``/jobs`` alone have no other."""
+    return "job" if kind in {"sound-speed", "quality", "export", "import"} else "reconstruction"
+
+
 def to_status(row: JobRow) -> JobStatus:
     """Copy what a row says of a job."""
     return JobStatus(
         id=row.id,
+        kind=row.kind,
+        payload=row.payload,
         state=row.state,
         desired_state=row.desired_state,
         reason=row.reason,

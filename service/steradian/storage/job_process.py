@@ -118,9 +118,17 @@ class JobProcess:
         return Died(f"the job's process ended {_ending(code)} without a result")
 
     async def _start(self) -> Process:
-        return await asyncio.create_subprocess_exec(
-            *self._command, stdin=PIPE, stdout=PIPE, env=self._environment, limit=LINE_LIMIT
+        """Start a child; when that is cancelled midway the child is known all the same, and can be ended."""
+        starting = asyncio.ensure_future(
+            asyncio.create_subprocess_exec(
+                *self._command, stdin=PIPE, stdout=PIPE, env=self._environment, limit=LINE_LIMIT
+            )
         )
+        try:
+            return await asyncio.shield(starting)
+        except asyncio.CancelledError:
+            self._child = await starting
+            raise
 
 
 def _parse(line: bytes) -> object:
@@ -158,6 +166,8 @@ def child_main(work: Callable[[dict[str, Any], Progress], dict[str, Any]]) -> No
             return
         speak(result=result, last=number == MAX_JOBS or _resident() > MAX_RESIDENT)
         gc.collect()  # while the worker fetches the next job
+        if number == 1:
+            gc.freeze()  # the libraries stay; later collections need not look at them
 
 
 def _do(

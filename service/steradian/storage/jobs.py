@@ -57,6 +57,8 @@ class JobStatus:
 
     Attributes
     ----------
+    kind, payload
+        Which program runs it and what that was asked.
     desired_state, reason
         What a person wants of it and why.
     revision
@@ -75,6 +77,8 @@ class JobStatus:
 
     id: str
     state: ReconstructionState
+    kind: str = ""
+    payload: Mapping[str, Any] = field(default_factory=dict)
     desired_state: DesiredJobState = DesiredJobState.SUCCEEDED
     reason: str | None = None
     revision: int = 0

@@ -3,6 +3,8 @@
 DATA/steradian.sqlite          metadata
 DATA/queue.sqlite              the job queue
 DATA/scans/<id>.h5             A-lines
+DATA/uploads/<id>              files that came over HTTP and wait to be imported
+DATA/pictures/<mask id>.png    pictures of masks, once they have been asked for
 DATA/reconstructions/<id>/     volume, projections, report and log of one job
 DATA/run/<process>.json        heartbeats of the running processes
 DATA/lock                      held by the service that owns the directory
@@ -48,6 +50,19 @@ class DataDirectory:
         """HDF5 file with the A-lines of a scan."""
         return self.root.absolute() / "scans" / f"{scan_id}.h5"
 
+    @property
+    def uploads(self) -> Path:
+        """Folder of files that came over HTTP."""
+        return self.root.absolute() / "uploads"
+
+    def upload(self, upload_id: str) -> Path:
+        """File that came over HTTP."""
+        return self.uploads / upload_id
+
+    def picture(self, mask_id: str) -> Path:
+        """Picture of a mask."""
+        return self.root.absolute() / "pictures" / f"{mask_id}.png"
+
     def job(self, job_id: str) -> JobDirectory:
         """Folder of one job."""
         return JobDirectory(self.root.absolute() / "reconstructions" / job_id)
@@ -65,7 +80,7 @@ class DataDirectory:
             When the path is a file or cannot be written.
         """
         try:
-            for folder in ("scans", "reconstructions", "run"):
+            for folder in ("scans", "uploads", "pictures", "reconstructions", "run"):
                 (self.root / folder).mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InvalidInput("data", self.root, f"a folder that can be written ({error.strerror})") from error
@@ -116,6 +131,11 @@ class JobDirectory:
     def report(self) -> Path:
         """Figures and provenance."""
         return self.root / "report.json"
+
+    @property
+    def revision(self) -> Path:
+        """Figures of the newest image of a scan that is being followed."""
+        return self.root / "revision.json"
 
     def mip(self, axis: str) -> Path:
         """PNG of the maximum-intensity projection along ``axis``."""

@@ -19,12 +19,13 @@ from typing import Final
 
 from dbos import DBOS, DBOSClient, DBOSConfig, WorkflowSerializationFormat
 from dbos import error as engine_errors
+from dbos._dbos import _get_dbos_instance
 from ulid import ULID
 
 from steradian.errors import Conflict
 from steradian.progress import Progress
 from steradian.settings import Settings
-from steradian.storage.attempts import POLL, JobRunner
+from steradian.storage.attempts import POLL, JobRunner, hurried
 from steradian.storage.database import Database, metadata_url, use_write_ahead_log
 from steradian.storage.job_ledger import JobLedger
 from steradian.storage.jobs import Failed, JobRequest, JobStatus, QueueUnavailable
@@ -39,7 +40,9 @@ APPLICATION_VERSION: Final = "1"
 QUEUE: Final = "jobs"
 WORKFLOW: Final = "job"
 QUEUE_POLL: Final = 0.1
-"""Seconds between looks at the queue; a worker idles half of it, on average, between two jobs."""
+"""Seconds between looks at the queue of a worker that has nothing to do."""
+PUT_BACK_PATIENCE: Final = 7.0
+"""Seconds that a worker which is asked to end has to put its job back; the supervisor kills it after eight."""
 
 _log = logging.getLogger(__name__)
 _R = ReconstructionState
@@ -115,9 +118,9 @@ class JobQueue:
             self.ledger.cancelled(job_id, who)
         return self.status(job_id)
 
-    def set_priority(self, job_id: str, priority: int) -> JobStatus:
-        """Move a waiting job in the queue; raises :class:`Conflict` when it waits no more."""
-        self.ledger.set_priority(job_id, priority)
+    def set_priority(self, job_id: str, priority: int, revision: int | None = None) -> JobStatus:
+        """Move a waiting job in the queue; see :meth:`JobLedger.set_priority`."""
+        self.ledger.set_priority(job_id, priority, revision)
         table = self._client._sys_db.tables.workflow_status  # private, so the engine's minor version is pinned
         waiting = table.c.status.in_(["ENQUEUED", "DELAYED"])
         with self._client._sys_db.engine.begin() as connection:
@@ -252,6 +255,8 @@ def run_worker(settings: Settings, slot: int, commands: Mapping[str, Sequence[st
     DBOS.listen_queues([QUEUE])
     DBOS.launch()
     DBOS.register_queue(QUEUE, worker_concurrency=1, polling_interval_sec=QUEUE_POLL)
+    for event in _get_dbos_instance().background_thread_stop_events:  # private, so the minor version is pinned
+        event.wait = hurried(event, runner, QUEUE_POLL)  # type: ignore[assignment, method-assign]
     if lock is not None:
         watch = (lock, runner.stopping, _pending_executors, lambda gone: _recover([gone]))
         threading.Thread(target=watch_others, args=watch, daemon=True).start()
@@ -259,7 +264,8 @@ def run_worker(settings: Settings, slot: int, commands: Mapping[str, Sequence[st
         _adopt_orphans(settings)
     _log.info("%s waits for jobs", name)
     runner.stopping.wait()
-    runner.idle.wait(5.0)
+    if not runner.idle.wait(PUT_BACK_PATIENCE):
+        _log.error("%s could not put its job back in time; the next start of a worker does", name)
     logging.shutdown()
     os._exit(0)  # whatever the engine's threads do
 

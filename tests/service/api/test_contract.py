@@ -33,7 +33,7 @@ def free_scanner(http):
 
 
 @pytest.fixture
-def existing(free_scanner, mask, plan, scan, scan_with_alines):
+def existing(http, free_scanner, mask, plan, scan, scan_with_alines):
     """Identifiers that lead somewhere: generated ones hardly ever do."""
     job = scan_with_alines["reconstruction"]
     return {
@@ -42,6 +42,8 @@ def existing(free_scanner, mask, plan, scan, scan_with_alines):
         "scan_id": scan["id"],
         "scanner_id": "scanner-0",
         "reconstruction_id": job["id"],
+        "job_id": job["id"],
+        "upload_id": http.post("/uploads", content=b"x").json()["id"],
     }
 
 

@@ -53,7 +53,7 @@ CASES = [
      "#/parameters/depth_range", "first < last (m)"),
     ("PUT", "/scans/s1/desired-state", {"state": "exploded"}, 422, "invalid-input", "#/state", "'stopped'"),
     ("GET", "/scans?limit=0", None, 422, "invalid-input", "limit", "at least 1"),
-    ("GET", "/reconstructions/r1/mip?axis=w", None, 422, "invalid-input", "axis", "'x', 'y' or 'z'"),
+    ("GET", "/reconstructions/r1/mip?axis=w", None, 422, "invalid-input", "axis", "'x', 'y', 'z' or 'depth'"),
 ]  # fmt: skip
 
 

@@ -20,7 +20,10 @@ from steradian.storage.keys import KeyStore, Scope, Unauthorized
 from steradian.storage.paths import DataDirectory
 
 ROUTES = sorted(SCOPES, key=str)
-NONE = dict.fromkeys(("mask_id", "plan_id", "scan_id", "reconstruction_id", "batch_id", "scanner_id"), "none")
+NONE = dict.fromkeys(
+    ("mask_id", "plan_id", "scan_id", "reconstruction_id", "batch_id", "scanner_id", "job_id", "upload_id", "name"),
+    "none",
+)
 
 
 class Guarded:
@@ -71,7 +74,7 @@ class Guarded:
 
 def secret_of(key):
     """The part behind prefix and identifier; it may hold underscores itself."""
-    return key.split("_", 2)[2]
+    return key.split("_", 2)[-1]
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,78 @@
+"""What jobs look like in JSON."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any, Self
+
+from pydantic import BaseModel, Field
+
+from steradian.api.views import BASE, ErrorView, ProgressView
+from steradian.storage.job_ledger import event_kind
+from steradian.storage.jobs import JobStatus
+from steradian.storage.states import DesiredJobState, ReconstructionState, is_terminal
+
+_INSIDE = frozenset({"scan", "output", "principal", "batch_id"})
+"""What the payload holds for the worker alone."""
+
+
+class JobView(BaseModel):
+    """A job of any kind: what was asked, how far it is and what it found."""
+
+    id: str
+    kind: str = Field(examples=["export"])
+    asked: dict[str, Any] = Field(description="What was asked for", examples=[{"format": "nifti"}])
+    priority: int = Field(description="Smaller ones run first, equal ones in the order they were asked for")
+    state: ReconstructionState
+    desired_state: DesiredJobState
+    reason: str | None = Field(description="Why it was cancelled")
+    attempt: int = Field(description="1 for the first start, 0 before it")
+    progress: ProgressView
+    error: ErrorView | None
+    result: dict[str, Any] | None = Field(description="What it found, when it has succeeded")
+    files: list[str] = Field(description="Names of the files it left, behind links.files", examples=[["volume.nii.gz"]])
+    created: datetime | None
+    started: datetime | None
+    ended: datetime | None
+    history: list[dict[str, Any]] = Field(description="state, at, who and why of every change")
+    links: dict[str, str] = Field(examples=[{"self": "/api/v1/…"}])
+
+    @classmethod
+    def of(cls, job: JobStatus) -> Self:
+        """Show a job."""
+        here = f"{BASE}/jobs/{job.id}"
+        result = {name: value for name, value in job.result.items() if name != "files"}
+        return cls(
+            id=job.id,
+            kind=job.kind,
+            asked={name: value for name, value in job.payload.items() if name not in _INSIDE},
+            priority=job.priority,
+            state=job.state,
+            desired_state=job.desired_state,
+            reason=job.reason,
+            attempt=job.attempt,
+            progress=ProgressView(stage=job.stage, done=job.done, total=job.total),
+            error=ErrorView(code=job.error_code, detail=job.error or "") if job.error_code else None,
+            result=result or None,
+            files=[str(name) for name in job.result.get("files", [])],
+            created=job.created,
+            started=job.started,
+            ended=job.ended,
+            history=job.history,
+            links={"self": here, "log": f"{here}/log", "attempts": f"{here}/attempts", **_links(here, job)},
+        )
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing of it will change any more."""
+        return is_terminal(self.state)
+
+
+def _links(here: str, job: JobStatus) -> dict[str, str]:
+    links = {f"file:{name}": f"{here}/files/{name}" for name in job.result.get("files", [])}
+    if event_kind(job.kind) == "reconstruction":
+        links["reconstruction"] = f"{BASE}/reconstructions/{job.id}"
+    for name, noun in (("scan_id", "scans"), ("reconstruction_id", "reconstructions"), ("mask_id", "masks")):
+        if identifier := job.payload.get(name):
+            links.setdefault(name.removesuffix("_id"), f"{BASE}/{noun}/{identifier}")
+    return links

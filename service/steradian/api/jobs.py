@@ -1,0 +1,213 @@
+"""``/jobs``: everything in the queue, and work beyond reconstructions: sound speed, quality, export and import."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, TypeAlias
+
+from fastapi import APIRouter, Body, Query, Request, Response
+from fastapi.responses import FileResponse
+from pydantic import Field
+from sqlalchemy.orm import Session
+from starlette.concurrency import run_in_threadpool
+
+from steradian.api.conditions import ConditionsNeeded, etag_of, etag_of_file
+from steradian.api.dependencies import Before, Limit, OptionalKey, ServicesNeeded, Wait, Who, link_next, replay
+from steradian.api.documents import FILE_NAME, JOB_ID
+from steradian.api.job_checks import check_job
+from steradian.api.job_views import JobView
+from steradian.api.problems import NotReady
+from steradian.api.reconstructions import AttemptsView, JobWish, PriorityChange
+from steradian.api.security import V1, GuardedRoute
+from steradian.api.services import Services
+from steradian.api.views import Listing
+from steradian.errors import NotFound
+from steradian.reconstructions import asked
+from steradian.storage.idempotency import Answer, Key
+from steradian.storage.job_ledger import to_status
+from steradian.storage.jobs import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobRequest
+from steradian.storage.keys import Principal
+from steradian.storage.repository import new_id
+from steradian.storage.states import ReconstructionState
+from steradian.validation import Value
+
+router = APIRouter(prefix=f"{V1}/jobs", tags=["jobs"], route_class=GuardedRoute)
+
+
+class _Queueing(Value):
+    """When and for how long."""
+
+    priority: int = Field(default=DEFAULT_PRIORITY, ge=0, le=LOWEST_PRIORITY, description="Smaller ones run first")
+    timeout: float | None = Field(default=None, gt=0, le=30 * 86_400, description="Longest it may run (s)")
+
+
+class SoundSpeedRequest(asked.SoundSpeed, _Queueing):
+    """Find the speed of sound at which a scan's image is sharpest."""
+
+
+class QualityRequest(asked.Quality, _Queueing):
+    """Compare a reconstruction with another one."""
+
+
+class ExportRequest(asked.Export, _Queueing):
+    """Write a reconstruction or scan for other programs."""
+
+
+class ImportRequest(asked.Import, _Queueing):
+    """Make a scan of an uploaded file."""
+
+
+AnyRequest: TypeAlias = Annotated[
+    SoundSpeedRequest | QualityRequest | ExportRequest | ImportRequest, Field(discriminator="kind")
+]
+_EXAMPLES: dict[str, Any] = {kind: {"value": example} for kind, example in asked.EXAMPLES.items()}
+
+
+@router.post(
+    "",
+    status_code=202,
+    summary="Queue work that is no reconstruction",
+    response_model=JobView,
+    responses={201: {"model": JobView, "description": "It was over within the time waited for"}},
+)
+async def create_job(
+    services: ServicesNeeded,
+    who: Who,
+    wanted: Annotated[AnyRequest, Body(openapi_examples=_EXAMPLES)],
+    key: OptionalKey,
+    wait: Wait,
+) -> Response:
+    """Queue a scan over the speed of sound, a comparison, an export or an import, told apart by ``kind``.
+
+    Reconstructions, also those through another mask, are queued by POST /reconstructions and POST /batches.
+    """
+    return await queue_job(services, who, wanted, key, wait)
+
+
+async def queue_job(
+    services: Services,
+    who: Principal,
+    wanted: SoundSpeedRequest | QualityRequest | ExportRequest | ImportRequest,
+    key: Key | None,
+    wait: Wait,
+) -> Response:
+    """Check what is wanted, note it, hand it to the queue and, where the client waits, wait."""
+
+    def make(session: Session) -> Answer:
+        payload = wanted.model_dump(mode="json", exclude={"kind", "priority", "timeout"})
+        if wanted.kind == "import":
+            payload |= {"scan_id": new_id("s"), "principal": who.name}
+        how = {"priority": wanted.priority, "timeout": wanted.timeout, "principal": who.name}
+        request = JobRequest(new_id("j"), wanted.kind, payload, **how)  # type: ignore[arg-type]
+        row = services.ledger.add(session, request)
+        session.flush()
+        view = JobView.of(to_status(row))
+        return Answer(202, view.links["self"], view.model_dump_json())
+
+    await run_in_threadpool(check_job, services, wanted)
+    answer = await run_in_threadpool(services.answers.once, key, make)
+    identifier = answer.location.rpartition("/")[2]
+    await run_in_threadpool(services.enqueue, identifier)
+    if not wait.seconds or answer.replayed:
+        return replay(answer)
+    view = await _view(services, identifier, wait)
+    response = replay(Answer(201 if view.is_over else 202, answer.location, view.model_dump_json()))
+    response.headers["Preference-Applied"] = f"wait={wait.seconds:g}"
+    return response
+
+
+Kind = Annotated[
+    Literal["reconstruction", "live", "what-if", "sound-speed", "quality", "export", "import"] | None,
+    Query(description="Only this kind"),
+]
+
+
+@router.get("", summary="Jobs of every kind, newest first")
+def list_jobs(
+    services: ServicesNeeded,
+    request: Request,
+    response: Response,
+    kind: Kind = None,
+    limit: Limit = 100,
+    before: Before = None,
+) -> Listing[JobView]:
+    """List jobs, reconstructions among them."""
+    page = services.ledger.page_of(limit, before, kind)
+    link_next(response, request, limit, page.cursor, kind=kind)
+    return Listing(items=[JobView.of(to_status(row)) for row in page.rows])
+
+
+@router.get("/{job_id}", summary="One job")
+async def read_job(services: ServicesNeeded, job_id: JOB_ID, wait: Wait, conditions: ConditionsNeeded) -> JobView:
+    """Show how a job stands, and what it found when it has succeeded."""
+    job = await wait.until(lambda: services.ledger.status(job_id), lambda seen: seen.is_over)
+    if not wait.seconds:
+        conditions.tag(etag_of(job_id, job.revision))
+    return JobView.of(job)
+
+
+@router.patch("/{job_id}", summary="Move a waiting job in the queue")
+def change_job(
+    services: ServicesNeeded, job_id: JOB_ID, wanted: PriorityChange, conditions: ConditionsNeeded
+) -> JobView:
+    """Give a job that waits another priority; with If-Match only if it has not changed since."""
+    services.ledger.get(job_id)
+    job = services.queue.set_priority(job_id, wanted.priority, conditions.revision(job_id))
+    conditions.tag(etag_of(job_id, job.revision))
+    return JobView.of(job)
+
+
+@router.put("/{job_id}/desired-state", summary="Cancel a job")
+def wish(services: ServicesNeeded, who: Who, job_id: JOB_ID, wanted: JobWish) -> JobView:
+    """Cancel a job that waits or runs; repeating it changes nothing."""
+    services.ledger.get(job_id)
+    return JobView.of(services.cancel(job_id, who.name, wanted.reason))
+
+
+@router.get("/{job_id}/attempts", summary="Every start of a job")
+def read_attempts(services: ServicesNeeded, job_id: JOB_ID) -> AttemptsView:
+    """Show which worker started the job when, and how each start ended."""
+    return AttemptsView(items=services.ledger.status(job_id).attempts)
+
+
+@router.get(
+    "/{job_id}/log",
+    summary="What a job wrote while it ran",
+    response_class=Response,
+    responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
+)
+def read_log(services: ServicesNeeded, job_id: JOB_ID) -> Response:
+    """Show the log of all attempts; empty before the first."""
+    services.ledger.get(job_id)
+    path = services.data.job(job_id).log
+    text = path.read_bytes() if path.is_file() else b""
+    return Response(text, media_type="text/plain; charset=utf-8")
+
+
+@router.get(
+    "/{job_id}/files/{name}",
+    summary="A file that a job left",
+    response_class=FileResponse,
+    responses={
+        200: {"content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}},
+        206: {"description": "A range of it"},
+        304: {"description": "The one you have is still right"},
+    },
+)
+async def read_file(
+    services: ServicesNeeded, job_id: JOB_ID, name: FILE_NAME, wait: Wait, conditions: ConditionsNeeded
+) -> FileResponse:
+    """Download a file of a job's ``files``, also in ranges."""
+    view = await _view(services, job_id, wait)
+    if not view.is_over:
+        raise NotReady(f"job {job_id} is {view.state}; its files can be had when it has succeeded")
+    path = services.data.job(job_id).root / name
+    known = view.state is ReconstructionState.SUCCEEDED and name in view.files
+    if not known or not await run_in_threadpool(path.is_file):
+        raise NotFound(f"file of job {job_id}", name)
+    etag = etag_of_file(path)
+    conditions.tag(etag)
+    return FileResponse(path, media_type="application/octet-stream", filename=name, headers={"ETag": etag})
+
+
+async def _view(services: Services, job_id: str, wait: Wait) -> JobView:
+    return await wait.until(lambda: JobView.of(services.ledger.status(job_id)), lambda view: view.is_over)

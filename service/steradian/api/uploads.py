@@ -1,0 +1,88 @@
+"""``/uploads``: files that become scans. They are kept as they come; only an import's own process looks into them."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+
+from fastapi import APIRouter, Request, Response
+from pydantic import BaseModel, Field
+from starlette.concurrency import run_in_threadpool
+
+from steradian.api.dependencies import ServicesNeeded
+from steradian.api.documents import UPLOAD_ID
+from steradian.api.security import V1, GuardedRoute
+from steradian.api.views import BASE
+from steradian.errors import DiskFull, InvalidInput, NotFound
+from steradian.storage.repository import new_id
+
+router = APIRouter(prefix=f"{V1}/uploads", tags=["jobs"], route_class=GuardedRoute)
+PIECE = 4 * 2**20
+RESERVE = 100 * 2**20
+"""Bytes of the disk that uploads leave free."""
+_BINARY = {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}, "examples": {}}}
+
+
+class UploadView(BaseModel):
+    """A file that waits to be imported."""
+
+    id: str
+    bytes: int
+    sha256: str | None = Field(default=None, description="Of the whole file, when it has just come")
+    links: dict[str, str] = Field(examples=[{"self": "/api/v1/…"}])
+
+
+@router.post(
+    "",
+    status_code=201,
+    summary="Send a file to be imported",
+    openapi_extra={"requestBody": {"required": True, "content": _BINARY}},
+    responses={507: {"description": "The disk is full"}},
+)
+async def create_upload(services: ServicesNeeded, request: Request, response: Response) -> UploadView:
+    """Keep the body as a file: IPASC, k-Wave or MATLAB HDF5, npy, npz, CSV, or a scan of this program.
+
+    Then POST /jobs with kind ``import``. A file that nobody imports is deleted after a day.
+    """
+    stated = int(request.headers.get("content-length", 0))
+    folder = services.data.uploads
+    await run_in_threadpool(folder.mkdir, parents=True, exist_ok=True)
+    free = shutil.disk_usage(folder).free
+    if stated + RESERVE > free:
+        raise DiskFull(f"the upload needs {stated} bytes; {max(0, free - RESERVE)} are free")
+    identifier = new_id("u")
+    path = services.data.upload(identifier)
+    draft = path.with_name(f"{identifier}.part")
+    digest, size = hashlib.sha256(), 0
+    try:
+        with await run_in_threadpool(draft.open, "wb") as file:
+            async for piece in request.stream():
+                digest.update(piece)
+                size += len(piece)
+                await run_in_threadpool(file.write, piece)
+        if not size:
+            raise InvalidInput("body", "empty", "the bytes of a file")
+        await run_in_threadpool(os.replace, draft, path)
+    finally:
+        await run_in_threadpool(draft.unlink, missing_ok=True)
+    here = f"{BASE}/uploads/{identifier}"
+    response.headers["Location"] = here
+    return UploadView(id=identifier, bytes=size, sha256=digest.hexdigest(), links={"self": here})
+
+
+@router.get("/{upload_id}", summary="One upload")
+def read_upload(services: ServicesNeeded, upload_id: UPLOAD_ID) -> UploadView:
+    """Tell whether a file is still there, and its size."""
+    path = services.data.upload(upload_id)
+    if not upload_id.isalnum() or not path.is_file():
+        raise NotFound("upload", upload_id)
+    return UploadView(id=upload_id, bytes=path.stat().st_size, links={"self": f"{BASE}/uploads/{upload_id}"})
+
+
+@router.delete("/{upload_id}", status_code=204, summary="Forget an upload")
+def delete_upload(services: ServicesNeeded, upload_id: UPLOAD_ID) -> Response:
+    """Delete the file; nothing happens when there is none."""
+    if upload_id.isalnum():
+        services.data.upload(upload_id).unlink(missing_ok=True)
+    return Response(status_code=204)

@@ -1,0 +1,37 @@
+"""A child that is still being started when its job is no longer wanted."""
+
+import asyncio
+import sys
+from pathlib import Path
+
+from steradian.storage.job_process import JobProcess
+
+ECHO = str(Path(__file__).with_name("echo_job.py"))
+
+
+async def _nothing(*_):
+    pass
+
+
+def test_a_job_that_is_given_up_while_its_process_starts_leaves_none_behind(tmp_path, monkeypatch):
+    started, start, there = [], asyncio.create_subprocess_exec, asyncio.Event()
+
+    async def slowly(*command, **how):
+        started.append(await start(*command, **how))
+        there.set()
+        await asyncio.sleep(0.2)
+        return started[-1]
+
+    async def give_up():
+        process = JobProcess([sys.executable, ECHO], {})
+        payload = {"do": "hang", "diary": str(tmp_path / "diary")}
+        job = asyncio.ensure_future(process.run(payload, log=tmp_path / "log.txt", report=_nothing, timeout=60))
+        await there.wait()
+        job.cancel()
+        await asyncio.wait({job}, timeout=10)
+        assert job.cancelled()
+        assert started[0].returncode is not None, "it has been killed and waited for"
+
+    monkeypatch.setattr(asyncio, "create_subprocess_exec", slowly)
+    asyncio.run(give_up())
+    assert len(started) == 1

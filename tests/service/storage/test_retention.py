@@ -1,0 +1,118 @@
+"""What is too old is forgotten, and nothing else."""
+
+import os
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+from steradian.api.services import Services
+from steradian.masks import grid_mask
+from steradian.plans import ScanPlan
+from steradian.settings import Settings
+from steradian.storage.database import Database, metadata_url
+from steradian.storage.jobs import JobRequest, Succeeded
+from steradian.storage.states import ReconstructionState
+from steradian.storage.tables import EventRow
+
+
+class Clock:
+    def __init__(self):
+        self.now = datetime(2026, 1, 2, tzinfo=UTC)
+
+    def __call__(self):
+        return self.now
+
+
+class Engine:
+    """Stands for the queue's engine, which forgets what it is told to."""
+
+    def __init__(self):
+        self.forgotten = []
+
+    def forget(self, job_ids):
+        self.forgotten += job_ids
+
+    def close(self):
+        pass
+
+
+@pytest.fixture
+def services(tmp_path):
+    settings = Settings.create(data=tmp_path, retention_days=30, event_days=7)
+    database = Database(metadata_url(settings))
+    services = Services(settings, Clock())
+    services.data.create()
+    database.migrate()
+    database.close()
+    services._queue.set_result(Engine())
+    yield services
+    services.close()
+
+
+def job(services, name, *, over):
+    with services.database.write() as session:
+        services.ledger.add(session, JobRequest(name, "reconstruction", {}))
+    services.ledger.start(name, "worker-0")
+    if over:
+        services.ledger.settle(name, Succeeded({}), "worker-0")
+    folder = services.data.job(name).root
+    folder.mkdir(parents=True)
+    (folder / "volume.h5").write_bytes(b"x")
+    return folder
+
+
+def test_finished_jobs_go_with_their_files_after_their_time_and_others_stay(services):
+    old, running = job(services, "old", over=True), job(services, "running", over=False)
+    services.clock.now += timedelta(days=29)
+    young = job(services, "young", over=True)
+    services.tidy()
+    assert old.exists()
+    services.clock.now += timedelta(days=2)
+    services.tidy()
+    assert (old.exists(), running.exists(), young.exists()) == (False, True, True)
+    assert services.queue.forgotten == ["old"]
+    assert {row.id for row in services.ledger.page(10).rows} == {"running", "young"}
+    assert services.ledger.status("running").state is ReconstructionState.RUNNING
+
+
+def test_scans_and_masks_are_never_forgotten(services):
+    plan = ScanPlan.create(mask=grid_mask(0.01, 3, 1e-3), samples=64)
+    services.masks.put(plan.mask)
+    row, _ = services.plans.put(plan)
+    scan = services.scans.queue(row, simulated=True)
+    services.data.scan_file(scan.id).write_bytes(b"x")
+    services.clock.now += timedelta(days=4000)
+    services.tidy()
+    assert services.scans.get(scan.id)
+    assert services.masks.get(plan.mask.id)
+    assert services.data.scan_file(scan.id).exists()
+
+
+def test_without_a_retention_time_jobs_are_kept(services):
+    services.settings = services.settings.model_copy(update={"retention_days": None})
+    folder = job(services, "old", over=True)
+    services.clock.now += timedelta(days=4000)
+    services.tidy()
+    assert folder.exists()
+
+
+def test_uploads_that_nobody_imports_go_after_a_day(services):
+    paths = [services.data.upload(name) for name in ("u1", "u2")]
+    for path, age in zip(paths, (timedelta(hours=25), timedelta(hours=1)), strict=True):
+        path.write_bytes(b"x")
+        then = (services.clock.now - age).timestamp()
+        os.utime(path, (then, then))
+    services.tidy()
+    assert [path.exists() for path in paths] == [False, True]
+
+
+def test_events_can_be_replayed_for_as_long_as_was_chosen(services):
+    job(services, "first", over=True)
+    services.clock.now += timedelta(days=6)
+    job(services, "second", over=True)
+    services.clock.now += timedelta(days=2)
+    services.tidy()
+    with services.database.read() as session:
+        left = {row.resource_id for row in session.query(EventRow)}
+    assert left == {"second"}
+    assert services.log.bounds().before > 0

@@ -1,0 +1,30 @@
+"""``steradian benchmark queue`` in small: it measures what it says and finds nothing lost."""
+
+import pytest
+
+from steradian.benchmarks.queue import latency, load
+from steradian.benchmarks.throughput import KINDS, throughput
+from steradian.settings import Settings
+
+pytestmark = [pytest.mark.soak, pytest.mark.timeout(300)]
+
+
+def test_the_service_is_compared_with_every_loop(tmp_path):
+    settings = Settings.create(data=tmp_path, port=0, workers=2, simulator_speed=200.0)
+    rows = throughput(settings, jobs=4, modes=16, points=60)
+    assert [row["case"] for row in rows] == ["service", *KINDS]
+    assert rows[0]["ratio"] == 1
+    assert all(row["jobs_per_second"] > 0 and row["cpu_s_per_job"] > 0 for row in rows)
+
+
+def test_waiting_times_are_those_of_single_jobs(tmp_path):
+    row = latency(Settings.create(data=tmp_path, port=0), jobs=4)
+    assert 0 < row["start_p50_ms"] < 5000
+    assert 0 <= row["progress_p50_ms"] < 5000
+
+
+def test_a_small_load_loses_and_doubles_nothing(tmp_path):
+    settings = Settings.create(data=tmp_path, port=0, workers=2, simulator_speed=200.0)
+    row = load(settings, jobs=12, readers=2)
+    assert (row["succeeded"], row["doubled"]) == (12, 0)
+    assert row["read_p99_ms"] > row["bare_select_p50_ms"]

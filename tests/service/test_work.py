@@ -1,0 +1,293 @@
+"""Every kind of work through a real service over HTTP, and how work ends when somebody wants it to."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+import uuid
+from dataclasses import dataclass
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+
+from steradian.masks import equi_steradian_mask
+from steradian.plans import ScanPlan
+from steradian.reconstructions.parameters import ReconstructionParameters
+from steradian.reconstructions.worker import reconstruction_job
+from steradian.scans.store import AlineStore, create_scan_file
+from steradian.settings import Settings
+from steradian.storage.database import Database, metadata_url
+from steradian.storage.job_ledger import JobLedger
+from steradian.storage.queue import JobQueue
+from steradian.storage.scans import ScanRepository
+from steradian.storage.states import ReconstructionState, ScanState
+from steradian.supervisor import running_worker
+
+pytestmark = pytest.mark.timeout(300)  # the first reconstruction on a machine compiles its kernels
+WAIT = {"Prefer": "wait=100"}
+PARAMETERS = {"modes": 24}
+
+
+class Service:
+    def __init__(self, folder, **settings):
+        self.settings = Settings.create(data=folder, port=0, **settings)
+        command = [sys.executable, "-m", "steradian", "serve"]
+        environment = self.settings.environment()
+        self.log = (folder / "service.log").open("ab")
+        self.process = subprocess.Popen(
+            command, env=environment, stdout=subprocess.PIPE, stderr=self.log, text=True, stdin=subprocess.DEVNULL
+        )
+        url = self.process.stdout.readline().partition(" at ")[2].split()[0].rstrip("/")
+        self.http = httpx.Client(base_url=url, timeout=120)
+
+    def make(self, path, **body):
+        answer = self.http.post(path, json=body, headers=WAIT | {"Idempotency-Key": uuid.uuid4().hex})
+        assert answer.status_code in (200, 201, 202), answer.text
+        return answer.json()
+
+    def done(self, path, **body):
+        """Ask for work and wait for its success."""
+        made = self.make(path, **body)
+        while made["state"] in {"queued", "running"}:
+            made = self.http.get(made["links"]["self"].removeprefix("/api/v1"), headers=WAIT).json()
+        assert made["state"] == "succeeded", made["error"]
+        return made
+
+    def get(self, path, **how):
+        return self.http.get(path.removeprefix("/api/v1"), **how).raise_for_status()
+
+    def plan(self, **more):
+        equi = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 60}
+        mask = self.make("/masks", **equi)
+        return self.make("/plans", mask_id=mask["id"], samples=256, **more)["id"]
+
+    def start_scan(self, plan_id):
+        return self.http.post("/scans", json={"plan_id": plan_id}, headers={"Idempotency-Key": uuid.uuid4().hex}).json()
+
+    def close(self):
+        self.http.close()
+        self.process.terminate()
+        self.process.wait(15)
+        self.process.stdout.close()
+        self.log.close()
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory):
+    service = Service(tmp_path_factory.mktemp("service"), simulator_speed=20.0)
+    yield service
+    service.close()
+
+
+@pytest.fixture(scope="module")
+def scan(service):
+    return service.make("/scans", plan_id=service.plan())
+
+
+@pytest.fixture(scope="module")
+def image(service, scan):
+    return service.done("/reconstructions", scan_id=scan["id"], parameters=PARAMETERS)
+
+
+def test_a_scan_is_followed_while_it_runs_and_ends_as_its_full_reconstruction(service, scan, image):
+    service.done("/reconstructions", scan_id=scan["id"], follow=True, parameters=PARAMETERS)  # its kernels are there
+    slow = service.start_scan(service.plan(pulse_rate=1, averages=2))
+    job = service.http.post(
+        "/reconstructions", json={"scan_id": slow["id"], "follow": True, "interval": 0.3, "parameters": PARAMETERS}
+    ).json()
+    seen, deadline = [], time.monotonic() + 90
+    while time.monotonic() < deadline:
+        answer = service.http.get(f"/reconstructions/{job['id']}/revision")
+        if answer.status_code == 200:
+            seen.append(answer.json())
+            if not seen[-1]["final"]:
+                assert service.get(f"/reconstructions/{job['id']}/mip").content.startswith(b"\x89PNG")
+            if seen[-1]["final"]:
+                break
+        time.sleep(0.1)
+    numbers = [revision["number"] for revision in seen]
+    assert numbers == sorted(numbers)
+    early = [revision for revision in seen if not revision["final"]]
+    assert early, "there are images before the scan is over"
+    assert early[0]["coverage"]["points"] < 1
+    done = service.get(f"/reconstructions/{job['id']}", headers=WAIT).json()
+    assert (done["state"], done["kind"]) == ("succeeded", "live")
+    whole = service.done("/reconstructions", scan_id=slow["id"], parameters=PARAMETERS)
+    figures = service.done(f"/reconstructions/{done['id']}/quality", reference_id=whole["id"])["result"]["figures"]
+    assert figures["volume_error"] < 1e-4
+
+
+def test_a_scan_travels_to_another_program_and_back(service, scan, image):
+    sent = service.done("/jobs", kind="export", scan_id=scan["id"], format="ipasc")
+    file = service.get(f"{sent['links']['self']}/files/{sent['files'][0]}").content
+    upload = service.http.post("/uploads", content=file).json()
+    taken = service.done("/jobs", kind="import", upload_id=upload["id"], labels={"from": "ipasc"})
+    scan_id = taken["result"]["scan_id"]
+    shown = service.get(taken["links"]["scan"]).json()
+    assert (shown["id"], shown["state"], shown["labels"]) == (scan_id, "complete", {"from": "ipasc"})
+    assert service.http.get(f"/uploads/{upload['id']}").status_code == 404
+    again = service.done("/reconstructions", scan_id=scan_id, parameters=PARAMETERS)
+    figures = service.done("/jobs", kind="quality", reconstruction_id=again["id"], reference_id=image["id"])["result"]
+    assert figures["figures"]["volume_correlation"] > 0.999
+    listed = service.get(f"/reconstructions/{again['id']}/quality").json()["items"]
+    assert listed[0]["figures"] == figures["figures"]
+
+
+def test_a_file_that_is_no_recording_fails_with_the_reason_and_makes_no_scan(service, scan):
+    before = service.get("/scans").json()
+    upload = service.http.post("/uploads", content=b"%PDF-1.7 no recording").json()
+    job = service.make("/jobs", kind="import", upload_id=upload["id"])
+    while job["state"] in {"queued", "running"}:
+        job = service.get(job["links"]["self"], headers=WAIT).json()
+    assert (job["state"], job["error"]["code"], job["attempt"]) == ("failed", "damaged-file", 1)
+    assert service.get("/scans").json() == before
+
+
+def test_a_volume_can_be_had_in_other_formats(service, image):
+    job = service.done("/jobs", kind="export", reconstruction_id=image["id"], format="nrrd")
+    file = service.get(f"{job['links']['self']}/files/{job['files'][0]}")
+    assert file.content.startswith(b"NRRD")
+    assert len(file.content) > 24 * 24 * 256
+
+
+def test_a_sweep_of_masks_says_how_good_each_would_have_been(service, scan):
+    grid = {"arrangement": "grid", "aperture": 13.56e-3, "interval": 1.2e-3}
+    masks = [service.make("/masks", **grid, count=count)["id"] for count in (3, 7)]
+    made = service.make("/batches", scan_id=scan["id"], vary={"mask_id": masks}, parameters=PARAMETERS)
+    deadline = time.monotonic() + 90
+    while (batch := service.get(f"/batches/{made['id']}").json())["state"] in {"queued", "running"}:
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    assert batch["state"] == "succeeded"
+    quality = [job["figures"]["what_if"]["quality"]["volume_correlation"] for job in batch["jobs"]]
+    assert quality[0] < quality[1] < 1, "more points see more"
+    values = np.frombuffer(
+        service.get(
+            f"/reconstructions/{batch['jobs'][0]['id']}/volume", headers={"Accept": "application/octet-stream"}
+        ).content,
+        np.float32,
+    )
+    assert values.size == 24 * 24 * 256
+
+
+def test_the_speed_of_sound_is_looked_for(service, scan):
+    job = service.done(
+        "/jobs", kind="sound-speed", scan_id=scan["id"], first=1400, last=1600, steps=5, parameters=PARAMETERS
+    )
+    assert 1400 <= job["result"]["best"] <= 1600
+    picture = service.get(f"{job['links']['self']}/files/sound-speed.png").content
+    assert picture.startswith(b"\x89PNG")
+
+
+@dataclass
+class Aline:
+    point: int
+    samples: np.ndarray
+    shot: int
+    scale: float = 1.0
+    energy: float = 1.0
+    wavelength_m: float = 1.55e-6
+    fire_time_s: float = 0.0
+    quality: int = 0
+
+
+def resident(pid):
+    """Bytes of memory of a process; 0 when it is gone."""
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+        pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    except OSError:
+        return 0
+    return 0 if state == "Z" else pages * os.sysconf("SC_PAGE_SIZE")
+
+
+def child_of(parent):
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            fields = (folder / "stat").read_text().rpartition(")")[2].split()
+            command = (folder / "cmdline").read_bytes()
+        except OSError:
+            continue
+        if int(fields[1]) == parent and b"steradian.reconstructions.child" in command:
+            return int(folder.name)
+    return None
+
+
+def wait_for(condition, seconds=60.0):
+    deadline = time.monotonic() + seconds
+    while not (found := condition()):
+        assert time.monotonic() < deadline, "it did not happen in time"
+        time.sleep(0.01)
+    return found
+
+
+@pytest.mark.skipif(not Path("/proc").exists(), reason="memory of processes is read from /proc")
+def test_cancelling_a_running_reconstruction_frees_its_memory_and_core_within_a_second(tmp_path, capsys):
+    settings = Settings.create(data=tmp_path)
+    queue = JobQueue(settings)
+    mask = equi_steradian_mask(13.56e-3, 3.6e-3, 200)
+    plan = ScanPlan.create(mask=mask, samples=1024)
+    path = tmp_path / "scans" / "s1.h5"
+    create_scan_file(path, plan, scan_id="s1")
+    noise = np.random.default_rng(0).integers(-1000, 1000, (mask.count, 1024)).astype(np.int16)
+    with AlineStore(path) as store:
+        store.append(Aline(point, row, point + 1) for point, row in enumerate(noise))
+    large, small = (ReconstructionParameters(modes=modes) for modes in (452, 16))
+    try:
+        with running_worker(settings):
+            queue.submit(reconstruction_job("warm", settings, path, small))
+            assert queue.wait("warm", timeout=120).state is ReconstructionState.SUCCEEDED
+            queue.submit(reconstruction_job("large", settings, path, large))
+            wait_for(lambda: queue.status("large").state is ReconstructionState.RUNNING)
+            worker = int(json_pid(tmp_path / "run" / "worker-0.json"))
+            child = wait_for(lambda: child_of(worker))
+            held = wait_for(lambda: (found := resident(child)) > 600e6 and found)
+            begun = time.monotonic()
+            queue.cancel("large", "ada", "no longer wanted")
+            wait_for(lambda: resident(child) == 0)
+            took = time.monotonic() - begun
+            assert queue.wait("large", timeout=10).state is ReconstructionState.CANCELLED
+            left = {file.name for file in (tmp_path / "reconstructions" / "large").iterdir()}
+            assert "volume.h5" not in left
+            queue.submit(reconstruction_job("after", settings, path, small))
+            assert queue.wait("after", timeout=60).state is ReconstructionState.SUCCEEDED
+    finally:
+        queue.close()
+    with capsys.disabled():
+        print(f"\n  {held / 1e6:.0f} MB and the process of a cancelled reconstruction were free after {took:.2f} s")
+    assert took < 1.0
+
+
+def json_pid(path):
+    import json
+
+    return json.loads(path.read_text())["pid"]
+
+
+def test_a_service_that_is_asked_to_end_puts_jobs_back_and_makes_the_scan_safe(tmp_path, capsys):
+    service = Service(tmp_path, simulator_speed=20.0)
+    done = service.make("/scans", plan_id=service.plan())
+    slow = service.start_scan(service.plan(pulse_rate=1, averages=10))
+    wait_for(lambda: service.get(f"/scans/{slow['id']}").json()["state"] == "running")
+    wait_for(lambda: service.get(f"/scans/{slow['id']}/coverage").json()["stored"] > 2)
+    large = service.http.post("/reconstructions", json={"scan_id": done["id"], "parameters": {"modes": 1024}}).json()
+    wait_for(lambda: service.get(f"/reconstructions/{large['id']}").json()["state"] == "running")
+    begun = time.monotonic()
+    service.process.send_signal(signal.SIGTERM)
+    assert service.process.wait(12) == 0
+    took = time.monotonic() - begun
+    database = Database(metadata_url(service.settings))
+    job, scan = JobLedger(database).get(large["id"]), ScanRepository(database).get(slow["id"])
+    database.close()
+    service.close()
+    with capsys.disabled():
+        print(f"\n  SIGTERM with a running job and scan: all ended after {took:.1f} s")
+    assert took < 10
+    assert (job.state, job.attempt) == (ReconstructionState.QUEUED, 0)
+    assert job.attempts[0]["outcome"] == "put back"
+    assert scan.state is ScanState.INTERRUPTED
+    with AlineStore(tmp_path / "scans" / f"{slow['id']}.h5") as store:
+        assert store.stored > 2, "what was acknowledged is there"
