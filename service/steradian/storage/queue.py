@@ -263,7 +263,8 @@ def run_worker(settings: Settings, slot: int, commands: Mapping[str, Sequence[st
     elif slot == 0:
         _adopt_orphans(settings)
     _log.info("%s waits for jobs", name)
-    runner.stopping.wait()
+    while not runner.stopping.wait(POLL):
+        pass  # a signal that another thread received is handled when this one wakes
     if not runner.idle.wait(PUT_BACK_PATIENCE):
         _log.error("%s could not put its job back in time; the next start of a worker does", name)
     logging.shutdown()
