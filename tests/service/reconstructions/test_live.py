@@ -276,10 +276,6 @@ def test_a_preview_keeps_what_its_samples_carry_and_drops_the_rest() -> None:
     assert np.abs(reduced[1]).max() < 1e-3
 
 
-def _scan_in_a_process(plan: ScanPlan, url: str, path: Path) -> None:
-    run_scan(plan, url, path)
-
-
 def test_revisions_while_another_process_scans_1605_points(scan: GrowingScan, tmp_path: Path) -> None:
     """The paper's mask on a simulated scanner, about 4 s long; the image is small so that the test is quick."""
     scan.measure(10)
@@ -289,9 +285,7 @@ def test_revisions_while_another_process_scans_1605_points(scan: GrowingScan, tm
     path, seen = tmp_path / "yarn.h5", []
     parameters = ReconstructionParameters.create(modes=56)
     with simulator.launch(speed=8.0) as scanner:
-        process = multiprocessing.get_context("spawn").Process(
-            target=_scan_in_a_process, args=(plan, scanner.url, path)
-        )
+        process = multiprocessing.get_context("spawn").Process(target=run_scan, args=(plan, scanner.url, path))
         process.start()
         try:
             report = follow_scan(
