@@ -9,7 +9,6 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, overload
 
 import google_crc32c
@@ -138,16 +137,21 @@ _FIELDS = {
     "time_zero_offset_s": ("time_zero", 1e-10),
     "dc_v": ("dc", 1e-3),
     "quality": ("quality", 1),
+    "crc32c": ("crc", 1),
 }
-"""Attributes of an A-line that are numbers: field of the record and its unit."""
+"""Attributes of an A-line that are numbers, and its samples' checksum: field of the record and its unit."""
 
 
-@lru_cache(maxsize=8)
-def record_type(samples: int) -> np.dtype[np.void]:
-    """Return the structure of a record of so many samples."""
-    names = "fire_time wavelength shot crc scale interval count averages energy dc quality shift time_zero".split()
-    kinds = "<u8 <u4 <u4 <u4 <f4 <u4 <u2 <u2 <u2 <i2 u1 u1 <i2".split()
-    return np.dtype([*zip(names, kinds, strict=True), ("samples", "<i2", (samples,))])
+META = np.dtype(
+    list(
+        zip(
+            "fire_time wavelength shot crc scale interval count averages energy dc quality shift time_zero".split(),
+            "<u8 <u4 <u4 <u4 <f4 <u4 <u2 <u2 <u2 <i2 u1 u1 <i2".split(),
+            strict=True,
+        )
+    )
+)
+"""Structure of a record's meta, in the protocol's units."""
 
 
 class ALineBatch(Sequence[ALine]):
@@ -165,12 +169,12 @@ class ALineBatch(Sequence[ALine]):
         Their checked records, all of the same length.
     """
 
-    __slots__ = ("_points", "_records", "_table", "first")
+    __slots__ = ("_meta", "_points", "_records", "first")
 
     def __init__(self, first: int = 0, points: Sequence[int] = (), records: Sequence[bytes] = ()) -> None:
         self.first = first
         self._points, self._records = points, records
-        self._table: NDArray[np.void] | None = None
+        self._meta: NDArray[np.void] | None = None
 
     def __len__(self) -> int:
         return len(self._records)
@@ -186,18 +190,22 @@ class ALineBatch(Sequence[ALine]):
         return ALine.from_record(self.first + place, self._points[place], self._records[place])
 
     @property
-    def table(self) -> NDArray[np.void]:
-        """(n,) records of :func:`record_type`, read-only, in the protocol's units."""
-        if self._table is None:
-            size = len(self._records[0]) if self._records else META_SIZE
-            data = b"".join(self._records)
-            self._table = np.frombuffer(data, record_type((size - META_SIZE) // 2), len(self._records))
-        return self._table
+    def meta(self) -> NDArray[np.void]:
+        """(n,) metas of the records, of structure :data:`META`, read-only."""
+        if self._meta is None:
+            self._meta = np.frombuffer(b"".join([record[:META_SIZE] for record in self._records]), META)
+        return self._meta
+
+    @property
+    def sample_bytes(self) -> list[bytes]:
+        """The samples of each as little-endian int16."""
+        return [record[META_SIZE:] for record in self._records]
 
     @property
     def samples(self) -> NDArray[np.int16]:
         """(n, N_t) int16 counts, read-only."""
-        return np.asarray(self.table["samples"])
+        data = np.frombuffer(b"".join(self.sample_bytes), "<i2")
+        return data.reshape(len(self), -1 if len(self) else 0).astype(np.int16, copy=False)
 
     def column(self, name: str) -> NDArray[Any]:
         """Return (n,) values of one attribute of :class:`ALine` by name, in its unit; of ``samples`` (n, N_t).
@@ -214,4 +222,4 @@ class ALineBatch(Sequence[ALine]):
         if name == "point":
             return np.array(self._points, np.int64)
         field, unit = _FIELDS[name]
-        return np.asarray(self.table[field] * unit)
+        return np.asarray(self.meta[field] * unit)

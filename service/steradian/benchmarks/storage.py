@@ -7,13 +7,16 @@ import shutil
 import statistics
 import tempfile
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fabry_perot import ALineBatch
+from fabry_perot.aline import META_SIZE
+from fabry_perot.framing import crc32c
+from fabry_perot.messages import ALineMeta, pack
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.progress import Progress
@@ -26,18 +29,6 @@ BATCHES = (1, 8, 32, 128, 512)
 """A-lines in a batch; each is synchronised once."""
 LEAST = 0.5
 """The scan file's rate over the plain file's must not be below this."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Aline:
-    point: int
-    samples: NDArray[np.int16]
-    shot: int
-    scale: float = 0.25
-    energy: float = 1.0
-    wavelength_m: float = 1.55e-6
-    fire_time_s: float = 12.5
-    quality: int = 0
 
 
 def storage(*, folder: Path | None = None, quick: bool = False, progress: Progress | None = None) -> list[Row]:
@@ -63,7 +54,7 @@ def storage(*, folder: Path | None = None, quick: bool = False, progress: Progre
     count, repeats, batches = (120, 1, (8, 32)) if quick else (1605, 7, BATCHES)
     plan = ScanPlan.create(mask=equi_steradian_mask(13.56e-3, 3.6e-3, count), samples=SAMPLES)
     samples = np.random.default_rng(1).integers(-20_000, 20_000, (plan.mask.count, SAMPLES), dtype=np.int16)
-    alines = [_Aline(point, row, point + 1) for point, row in enumerate(samples)]
+    alines = [_record(number, row) for number, row in enumerate(samples)]
     home = Path(tempfile.mkdtemp(prefix="steradian-storage-", dir=folder))
     rows: list[Row] = []
     try:
@@ -78,7 +69,7 @@ def storage(*, folder: Path | None = None, quick: bool = False, progress: Progre
     return rows
 
 
-def _measure(plan: ScanPlan, alines: list[_Aline], batch: int, repeats: int, home: Path) -> Row:
+def _measure(plan: ScanPlan, alines: list[bytes], batch: int, repeats: int, home: Path) -> Row:
     path, plain = home / "scan.h5", home / "plain"
     ours, theirs = [], []
     for turn in range(repeats):
@@ -102,28 +93,37 @@ def _measure(plan: ScanPlan, alines: list[_Aline], batch: int, repeats: int, hom
     }
 
 
-def _scan_file(plan: ScanPlan, alines: list[_Aline], batch: int, path: Path) -> float:
+def _scan_file(plan: ScanPlan, alines: list[bytes], batch: int, path: Path) -> float:
     """Store all A-lines in a new scan file; returns the seconds, without those of making the file."""
     path.unlink(missing_ok=True)
     create_scan_file(path, plan)
     with AlineStore(path) as store:
         begin = time.perf_counter()
         for first in range(0, len(alines), batch):
-            store.append(alines[first : first + batch])
+            some = alines[first : first + batch]
+            store.append(ALineBatch(first, range(first, first + len(some)), some))
         return time.perf_counter() - begin
 
 
-def _plain_file(alines: list[_Aline], batch: int, path: Path) -> float:
+def _plain_file(alines: list[bytes], batch: int, path: Path) -> float:
     """Append the samples to a new file, synchronised once a batch; returns the seconds."""
     path.unlink(missing_ok=True)
     handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
     try:
         begin = time.perf_counter()
         for first in range(0, len(alines), batch):
-            data = b"".join(aline.samples.tobytes() for aline in alines[first : first + batch])
+            data = b"".join(aline[META_SIZE:] for aline in alines[first : first + batch])
             while data:
                 data = data[os.write(handle, data) :]
             os.fsync(handle)
         return time.perf_counter() - begin
     finally:
         os.close(handle)
+
+
+def _record(number: int, samples: NDArray[np.int16]) -> bytes:
+    """Make the record of an A-line, as the driver hands it over."""
+    data = samples.astype("<i2").tobytes()
+    return (
+        pack(ALineMeta(number, 1_550_000, number + 1, crc32c(data), 0.25, 8000, SAMPLES, 1, 10_000, 0, 0, 0, 0)) + data
+    )

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
@@ -37,8 +39,9 @@ length, duration, frequency = _parser("m"), _parser("s"), _parser("Hz")
 
 
 def console() -> Console:
-    """Make a console on standard output."""
-    return Console(highlight=False)
+    """Make a console on standard output; in a file or pipe tables have room for their columns."""
+    roomy = not sys.stdout.isatty() and "COLUMNS" not in os.environ
+    return Console(highlight=False, width=180 if roomy else None)
 
 
 def complain(message: str) -> None:

@@ -192,6 +192,9 @@ def _write_plan(file: h5py.File, plan: ScanPlan, time_zero: float) -> None:
     group.create_dataset("frame_excitation", data=np.asarray(plan.frame_excitation)).attrs["units"] = "m"
 
 
+_PIECE = 1 << 20
+
+
 def _chunk_rows(count: int, samples: int, sample_kind: np.dtype[Any]) -> int:
     """Rows of a chunk: as many as fit, shared out so that the last chunk is nearly full."""
     most = max(1, schema.CHUNK_BYTES // (samples * sample_kind.itemsize))
@@ -226,6 +229,15 @@ def _reserve(
 
 
 def _reserve_disk(file: int, size: int) -> None:
-    """Turn the file's holes into reserved space, so that a full disk shows now and not in the middle of a scan."""
+    """Turn the file's holes into reserved space, so that a full disk shows now and not in the middle of a scan.
+
+    What is reserved is written once, too: else each batch of a scan would change the file system's own notes of which
+    blocks hold data, and wait for their journal.
+    """
     if hasattr(os, "posix_fallocate"):
         os.posix_fallocate(file, 0, size)
+    for start in range(0, size, _PIECE):
+        data = os.pread(file, _PIECE, start)
+        while data:
+            written = os.pwrite(file, data, start)
+            start, data = start + written, data[written:]  # noqa: PLW2901 - a write may be short

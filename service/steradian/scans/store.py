@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import google_crc32c
 import h5py
@@ -25,31 +25,11 @@ from steradian.scans import schema
 from steradian.scans.course import Course
 from steradian.scans.layout import create_scan_file, is_full
 from steradian.scans.locking import lock
+from steradian.scans.storable import StorableAline, columns_of
 
 __all__ = ["AlineStore", "StorableAline", "create_scan_file"]
 SPAN = 1 << 16
 """A batch writes a column in one piece, values between its rows with it, up to so many bytes."""
-
-
-class StorableAline(Protocol):
-    """What the store needs of an A-line (``fabry_perot.ALine`` has it); ``point`` counts in visit order."""
-
-    @property
-    def point(self) -> int: ...  # noqa: D102
-    @property
-    def samples(self) -> NDArray[np.int16] | NDArray[np.float32]: ...  # noqa: D102
-    @property
-    def scale(self) -> float: ...  # noqa: D102
-    @property
-    def energy(self) -> float: ...  # noqa: D102
-    @property
-    def wavelength_m(self) -> float: ...  # noqa: D102
-    @property
-    def fire_time_s(self) -> float: ...  # noqa: D102
-    @property
-    def quality(self) -> int: ...  # noqa: D102
-    @property
-    def shot(self) -> int: ...  # noqa: D102
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,17 +145,22 @@ class AlineStore:
             made again.
         """
         given = self._order if rows is None else rows
-        places = []
-        for aline in alines:
-            if not 0 <= aline.point < len(given):
-                raise InvalidInput("point", aline.point, f"0 to {len(given) - 1}")
-            place = int(given[aline.point])
-            self._write(place, aline)
-            places.append(place)
-        if places:
-            self._write_columns(places)
-            sync_data(self._file.fileno())
-            self._stored[places] = True
+        columns = columns_of(alines, self.samples, self.kind)
+        points = columns.points
+        if not len(points):
+            return
+        beyond = points[(points < 0) | (points >= len(given))]
+        if beyond.size:
+            raise InvalidInput("point", int(beyond[0]), f"0 to {len(given) - 1}")
+        places = given[points]
+        self._columns["crc32c"][places] = columns.checksums
+        for name, values in columns.values.items():
+            self._columns[name][places] = values
+        self._columns["status"][places] = schema.STORED
+        self._write_samples(places, columns.pieces)
+        self._write_columns(places)
+        sync_data(self._file.fileno())
+        self._stored[places] = True
 
     def set_fired(self, shots: int) -> None:
         """Note how many shots the scanner says it has fired; on a full disk that waits for the next time."""
@@ -258,38 +243,30 @@ class AlineStore:
     ) -> None:
         self.close()
 
-    def _write(self, place: int, aline: StorableAline) -> None:
-        row = np.ascontiguousarray(aline.samples, dtype=self.kind)
-        if row.shape != (self.samples,):
-            raise InvalidInput("samples", f"an A-line of shape {row.shape}", f"({self.samples},)")
-        data = row.tobytes()
-        chunk, within = divmod(place, self._chunk_rows)
-        self._overwrite(self._chunks[chunk] + within * len(data), data)
-        columns = self._columns
-        columns["crc32c"][place] = google_crc32c.value(data)
-        columns["scale"][place] = aline.scale
-        columns["energy"][place] = aline.energy
-        columns["wavelength_m"][place] = aline.wavelength_m
-        columns["fire_time_s"][place] = aline.fire_time_s
-        columns["quality"][place] = aline.quality
-        columns["shot"][place] = aline.shot
-        columns["status"][place] = schema.STORED
+    def _write_samples(self, places: NDArray[np.int64], pieces: Sequence[bytes]) -> None:
+        """Write A-lines into their rows, neighbours in one go."""
+        size, rows, chunks = len(pieces[0]), self._chunk_rows, self._chunks
+        ends = np.flatnonzero((np.diff(places) != 1) | (places[1:] % rows == 0)) + 1
+        starts = [0, *ends.tolist()]
+        for start, end, place in zip(starts, [*starts[1:], len(pieces)], places[starts].tolist(), strict=True):
+            data = pieces[start] if end == start + 1 else b"".join(pieces[start:end])
+            self._overwrite(chunks[place // rows] + place % rows * size, data)
 
-    def _write_columns(self, places: Sequence[int]) -> None:
-        first, last = min(places), max(places) + 1
+    def _write_columns(self, places: NDArray[np.int64]) -> None:
+        first, last = int(places.min()), int(places.max()) + 1
         for name, values in self._columns.items():
             size = values.itemsize
             if (last - first) * size <= SPAN:
                 self._overwrite(self._offsets[name] + first * size, values[first:last].tobytes())
                 continue
-            for place in places:
+            for place in places.tolist():
                 self._overwrite(self._offsets[name] + place * size, values[place : place + 1].tobytes())
 
     def _overwrite(self, offset: int, data: bytes) -> None:
         handle = self._file.fileno()
-        while data:  # a write may be short
-            written = os.pwrite(handle, data, offset)
-            offset, data = offset + written, data[written:]
+        written = os.pwrite(handle, data, offset)
+        while written < len(data):  # a write may be short
+            written += os.pwrite(handle, data[written:], offset + written)
 
     def _read(self, offset: int, count: int, kind: np.dtype[Any]) -> NDArray[Any]:
         return np.frombuffer(os.pread(self._file.fileno(), count * kind.itemsize, offset), kind)
