@@ -240,4 +240,4 @@ def _reserve_disk(file: int, size: int) -> None:
         data = os.pread(file, _PIECE, start)
         while data:
             written = os.pwrite(file, data, start)
-            start, data = start + written, data[written:]  # noqa: PLW2901 - a write may be short
+            start, data = start + written, data[written:]  # a write may be short
