@@ -1,5 +1,6 @@
 """Every kind of work through a real service over HTTP, and how work ends when somebody wants it to."""
 
+import importlib.util
 import os
 import signal
 import subprocess
@@ -291,3 +292,40 @@ def test_a_service_that_is_asked_to_end_puts_jobs_back_and_makes_the_scan_safe(t
     assert scan.state is ScanState.INTERRUPTED
     with AlineStore(tmp_path / "scans" / f"{slow['id']}.h5") as store:
         assert store.stored > 2, "what was acknowledged is there"
+
+
+@pytest.fixture
+def database_url():
+    place = importlib.util.spec_from_file_location("postgres", Path(__file__).with_name("postgres.py"))
+    module = importlib.util.module_from_spec(place)
+    place.loader.exec_module(module)
+    with module.running_postgres() as server:
+        yield server.database()
+
+
+def test_reconstructions_run_on_the_service_and_on_a_worker_started_elsewhere(tmp_path, database_url, capsys):
+    """The two commands on one PostgreSQL: `steradian worker` shares the work of `steradian serve`."""
+    begun = time.monotonic()
+    service = Service(tmp_path, database_url=database_url, simulator_speed=20.0)
+    assert service.get("/").status_code == 200
+    with capsys.disabled():
+        print(f"\n  steradian serve on PostgreSQL answers after {time.monotonic() - begun:.1f} s")
+    command = [sys.executable, "-m", "steradian", "worker", "--name", "elsewhere"]
+    with (tmp_path / "worker.log").open("wb") as log:
+        worker = subprocess.Popen(command, env=service.settings.environment(), stdout=log, stderr=log)
+        try:
+            scan = service.make("/scans", plan_id=service.plan())
+            who, deadline = set(), time.monotonic() + 100
+            while who != {"worker-0", "elsewhere-0"} and time.monotonic() < deadline:
+                body = {"scan_id": scan["id"], "parameters": PARAMETERS}
+                jobs = [service.http.post("/reconstructions", json=body).json()["id"] for _ in range(4)]
+                for job in jobs:
+                    assert service.get(f"/reconstructions/{job}", headers=WAIT).json()["state"] == "succeeded"
+                starts = [service.get(f"/reconstructions/{job}/attempts").json()["items"] for job in jobs]
+                assert {len(items) for items in starts} == {1}
+                who |= {items[0]["worker"] for items in starts}
+            assert who == {"worker-0", "elsewhere-0"}
+        finally:
+            worker.terminate()
+            assert worker.wait(15) == 0
+            service.close()
