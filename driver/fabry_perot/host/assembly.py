@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fabry_perot.aline import ALineBatch, check_record, is_whole
+from fabry_perot.aline import META_SIZE, ALineBatch, check_record, is_whole
 from fabry_perot.codes import ALL_FRAGMENTS, MAX_MISSING
 from fabry_perot.encoding import Encoding
 from fabry_perot.errors import FrameError
@@ -77,10 +77,10 @@ class Assembly:
             raise FrameError(f"{len(payload)} bytes are not {head.more + 1} equal A-lines")
         number, point = head.number, head.point
         first, last, lines = self.complete, self.durable + self._window, self._lines
-        usual = head.encoding == Encoding.INT16 and not self._asked
+        usual = head.encoding == Encoding.INT16 and not self._asked and size >= META_SIZE
         for end in range(_HEAD.size + size, len(payload) + 1, size):
             blob = payload[end - size : end]
-            if usual and first <= number < last and number not in lines and is_whole(blob):
+            if usual and first <= number < last and number not in lines and is_whole(blob, size):
                 lines[number] = point, blob  # without a call more than it needs
             else:
                 self._keep(number, point, blob, head.encoding)
