@@ -8,6 +8,9 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from fabry_perot.errors import PortUnavailable
@@ -51,6 +54,8 @@ class Simulator:
 def launch(*, timeout: float = 30.0, **settings: Any) -> Iterator[Simulator]:
     """Run ``python -m fabry_perot.simulator`` while the ``with`` block lasts.
 
+    A pseudo-terminal gets a name of its own, by a link: the number of an unplugged one may be somebody else's next.
+
     Parameters
     ----------
     timeout
@@ -64,13 +69,16 @@ def launch(*, timeout: float = 30.0, **settings: Any) -> Iterator[Simulator]:
         It did not get ready.
     """
     options = Options(**settings)
-    command = [sys.executable, "-m", "fabry_perot.simulator", *options.arguments(), "--exit-with-stdin"]
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0)
-    try:
-        ready = json.loads(_line(process, timeout))
-        yield Simulator(process, options.link or ready["url"], ready["pid"])
-    finally:
-        _stop(process)
+    with TemporaryDirectory(prefix="fabry-perot-") as folder:
+        if not options.tcp and not options.link:
+            options = replace(options, link=str(Path(folder) / "port"))
+        command = [sys.executable, "-m", "fabry_perot.simulator", *options.arguments(), "--exit-with-stdin"]
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0)
+        try:
+            ready = json.loads(_line(process, timeout))
+            yield Simulator(process, options.link or ready["url"], ready["pid"])
+        finally:
+            _stop(process)
 
 
 def _line(process: subprocess.Popen[bytes], timeout: float) -> bytes:

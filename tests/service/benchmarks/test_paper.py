@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 from pathlib import Path
@@ -113,13 +114,14 @@ def test_the_documentation_was_measured_in_full(committed) -> None:
 
 def test_the_pages_figures_follow_the_json(committed) -> None:
     """Other correlations in the JSON make other figures on the page: none is typed in."""
+    factors = itertools.cycle((0.9, 0.8, 0.85))  # not all alike, since some figures are ratios
 
     def shifted(value):
         match value:
             case bool() | int() | str() | None:
                 return value
             case float():
-                return 0.9 * value
+                return next(factors) * value
             case list():
                 return [shifted(item) for item in value]
         return {key: shifted(item) for key, item in value.items()}
