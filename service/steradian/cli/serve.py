@@ -35,17 +35,17 @@ def serve(
     """
     import os
     import signal
-    import threading
 
     from steradian import supervisor
     from steradian.settings import PREFIX, Settings
+    from steradian.stopping import StopEvent
     from steradian.storage.logs import configure_logging
 
     given = {"host": host, "port": port, "workers": workers, "scanner": scanner, "simulator_speed": simulator_speed}
     folder = data if data is not None or f"{PREFIX}DATA" in os.environ else DATA
     settings = Settings.create(data=folder, **given)
     configure_logging(settings, "supervisor")
-    stop = threading.Event()
+    stop = StopEvent()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: stop.set())
     mode = "a simulated scanner" if settings.simulated else f"the scanner at {settings.scanner}"

@@ -28,17 +28,17 @@ def worker(
     """
     import os
     import signal
-    import threading
 
     from steradian import supervisor
     from steradian.settings import PREFIX, Settings
+    from steradian.stopping import StopEvent
     from steradian.storage.logs import configure_logging
 
     folder = data if data is not None or f"{PREFIX}DATA" in os.environ else Path("data")
     given = name or os.environ.get(f"{PREFIX}WORKER_NAME") or re.sub(r"[^A-Za-z0-9._-]", "-", socket.gethostname())
     settings = Settings.create(data=folder, workers=workers, worker_name=given)
     configure_logging(settings, "supervisor")
-    stop = threading.Event()
+    stop = StopEvent()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: stop.set())
     supervisor.work(settings, lambda line: console().print(line, soft_wrap=True), stop)

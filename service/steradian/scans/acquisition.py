@@ -25,6 +25,7 @@ from steradian.scans.proof import ResumeRefused
 from steradian.scans.run import ScanSummary, resume_scan, run_scan
 from steradian.scans.watch import POLL, ScanWatch
 from steradian.settings import Settings
+from steradian.stopping import StopEvent
 from steradian.storage.database import Database, metadata_url
 from steradian.storage.heartbeat import Heartbeat
 from steradian.storage.job_process import end_with_stdin
@@ -229,7 +230,7 @@ def main() -> None:
     """Be the acquisition process of the service that the environment describes."""
     settings = Settings.create()
     configure_logging(settings, "acquisition")
-    stopping = threading.Event()
+    stopping = StopEvent()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopping.set())
     data, port = DataDirectory(settings.data), ScannerPort(settings)

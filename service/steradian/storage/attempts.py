@@ -12,6 +12,7 @@ from typing import Any, Final, TypeVar
 from sqlalchemy.exc import DBAPIError
 
 from steradian.settings import Settings
+from steradian.stopping import StopEvent
 from steradian.storage.job_ledger import JobLedger
 from steradian.storage.job_process import JobProcess
 from steradian.storage.jobs import Died, Failed, Succeeded
@@ -49,7 +50,7 @@ class JobRunner:
     def __init__(
         self, settings: Settings, ledger: JobLedger, commands: Mapping[str, Sequence[str]], worker: str
     ) -> None:
-        self.stopping, self.idle, self.ended = threading.Event(), threading.Event(), threading.Event()
+        self.stopping, self.idle, self.ended = StopEvent(), threading.Event(), threading.Event()
         self.idle.set()
         self._settings, self._ledger, self._worker = settings, ledger, worker
         self._data = DataDirectory(settings.data)

@@ -19,7 +19,6 @@ append, overwrite, acknowledge = AlineStore.append, AlineStore._overwrite, fabry
 
 
 def note_append(store, alines, rows=None):
-    alines = list(alines)
     append(store, alines, rows)
     pending[:] = [
         (store.path.name, int(rows[line.point]), google_crc32c.value(line.samples.tobytes())) for line in alines

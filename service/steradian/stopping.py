@@ -1,0 +1,45 @@
+"""An event that signal handlers may set."""
+
+from __future__ import annotations
+
+import select
+import socket
+import threading
+
+
+class StopEvent(threading.Event):
+    """An event that may be set by a signal handler, whatever the main thread is doing at that moment.
+
+    A plain event takes a lock: a handler that interrupts a wait as it begins, or another handler that sets the event,
+    would wait for itself. This one sets a flag and writes to a socket on which the waiting is done. It stays set.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._over = False
+        self._near, self._far = socket.socketpair()
+        self._near.setblocking(False)
+
+    def is_set(self) -> bool:
+        """Return whether it was set."""
+        return self._over
+
+    def set(self) -> None:
+        """Set it, for good."""
+        if not self._over:
+            self._over = True
+            self._near.send(b"\0")
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Wait until it is set or ``timeout`` seconds have passed; return whether it was set."""
+        if not self._over:
+            select.select([self._far], [], [], timeout)
+        return self._over
+
+    def clear(self) -> None:
+        """Refuse: who was told to stop has stopped."""
+        raise RuntimeError("a StopEvent stays set")
+
+    def __del__(self) -> None:
+        self._near.close()
+        self._far.close()
