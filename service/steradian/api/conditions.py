@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated, TypeAlias
 
@@ -64,9 +65,9 @@ def etag_of(identifier: str, revision: int | str) -> str:
     return f'"{identifier}-{revision}"'
 
 
-def etag_of_file(path: Path) -> str:
-    """Name a version of a file by its time and size."""
-    found = path.stat()
+def etag_of_file(path: Path, file: int | None = None) -> str:
+    """Name a version of a file by its time and size; of the one that is open as ``file``, if that is given."""
+    found = path.stat() if file is None else os.stat(file)
     return f'"{path.stem}-{found.st_mtime_ns:x}-{found.st_size:x}"'
 
 

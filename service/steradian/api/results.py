@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Request, Response
-from fastapi.responses import FileResponse
 from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
@@ -52,7 +51,7 @@ Slice = Annotated[
 @router.get(
     "/{reconstruction_id}/mip",
     summary="A maximum-intensity projection as PNG",
-    response_class=FileResponse,
+    response_class=Response,
     responses={200: {"content": {"image/png": {"schema": {"type": "string", "format": "binary"}}}}, 304: _SAME},
 )
 async def read_mip(
@@ -63,14 +62,19 @@ async def read_mip(
     axis: Annotated[
         Literal["x", "y", "z", "depth"], Query(description="Along which axis; depth: along z, coloured by depth")
     ] = "z",
-) -> FileResponse:
+) -> Response:
     """Show the projection along an axis, with scales in millimetres; the newest revision's while one is followed."""
     if not await run_in_threadpool(_is_followed, services, reconstruction_id):
         await _succeeded(services, reconstruction_id, wait)
     path = await _existing(services.data.job(reconstruction_id).mip(axis), f"MIP along {axis} of", reconstruction_id)
-    etag = etag_of_file(path)
-    conditions.tag(etag)
-    return FileResponse(path, media_type="image/png", headers={"ETag": etag})
+
+    def read() -> Response:
+        with path.open("rb") as file:  # one version of it, though the next revision may replace it now
+            etag = etag_of_file(path, file.fileno())
+            conditions.tag(etag)
+            return Response(file.read(), media_type="image/png", headers={"ETag": etag})
+
+    return await run_in_threadpool(read)
 
 
 @router.get(
@@ -89,8 +93,13 @@ async def read_revision(
         if job.kind == LIVE and not job.is_over:
             raise NotReady(f"reconstruction {reconstruction_id} is {job.state} and has no revision yet", retry_after=2)
         raise NotFound("revision of", reconstruction_id)
-    conditions.tag(etag_of_file(path))
-    return RevisionView.model_validate_json(await run_in_threadpool(path.read_bytes))
+
+    def read() -> RevisionView:
+        with path.open("rb") as file:
+            conditions.tag(etag_of_file(path, file.fileno()))
+            return RevisionView.model_validate_json(file.read())
+
+    return await run_in_threadpool(read)
 
 
 @router.get(
