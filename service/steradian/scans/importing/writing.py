@@ -21,6 +21,9 @@ USUAL_RATE, DUTY = 50.0, 0.5
 """Pulse rate of a plan made for a recording that states none, in Hz, and the share of a period its record may fill."""
 EXCITATION = (200e-9, 3e-6)
 
+_PIECE = 1 << 20
+"""Bytes that are stored at a time."""
+
 
 @dataclass(frozen=True)
 class ImportedAline:
@@ -97,7 +100,9 @@ def write_scan(source: Source, path: Path, *, progress: Progress | None, cancell
         for start, block in source.table.blocks():
             if cancelled and cancelled():
                 raise Cancelled(f"the import was stopped after {start} of {total} A-lines")
-            store.append(_alines(start, block, kind, source.scale), rows)
+            step = max(1, _PIECE // (block.shape[1] * kind.itemsize))
+            for first in range(0, len(block), step):  # in pieces, for the store holds a copy of each
+                store.append(_alines(start + first, block[first : first + step], kind, source.scale), rows)
             if progress:
                 progress("A-lines", start + len(block), total)
         store.set_fired(total)
