@@ -109,7 +109,10 @@ def test_a_killed_scan_leaves_what_it_acknowledged(walk, tmp_path):
 def test_ctrl_c_ends_a_scan_with_its_file_kept(walk, tmp_path):
     """Ctrl-C is no crash: exit code 130, no traceback, the A-lines so far are in the file."""
     command = [sys.executable, "-m", "steradian", "scan", walk / "plan.json", "--simulator-speed", "0.2"]
-    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    heard = signal.signal(signal.SIGINT, signal.default_int_handler)  # tests in the background have it ignored
+    process = subprocess.Popen(command, cwd=tmp_path, **pipes)
+    signal.signal(signal.SIGINT, heard)
     _wait_for_alines(tmp_path / "scan.h5", 5)
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=20)
