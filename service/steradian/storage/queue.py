@@ -31,6 +31,7 @@ from steradian.storage.job_ledger import JobLedger
 from steradian.storage.jobs import Failed, JobRequest, JobStatus, QueueUnavailable
 from steradian.storage.paths import DataDirectory
 from steradian.storage.states import ReconstructionState, is_terminal
+from steradian.storage.subseconds import with_subseconds
 from steradian.storage.tables import JobRow
 from steradian.storage.takeover import claim, watch_others
 
@@ -194,7 +195,7 @@ def _disagree(state: ReconstructionState, engine_state: str) -> bool:
 
 def queue_url(settings: Settings) -> str:
     """Tell where the engine keeps the queue."""
-    return settings.database_url or f"sqlite:///{DataDirectory(settings.data).queue_file}"
+    return settings.database_url or with_subseconds(f"sqlite:///{DataDirectory(settings.data).queue_file}")
 
 
 def prepare(settings: Settings) -> str:

@@ -1,8 +1,10 @@
 """The queue with a real worker process and real jobs; what a job does stands in ``echo_job.py``."""
 
+import sqlite3
 import subprocess
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -211,6 +213,32 @@ def test_a_worker_that_is_asked_to_end_puts_its_job_back_without_counting_it(ben
     bench.until_working("back", attempt=2)
     assert bench.queue.status("back").attempt == 1
     bench.queue.cancel("back")
+
+
+@pytest.mark.parametrize("expression", ["unixepoch('subsec') * 1000", "strftime('%s','now') * 1000"])
+def test_a_queue_made_by_any_python_is_used_by_this_one(tmp_path, expression):
+    """The engine writes the one from Python 3.12 on and the other before; SQLite knows the first from 3.42 on."""
+    bench = Bench(tmp_path)
+    with closing(sqlite3.connect(bench.settings.data / "queue.sqlite")) as file, file:
+        file.execute("PRAGMA writable_schema = ON")
+        for usual in ("unixepoch('subsec') * 1000", "strftime('%s','now') * 1000"):
+            file.execute("UPDATE sqlite_master SET sql = replace(sql, ?, ?)", (usual, expression))
+    bench.queue.close()
+    bench.queue = JobQueue(bench.settings)
+    bench.start()
+    try:
+        before = time.time()
+        bench.submit("timed", "succeed", answer=1)
+        assert bench.queue.wait("timed", timeout=20).state is R.SUCCEEDED
+        after = time.time()
+    finally:
+        bench.close()
+    with closing(sqlite3.connect(bench.settings.data / "queue.sqlite")) as plain:
+        ((schema,),) = plain.execute("SELECT sql FROM sqlite_master WHERE name = 'workflow_status'")
+        assert schema.count(expression) == 2
+        assert plain.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
+        ((created, updated),) = plain.execute("SELECT created_at, updated_at FROM workflow_status")
+    assert int(before) * 1000 <= created <= updated <= (after + 0.001) * 1000
 
 
 def test_only_who_uses_the_queue_loads_its_engine():
