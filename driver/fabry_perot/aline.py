@@ -85,6 +85,8 @@ class ALine:
         Time of the first sample after the pulse, in s.
     dc_v
         DC level of the interferometer signal, in V.
+    gain_db
+        Gain of the receiver, in dB over its usual one; ``scale`` has taken it into account.
     quality
         Flags: 1 saturated, 2 mistuned, 4 misfire, 8 partial average.
     """
@@ -101,6 +103,7 @@ class ALine:
     wavelength_m: float
     time_zero_offset_s: float
     dc_v: float
+    gain_db: float
     quality: int
 
     @classmethod
@@ -120,6 +123,7 @@ class ALine:
             meta.wavelength * 1e-12,
             meta.time_zero * 1e-10,
             meta.dc * 1e-3,
+            meta.gain * 1e-2,
             meta.quality,
         )
 
@@ -134,6 +138,7 @@ _FIELDS = {
     "wavelength_m": ("wavelength", 1e-12),
     "time_zero_offset_s": ("time_zero", 1e-10),
     "dc_v": ("dc", 1e-3),
+    "gain_db": ("gain", 1e-2),
     "quality": ("quality", 1),
     "crc32c": ("crc", 1),
 }
@@ -143,8 +148,8 @@ _FIELDS = {
 META = np.dtype(
     list(
         zip(
-            "fire_time wavelength shot crc scale interval count averages energy dc quality shift time_zero".split(),
-            "<u8 <u4 <u4 <u4 <f4 <u4 <u2 <u2 <u2 <i2 u1 u1 <i2".split(),
+            "fire_time wavelength shot crc scale interval count averages energy dc gain quality pad time_zero".split(),
+            "<u8 <u4 <u4 <u4 <f4 <u4 <u2 <u2 <u2 <i2 <i2 u1 u1 <i4".split(),
             strict=True,
         )
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-PROTOCOL = 1
+PROTOCOL = 2
 """Version of the messages; HELLO agrees on one."""
 
 LASER_ARMED, LASER_EMITTING, SHUTTER_OPEN, INTERLOCK_CLOSED, KEY_ON = 1, 2, 4, 8, 16

@@ -61,7 +61,9 @@ class Recording:
     quality
         Bits of ``ALineMeta.quality``.
     time_zero
-        Time of the first sample after the pulse, in 100 ps.
+        Time of the first sample after the pulse, in 100 ps, as an int32.
+    gain
+        Gain of the receiver over its usual one, in 0.01 dB; ``scale`` has taken it into account.
     """
 
     samples: NDArray[np.int16]
@@ -71,6 +73,7 @@ class Recording:
     dc: int = 0
     quality: int = 0
     time_zero: int = 0
+    gain: int = 0
 
 
 class Instrument(Protocol):

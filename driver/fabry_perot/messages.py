@@ -56,7 +56,7 @@ class PlanStatus(NamedTuple):
 
 
 class ALineHead(NamedTuple):
-    """Before each fragment of an A-line's blob (40-byte meta ‖ encoded samples), or before ``more`` + 1 whole blobs."""
+    """Before each fragment of an A-line's blob (44-byte meta ‖ encoded samples), or before ``more`` + 1 whole blobs."""
 
     plan: int
     number: int
@@ -68,7 +68,7 @@ class ALineHead(NamedTuple):
 
 
 class ALineMeta(NamedTuple):
-    """First 40 bytes of an A-line's blob."""
+    """First 44 bytes of an A-line's blob."""
 
     fire_time: int
     wavelength: int
@@ -80,8 +80,8 @@ class ALineMeta(NamedTuple):
     averages: int
     energy: int
     dc: int
+    gain: int
     quality: int
-    shift: int
     time_zero: int
 
 
@@ -173,7 +173,7 @@ LAYOUT: dict[type[Any], struct.Struct] = {
     HelloAck: struct.Struct("<IIHBBBBHHHIIIIIIQ"),
     PlanStatus: struct.Struct("<IIIB"),
     ALineHead: struct.Struct("<IIIBBBB"),
-    ALineMeta: struct.Struct("<QIIIfIHHHhBBh"),
+    ALineMeta: struct.Struct("<QIIIfIHHHhhBxi"),
     ALineAck: struct.Struct("<III"),
     ALineGone: struct.Struct("<IIIB"),
     Status: struct.Struct("<QIBBBBHIIIIIIIQQiiI"),

@@ -103,9 +103,9 @@ class ALines:
 
     @staticmethod
     def meta(blob: bytes, encoding: int) -> dict:
-        names = "fire wavelength shot crc scale interval samples averages energy dc quality shift time_zero".split()
-        meta = dict(zip(names, struct.unpack_from("<QIIIfIHHHhBBh", blob), strict=True))
-        count, data = meta["samples"], blob[40:]
+        names = "fire wavelength shot crc scale interval samples averages energy dc gain quality time_zero".split()
+        meta = dict(zip(names, struct.unpack_from("<QIIIfIHHHhhBxi", blob), strict=True))
+        count, data = meta["samples"], blob[44:]
         values = list(struct.unpack(f"<{count}h", data)) if encoding == 0 else rice(data, count)
         assert castagnoli(struct.pack(f"<{count}h", *values)) == meta["crc"]
         return {**meta, "values": values}

@@ -148,7 +148,7 @@ def test_the_columns_of_a_batch_are_the_attributes_of_its_a_lines():
     assembly = Assembly(PLAN, 3, window=8, repeat=100)
     for number in range(3, 6):
         data = np.arange(number, number + 8, dtype="<i2").tobytes()
-        values = (70 + number, 1_550_000, number, crc32c(data), 0.25, 8000, 8, 2, 10_012, -1200, 1, 0, -3)
+        values = (70 + number, 1_550_000, number, crc32c(data), 0.25, 8000, 8, 2, 10_012, -1200, -601, 1, -3_000_000)
         assembly.receive(payload(number, data=pack(ALineMeta(*values)) + data))
     batch = assembly.take()
     assert isinstance(batch, ALineBatch)

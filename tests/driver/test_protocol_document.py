@@ -52,7 +52,7 @@ def point() -> bytes:
     return record.tobytes()
 
 
-META = ALineMeta(7_020_000, 1_550_000, 12, crc32c(SAMPLES), 0.25, 8000, 3, 1, 10_012, 1200, 0, 0, 0)
+META = ALineMeta(7_020_000, 1_550_000, 12, crc32c(SAMPLES), 0.25, 8000, 3, 1, 10_012, 1200, -600, 0, 123_456)
 STATUS = Status(
     7_020_000, 0xB007, 5, 31, 0, 0, 400, PLAN, 12, 12, 11, 10, 12, 0, 7_020_000, 7_420_000, -1_500_000, 250_000, 0
 )
@@ -68,7 +68,7 @@ PLAN_NEW = {
     "group": 255,
 }
 FRAMES = {
-    "HELLO": Frame(Type.HELLO, 0, 0, 0, 1, pack(Hello(1, 1, 8192, 0x12345678))),
+    "HELLO": Frame(Type.HELLO, 0, 0, 0, 1, pack(Hello(2, 2, 8192, 0x12345678))),
     "LEASE": Frame(Type.LEASE, 0, 7, 0x0102, 2, pack(Lease(0xB007, 7_000_000, 500_000))),
     "ABORT": Frame(Type.ABORT, 2, 7, 0x0102, 3, pack(Abort(2, 1))),
     "REQ ARM": Frame(Type.REQ, 0, 7, 0x0102, 4, REQUEST_HEAD.pack(5, Operation.ARM)),
@@ -84,7 +84,7 @@ FRAMES = {
         7,
         0x0102,
         9,
-        pack(HelloAck(0x12345678, 0xB007, 0x0102, 1, 1, 1, 1, 8192, 512, 300, 0xDEADBEEF, 0, 0, 0, 0, 0, 7_000_000)),
+        pack(HelloAck(0x12345678, 0xB007, 0x0102, 2, 1, 1, 1, 8192, 512, 300, 0xDEADBEEF, 0, 0, 0, 0, 0, 7_000_000)),
     ),
     "STATUS": Frame(Type.STATUS, 0, 7, 0x0102, 10, pack(STATUS)),
     "REQ PLAN_NEW": Frame(Type.REQ, 0, 7, 0x0102, 11, REQUEST_HEAD.pack(4, Operation.PLAN_NEW) + pack_body(PLAN_NEW)),
@@ -163,7 +163,7 @@ def test_the_fields_in_the_table_add_up_to_the_messages_size(name, kind):
 
 
 def test_the_meta_and_the_point_have_the_sizes_the_document_gives():
-    assert LAYOUT[ALineMeta].size == 40
+    assert LAYOUT[ALineMeta].size == 44
     assert POINT.itemsize == 16
     assert LAYOUT[ALineHead].size == 16
 

@@ -98,6 +98,21 @@ def test_without_noise_an_a_line_is_the_phantoms_pressure_within_one_count_and_t
     assert 0.2 * 32767 < most < 0.7 * 32767, "the gain uses about half of full scale"
 
 
+def test_a_digitiser_that_begins_late_says_so_with_each_a_line_to_100_ps():
+    """12 µs are 18 mm: time zero must not be limited to a few microseconds."""
+    where, begins = points(10), 12.3456e-6
+    with (
+        launch(speed=100, noise_db=float("inf"), time_zero=begins) as simulator,
+        fabry_perot.connect(simulator.url) as scanner,
+    ):
+        lines = scan(scanner, where)
+    times = begins + np.arange(600) * 8e-9
+    truth = phantoms.pressure(phantoms.yarn(0), where, times, 1500.0)
+    for line in lines:
+        assert line.time_zero_offset_s == pytest.approx(begins, abs=1e-12)
+        assert np.abs(line.samples * line.scale / line.energy - truth[line.point]).max() < 1.5 * line.scale
+
+
 def test_the_pulse_rate_sets_the_time_between_shots():
     with launch(speed=50) as simulator, fabry_perot.connect(simulator.url) as scanner:
         lines = scan(scanner, points(30))

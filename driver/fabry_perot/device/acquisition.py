@@ -120,8 +120,8 @@ class Scan:
             averages=self._fired,
             energy=min(recording.energy, 0xFFFF),
             dc=recording.dc,
+            gain=recording.gain,
             quality=recording.quality,
-            shift=0,
             time_zero=recording.time_zero,
         )
         return pack(meta)

@@ -63,6 +63,8 @@ class PhantomInstrument:
         The digitiser's range over the strongest signal; below 1 it clips.
     repeat
         Different recordings made; afterwards they come again. 0: no limit.
+    time_zero
+        The digitiser begins so long after the pulse, in s; to 100 ps.
     """
 
     def __init__(
@@ -78,6 +80,7 @@ class PhantomInstrument:
         energy_jitter: float = 0.01,
         full_scale: float = 2.0,
         repeat: int = 0,
+        time_zero: float = 0.0,
     ) -> None:
         self._balls, self._sound_speed, self._seed = balls, sound_speed, seed
         self._peak = peak_pressure(balls, sound_speed)
@@ -95,6 +98,7 @@ class PhantomInstrument:
         self._fired = 0
         self._power, self._excitation = POWER, EXCITATION
         self._repeat, self._recordings = repeat, list[Recording]()
+        self._time_zero = round(time_zero * 1e10)
         self._galvo, self._laser = Galvo(), PulseTrain(seed)
         self._acquisition = Acquisition(0, 0, 0)
         self._times: NDArray[np.float64] = np.zeros(0)
@@ -128,7 +132,8 @@ class PhantomInstrument:
     def begin(self, acquisition: Acquisition) -> None:
         """Set up for a plan."""
         self._acquisition = acquisition
-        self._times = np.arange(acquisition.samples, dtype=np.float64) * (acquisition.interval_ps * 1e-12)
+        ticks = np.arange(acquisition.samples, dtype=np.float64) * acquisition.interval_ps
+        self._times = ticks * 1e-12 + self._time_zero * 1e-10
         self._laser.rate(acquisition.pulse_rate_mhz)
         self._points = np.zeros(0, POINT)
         self._recordings.clear()
@@ -205,6 +210,7 @@ class PhantomInstrument:
             wavelength=used,
             dc=round(level * self._power / POWER),
             quality=(SATURATED if np.any(counts != clipped) else 0) | (MISTUNED if mistuned else 0),
+            time_zero=self._time_zero,
         )
 
     def _signal(self, line: NDArray[np.float64], x: int, y: int, wavelength: int) -> NDArray[np.float64]:

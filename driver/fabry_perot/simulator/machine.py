@@ -36,6 +36,7 @@ class Machine:
             line_rate=options.baud // 10,
             response=FILMS[options.film],
             energy_jitter=options.energy_jitter,
+            time_zero=options.time_zero,
             full_scale=options.full_scale,
             repeat=options.repeat,
         )

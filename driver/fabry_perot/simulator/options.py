@@ -56,6 +56,8 @@ class Options:
     repeat
         Compute only so many different A-lines and send them again and again, noise and all: for measuring links, whose
         rate computing A-lines would limit. 0: every shot is its own.
+    time_zero
+        The digitiser begins so long after the pulse, in s.
     boot
         Boot id; ``None`` for a random one.
     """
@@ -76,6 +78,7 @@ class Options:
     bit_errors: float = 0.0
     lost_frames: float = 0.0
     repeat: int = 0
+    time_zero: float = 0.0
     boot: int | None = None
 
     def arguments(self) -> list[str]:
@@ -113,6 +116,7 @@ def parse(arguments: Sequence[str] | None = None) -> tuple[Options, bool]:
     add("--bit-errors", type=_share, default=0.0, help="probability of each bit to be flipped, both ways")
     add("--lost-frames", type=_share, default=0.0, help="share of frames lost, both ways")
     add("--repeat", type=int, default=0, help="different A-lines, sent over and over; 0: each shot its own")
+    add("--time-zero", type=float, default=0.0, help="the digitiser begins so long after the pulse, in s")
     add("--boot", type=int, default=None, help="boot id; random by default")
     add("--exit-with-stdin", action="store_true", help="end when standard input closes")
     given = vars(parser.parse_args(arguments))

@@ -74,11 +74,11 @@ class Link(Value):
     def bytes_of(self, samples: int) -> int:
         """Bytes on the line for one A-line of ``samples`` 16-bit samples, framing included.
 
-        40 bytes about the shot and the samples go in fragments; each has a head of 16 bytes and lies in a frame with
+        44 bytes about the shot and the samples go in fragments; each has a head of 16 bytes and lies in a frame with
         10 bytes of header, 4 of checksum, 2 delimiters and one byte of stuffing in 254.
         """
         room = self.frame - 16
-        content = 40 + 2 * samples
+        content = 44 + 2 * samples
         frames = ceil(content / room)
         body = content + frames * (16 + 14)
         return body + frames * 3 + body // 254
