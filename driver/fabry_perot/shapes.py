@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
+from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
 from fabry_perot.phantoms import Balls, yarn
@@ -117,7 +119,13 @@ def from_file(path: Path) -> Balls:
     OSError
         It cannot be read.
     """
-    with np.load(path, allow_pickle=False) as file:
+    try:
+        archive = np.load(path, allow_pickle=False)
+    except BadZipFile as error:
+        raise ValueError(f"{path} is damaged: {error}") from error
+    if not isinstance(archive, NpzFile):
+        raise ValueError(f"{path} holds one array; wanted: an archive (npz) of balls, or of volume, spacing and origin")
+    with archive as file:
         if {"centres", "sigmas", "amplitudes"} <= set(file.files):
             return Balls(*(file[name].astype(np.float64) for name in ("centres", "sigmas", "amplitudes")))
         if not {"volume", "spacing", "origin"} <= set(file.files):

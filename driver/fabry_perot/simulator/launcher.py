@@ -55,6 +55,8 @@ def launch(*, timeout: float = 30.0, **settings: Any) -> Iterator[Simulator]:
     """Run ``python -m fabry_perot.simulator`` while the ``with`` block lasts.
 
     A pseudo-terminal gets a name of its own, by a link: the number of an unplugged one may be somebody else's next.
+    It is no part of the caller's process group: Ctrl-C at a terminal is for the caller, who still needs the scanner to
+    make the scan safe. It ends with its standard input, so it does not outlive the caller either.
 
     Parameters
     ----------
@@ -73,7 +75,9 @@ def launch(*, timeout: float = 30.0, **settings: Any) -> Iterator[Simulator]:
         if not options.tcp and not options.link:
             options = replace(options, link=str(Path(folder) / "port"))
         command = [sys.executable, "-m", "fabry_perot.simulator", *options.arguments(), "--exit-with-stdin"]
-        process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0)
+        process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, start_new_session=True
+        )
         try:
             ready = json.loads(_line(process, timeout))
             yield Simulator(process, options.link or ready["url"], ready["pid"])

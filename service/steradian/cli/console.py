@@ -7,14 +7,13 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bars
 from rich.table import Table
-
-from steradian.progress import Progress
 
 PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "μ": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6, "": 1.0}
 
@@ -49,6 +48,11 @@ def complain(message: str) -> None:
     Console(stderr=True, highlight=False, soft_wrap=True).print(f"[bold red]error:[/] {_plain(message)}")
 
 
+def say(line: str) -> None:
+    """Write one line to standard error, as it is."""
+    Console(stderr=True, highlight=False, soft_wrap=True).print(_plain(line))
+
+
 def show_figures(title: str, figures: Mapping[str, object]) -> None:
     """Print names and values in two columns."""
     table = Table(title=title, title_justify="left", title_style="bold", show_header=False, box=None, pad_edge=False)
@@ -59,20 +63,68 @@ def show_figures(title: str, figures: Mapping[str, object]) -> None:
     console().print(table, "")
 
 
+class ProgressBar:
+    """A bar for each stage of long work; may be called as :data:`steradian.progress.Progress`.
+
+    Parameters
+    ----------
+    bars
+        Where they are drawn.
+    """
+
+    def __init__(self, bars: Bars) -> None:
+        self._bars = bars
+        self._stages: dict[str, TaskID] = {}
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        """Show how far a stage is; what follows a comma in its name may change as it goes on."""
+        name = stage.partition(",")[0]
+        if name not in self._stages:
+            self._stages[name] = self._bars.add_task(stage, total=total)
+        self._bars.update(self._stages[name], description=stage, completed=done, total=total)
+
+    def say(self, line: str) -> None:
+        """Write a line above the bars; from any thread."""
+        self._bars.console.print(_plain(line), soft_wrap=True)
+
+
 @contextmanager
-def progress_bar() -> Iterator[Progress]:
+def progress_bar() -> Iterator[ProgressBar]:
     """Show a bar per stage on standard error, where that is a terminal."""
     columns = (TextColumn("{task.description:<24}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    target = Console(stderr=True)
+    target = Console(stderr=True, highlight=False)
     with Bars(*columns, console=target, transient=True, disable=not target.is_terminal) as bars:
-        stages: dict[str, TaskID] = {}
+        yield ProgressBar(bars)
 
-        def report(stage: str, done: int, total: int) -> None:
-            if stage not in stages:
-                stages[stage] = bars.add_task(stage, total=total)
-            bars.update(stages[stage], completed=done, total=total)
 
-        yield report
+def show_end(*results: tuple[str, Path | None]) -> None:
+    """End a command with one line: what lies where, and how large it is.
+
+    Parameters
+    ----------
+    results
+        What was made, and its file or folder; without one it is left out.
+    """
+    said = [f"{what} in {located(path)}" for what, path in results if path is not None]
+    console().print(_plain("; ".join(said)), soft_wrap=True)
+
+
+def located(path: Path) -> str:
+    """Name a file or folder with its size, as in ``scan.h5 (4.3 MB)``."""
+    if not path.is_dir():
+        return f"{path} ({human_size(path.stat().st_size)})"
+    files = [file for file in path.rglob("*") if file.is_file()]
+    total = human_size(sum(file.stat().st_size for file in files))
+    return f"{path} ({len(files)} file{'' if len(files) == 1 else 's'}, {total})"
+
+
+def human_size(count: float) -> str:
+    """Write a number of bytes with a decimal prefix and three digits."""
+    for unit in ("B", "kB", "MB", "GB"):
+        if count < 999.5:
+            return f"{count:.3g} {unit}"
+        count /= 1000
+    return f"{count:.3g} TB"
 
 
 def _plain(text: str) -> str:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from steradian.cli.console import console, progress_bar, show_figures
-from steradian.cli.scan import scanner_port
+from steradian.cli.scan import new_scan_id, scanner_port
 from steradian.errors import SteradianError
 from steradian.masks import Mask, equi_steradian_mask, grid_mask
 from steradian.plans import ScanPlan, preview
@@ -103,7 +103,7 @@ def _scan(plan: ScanPlan, path: Path, speed: float) -> ScanSummary:
 
     path.unlink(missing_ok=True)
     with scanner_port("simulated", speed=speed, seed=PHANTOM_SEED) as port, progress_bar() as progress:
-        return run_scan(plan, port, path, progress=progress)
+        return run_scan(plan, port, path, scan_id=new_scan_id(), progress=progress)
 
 
 def _reconstruct_queued(scan: Path, output: Path, data: Path) -> None:

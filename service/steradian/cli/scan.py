@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperGroup
+from ulid import ULID
 
-from steradian.cli.console import console, progress_bar, show_figures
+from fabry_perot.shapes import NAMES, by_name
+from steradian.cli.console import console, progress_bar, show_end, show_figures
 from steradian.cli.files import read_value
-from steradian.errors import DamagedFile
+from steradian.errors import DamagedFile, InvalidInput
 from steradian.plans import ScanPlan
 
 if TYPE_CHECKING:
+    from steradian.scans.control import Control
     from steradian.scans.run import ScanSummary
 
 
@@ -34,10 +37,20 @@ app = typer.Typer(
     help="""Run a plan on a scanner and keep the A-lines in a scan file; go on with a scan that ended early.
 
     'steradian scan PLAN' is short for 'steradian scan run PLAN'. However a scan ends, its file holds every A-line
-    that was acknowledged and can be reconstructed. Ctrl-C turns the laser off.""",
+    that was acknowledged and can be reconstructed. Ctrl-C turns the laser off, stores what was fired and says how to go
+    on; a second Ctrl-C leaves at once.""",
 )
 Scanner = Annotated[str, typer.Option(help="Port of the scanner (/dev/ttyUSB0, socket://host:port), or 'simulated'.")]
 Speed = Annotated[float, typer.Option(help="How much faster than real time a simulated scan runs.")]
+PHANTOM = "yarn"
+Phantom = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME|FILE",
+        help=f"What a simulated scanner looks at: {', '.join(NAMES)}, or an .npz file of balls or a volume."
+        f" [default: {PHANTOM}]",
+    ),
+]
 File = Annotated[Path, typer.Argument(help="A scan file.")]
 
 
@@ -46,14 +59,20 @@ def run(
     plan: Annotated[Path, typer.Argument(help="A plan file, made by 'steradian plan'.")],
     scanner: Scanner = "simulated",
     simulator_speed: Speed = 20.0,
+    phantom: Phantom = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="The scan file to write (HDF5).")] = Path("scan.h5"),
 ) -> None:
     """Run a plan on a scanner and keep the A-lines in a scan file."""
     from steradian.scans.run import run_scan
 
     wanted = read_value(ScanPlan, plan)
-    with scanner_port(scanner, speed=simulator_speed) as port, progress_bar() as progress:
-        summary = run_scan(wanted, port, output, progress=progress)
+    summary = _measure(
+        output,
+        scanner,
+        simulator_speed,
+        phantom,
+        lambda port, control: run_scan(wanted, port, output, scan_id=new_scan_id(), control=control),
+    )
     _show(summary, scanner)
 
 
@@ -63,13 +82,14 @@ def resume(
     plan: Annotated[Path | None, typer.Option(help="Refuse unless the scan is of this plan.")] = None,
     scanner: Scanner = "simulated",
     simulator_speed: Speed = 20.0,
+    phantom: Phantom = None,
 ) -> None:
     """Go on with an interrupted or partial scan, in the same file.
 
     Before a missing point is measured the scan proves that it is the same: plan, scanner and tuning must be, and a
     reference point is measured again and compared. Otherwise it is refused (exit code 4) and every difference named.
     """
-    _continue(file, plan, scanner, simulator_speed, retry=0)
+    _continue(file, plan, scanner, simulator_speed, phantom, retry=0)
 
 
 @app.command("retry")
@@ -80,9 +100,10 @@ def retry(
     ] = 15,
     scanner: Scanner = "simulated",
     simulator_speed: Speed = 20.0,
+    phantom: Phantom = None,
 ) -> None:
     """Measure the missing points again, and those whose A-lines have a quality flag; proves itself like resume."""
-    _continue(file, None, scanner, simulator_speed, retry=flags)
+    _continue(file, None, scanner, simulator_speed, phantom, retry=flags)
 
 
 @app.command("check")
@@ -100,7 +121,6 @@ def check(
     with progress_bar() as progress:
         report = check_scan_file(file, repair=repair, progress=progress)
     figures = {
-        "A-lines intact": f"{report.intact} of {report.rows}",
         "damaged": _rows(report.damaged.tolist()),
         "whole but not listed": _rows(report.unlisted.tolist()),
         "table": "sound" if report.is_sound else "corrected" if repair else "not corrected",
@@ -108,27 +128,55 @@ def check(
     show_figures(str(file), figures)
     if not report.is_sound and not repair:
         raise DamagedFile(f"{file}: the table of what is stored is wrong; --repair corrects it")
+    show_end((f"{report.intact:,} of {report.rows:,} A-lines intact", file))
 
 
-def _continue(file: Path, plan: Path | None, scanner: str, speed: float, *, retry: int) -> None:
+def _continue(file: Path, plan: Path | None, scanner: str, speed: float, phantom: str | None, *, retry: int) -> None:
     from steradian.scans.run import resume_scan
 
     wanted = None if plan is None else read_value(ScanPlan, plan)
-    with scanner_port(scanner, speed=speed) as port, progress_bar() as progress:
-        summary = resume_scan(file, port, plan=wanted, retry=retry, progress=progress)
+    summary = _measure(
+        file,
+        scanner,
+        speed,
+        phantom,
+        lambda port, control: resume_scan(file, port, plan=wanted, retry=retry, control=control),
+    )
     for finding in summary.findings:
         console().print(f"compared: {finding}")
     _show(summary, scanner)
 
 
+def new_scan_id() -> str:
+    """Return an id for a scan, of the same kind as the service's."""
+    return f"s{ULID()}".lower()
+
+
+def _measure(
+    file: Path, scanner: str, speed: float, phantom: str | None, work: Callable[[str, Control], ScanSummary]
+) -> ScanSummary:
+    """Let ``work(port, control)`` run a scan that Ctrl-C can stop; a simulated scanner lives until it is safe."""
+    from steradian.cli.interrupt import at_terminal
+
+    needed = () if phantom is None else ("--phantom", phantom)
+    if scanner != "simulated":
+        if phantom is not None:
+            raise InvalidInput("phantom", phantom, "none with a real scanner, or --scanner simulated")
+        needed = ("--scanner", scanner)
+    with at_terminal(file, needed) as control, scanner_port(scanner, speed=speed, phantom=phantom or PHANTOM) as port:
+        with progress_bar() as progress:
+            control.shown_by(progress)
+            summary = work(port, control)
+        control.end(summary)
+        return summary
+
+
 def _show(summary: ScanSummary, scanner: str) -> None:
-    figures: dict[str, object] = {
-        "A-lines stored": f"{summary.stored} of {summary.points}",
-        "shots fired": summary.fired,
-    }
+    figures: dict[str, object] = {"shots fired": f"{summary.fired:,}"}
     if summary.rescued:
         figures["of an earlier session"] = f"{summary.rescued} A-lines that the scanner still held"
-    show_figures("Scan" + (" (simulated)" if scanner == "simulated" else ""), figures | {"file": summary.path})
+    show_figures("Scan" + (" (simulated)" if scanner == "simulated" else ""), figures)
+    show_end((f"{summary.stored:,} of {summary.points:,} A-lines", summary.path))
 
 
 def _rows(rows: list[int]) -> str:
@@ -138,12 +186,22 @@ def _rows(rows: list[int]) -> str:
 
 
 @contextmanager
-def scanner_port(scanner: str, *, speed: float, seed: int = 1) -> Iterator[str]:
-    """Give the port of a scanner; for ``simulated``, of one started for the occasion in a process of its own."""
+def scanner_port(scanner: str, *, speed: float, seed: int = 1, phantom: str = PHANTOM) -> Iterator[str]:
+    """Give the port of a scanner; for ``simulated``, of one started for the occasion in a process of its own.
+
+    Raises
+    ------
+    InvalidInput
+        When the phantom is none.
+    """
     if scanner != "simulated":
         yield scanner
         return
+    try:
+        by_name(phantom)
+    except (OSError, ValueError) as error:
+        raise InvalidInput("phantom", phantom, f"{', '.join(NAMES)}, or an .npz file ({error})") from error
     from fabry_perot.simulator import launch
 
-    with launch(speed=speed, seed=seed) as simulator:
+    with launch(speed=speed, seed=seed, phantom=phantom) as simulator:
         yield simulator.url

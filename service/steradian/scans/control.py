@@ -16,8 +16,14 @@ class Wish(StrEnum):
     """Stop firing, keep the scanner and go on when told to."""
     STOP = "stop"
     """Enough: keep what was fired, and end in good order."""
+    LEAVE = "leave"
+    """Laser off at once, then keep what was fired before."""
     ABORT = "abort"
     """Laser off at once."""
+
+
+ENDING = frozenset({Wish.STOP, Wish.LEAVE, Wish.ABORT})
+"""Wishes that end a session."""
 
 
 class Phase(StrEnum):
@@ -50,7 +56,7 @@ class Control:
     progress
         Told how many A-lines are stored.
     cancelled
-        Makes the session abort.
+        Makes the session leave: laser off, what was fired is kept.
     """
 
     def __init__(self, progress: Progress | None = None, cancelled: IsCancelled | None = None) -> None:
@@ -58,10 +64,13 @@ class Control:
 
     def wish(self) -> Wish:
         """Return what is wanted now; asked some twenty times a second."""
-        return Wish.ABORT if self._cancelled is not None and self._cancelled() else Wish.RUN
+        return Wish.LEAVE if self._cancelled is not None and self._cancelled() else Wish.RUN
 
     def enter(self, phase: Phase) -> None:
         """Learn that the session is now at ``phase``."""
+
+    def laser_is_off(self) -> None:
+        """Learn that the scanner has confirmed that its laser is off, after :attr:`Wish.LEAVE`."""
 
     def blocked(self, why: str | None) -> None:
         """Learn that the session cannot store A-lines at present, and why; ``None``: it can again."""

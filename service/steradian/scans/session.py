@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 import fabry_perot
 from fabry_perot.states import HoldCause
-from steradian.scans.control import Control, End, Phase, Wish
+from steradian.scans.control import ENDING, Control, End, Phase, Wish
 from steradian.scans.course import Course, Segment
 from steradian.scans.excitation import tune_excitation
 from steradian.scans.layout import is_full
@@ -89,7 +89,7 @@ class ScanSession:
         end = End.COMPLETE
         for segment in self._course.segments(wanted):
             wish = self._control.wish()
-            if wish in (Wish.STOP, Wish.ABORT):
+            if wish in ENDING:
                 return self._leave(wish)
             end = self._measure(segment)
             if end is not End.COMPLETE:
@@ -106,6 +106,8 @@ class ScanSession:
         if not self._store_patiently(lambda: self._store.note_upload(upload)):
             return self._leave(self._control.wish())
         self._course.upload(self._scanner, segment.rows, tag)
+        if (wish := self._control.wish()) in ENDING:
+            return self._leave(wish)
         self._rows = segment.rows
         self._fired_before, self._shots_before = self._store.fired, self._scanner.status.shots
         self._scanner.start(self._scanner.arm())
@@ -134,7 +136,7 @@ class ScanSession:
         wish = self._control.wish()
         if wish is Wish.PAUSE:
             wish = self._pause()
-        if wish in (Wish.STOP, Wish.ABORT):
+        if wish in ENDING:
             return self._leave(wish)
         if self._store.stored > self._stored_at_lapse:
             self._stored_at_lapse, self._lapses = self._store.stored, 0
@@ -162,7 +164,7 @@ class ScanSession:
                 wish = self._control.wish()
                 if wish is Wish.PAUSE and not recovering:
                     wish = self._pause()
-                if wish is Wish.ABORT or (wish is Wish.STOP and not recovering):
+                if wish in ENDING and not (wish is Wish.STOP and recovering):
                     return self._leave(wish)
         except fabry_perot.LeaseLapsed:
             return None
@@ -194,7 +196,12 @@ class ScanSession:
             self._scanner.abort("laser-off")
         except fabry_perot.ScannerError as error:  # it does not hear us: then its lease is not renewed either
             _log.warning("the scanner does not answer the abort, its laser goes off by itself: %s", error)
-        return End.ABORTED
+            return End.ABORTED
+        if wish is Wish.ABORT:
+            return End.ABORTED
+        self._control.laser_is_off()
+        self._drain()
+        return End.STOPPED
 
     def _halt(self) -> None:
         """Stop firing and store what was fired already."""
@@ -243,7 +250,7 @@ class ScanSession:
                 self._rest()
             blocked = True
             self._control.blocked(f"the disk of {self._store.path} is full")
-            if self._control.wish() in (Wish.STOP, Wish.ABORT):
+            if self._control.wish() in ENDING:
                 return False
             self._control.wait(AGAIN)
         if blocked:
@@ -266,7 +273,7 @@ class ScanSession:
             try:
                 return request()
             except (fabry_perot.LinkLost, fabry_perot.NoAnswer):
-                if not left or self._control.wish() is Wish.ABORT:
+                if not left or self._control.wish() in (Wish.LEAVE, Wish.ABORT):
                     raise
             self._control.wait(LOOK)
         raise AssertionError

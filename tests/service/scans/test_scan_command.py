@@ -1,13 +1,17 @@
 """``steradian scan``: run, resume, retry and check from the command line."""
 
+from pathlib import Path
+
 import h5py
+import numpy as np
 import pytest
 from typer.testing import CliRunner
+from ulid import ULID
 
 from fabry_perot.simulator import launch
 from steradian.cli.app import app
 from steradian.cli.files import write_value
-from steradian.errors import DamagedFile, NotFound
+from steradian.errors import DamagedFile, InvalidInput, NotFound
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.scans.control import Control, Wish
@@ -47,12 +51,13 @@ def part(plan, simulator, tmp_path):
 
 
 def call(*words, raises=None):
+    """Run a command in this process; returns what it prints, or the error it ends with."""
     result = CliRunner().invoke(app, [str(word) for word in words])
     if raises is None:
         assert result.exception is None, result.output
-    else:
-        assert isinstance(result.exception, raises), result.exception
-    return result.output
+        return result.output
+    assert isinstance(result.exception, raises), result.exception
+    return f"{result.output}{result.exception}"
 
 
 def test_scan_plan_is_short_for_scan_run_plan(plan, simulator, tmp_path):
@@ -60,8 +65,10 @@ def test_scan_plan_is_short_for_scan_run_plan(plan, simulator, tmp_path):
     for words in (["scan"], ["scan", "run"]):
         output = tmp_path / f"{len(words)}.h5"
         said = call(*words, tmp_path / "plan.json", "--scanner", simulator.url, "--output", output)
-        assert "69 of 69" in said
+        assert "69 of 69 A-lines" in said
         assert output.is_file()
+        with h5py.File(output) as file:
+            ULID.from_str(file.attrs["scan_id"][1:].upper())
 
 
 def test_resume_says_what_it_compared_and_fills_the_same_file(part, simulator):
@@ -99,3 +106,32 @@ def test_positions_that_were_changed_are_no_scan_any_more(part):
         file["mask/positions"][3] += 1e-6
     call("scan", "check", part, raises=DamagedFile)
     call("scan", "check", part.with_name("none.h5"), raises=NotFound)
+
+
+def test_the_simulated_scanner_looks_at_what_is_asked_for(plan, tmp_path):
+    """Each phantom gives other A-lines, a file of balls those of its own; the line to go on with names it."""
+    write_value(plan, tmp_path / "plan.json")
+    ball = {"centres": [[0.0, 0.0, 3e-3]], "sigmas": [50e-6], "amplitudes": [1.0]}
+    np.savez(tmp_path / "ball.npz", **{name: np.array(values) for name, values in ball.items()})
+    for name in ("yarn", "vessels", tmp_path / "ball.npz"):
+        output = tmp_path / f"{Path(name).stem}.h5"
+        call("scan", tmp_path / "plan.json", "--phantom", name, "--simulator-speed", "50", "--output", output)
+    strongest = {}
+    for name in ("yarn", "vessels", "ball"):
+        with h5py.File(tmp_path / f"{name}.h5") as file:
+            strongest[name] = np.abs(file["alines/samples"][:].astype(float)).argmax(axis=1) * 8e-9 * 1500.0
+            positions = file["mask/positions"][:]
+    distance = np.sqrt((positions**2).sum(axis=1) + 3e-3**2)
+    reached = distance < 512 * 8e-9 * 1500.0 - 200e-6
+    assert np.abs(strongest["ball"] - distance)[reached].max() < 150e-6
+    assert np.abs(strongest["yarn"] - strongest["vessels"]).max() > 150e-6
+
+
+@pytest.mark.parametrize("phantom", ["nonsense", "plan.json"])
+def test_a_phantom_that_is_none_is_refused_by_name(plan, tmp_path, phantom):
+    write_value(plan, tmp_path / "plan.json")
+    words = ("scan", tmp_path / "plan.json", "--phantom", tmp_path / phantom, "--output", tmp_path / "scan.h5")
+    error = call(*words, raises=InvalidInput)
+    assert phantom in error
+    assert "vessels" in error
+    assert not (tmp_path / "scan.h5").exists()

@@ -1,0 +1,173 @@
+"""A scan in the hands of a person at a terminal: what Ctrl-C does, and what it answers."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from steradian.cli.console import ProgressBar, located, say
+from steradian.errors import ScanFailed
+from steradian.scans.control import Control, End, Phase, Wish
+from steradian.stopping import StopEvent
+
+if TYPE_CHECKING:
+    from steradian.scans.run import ScanSummary
+
+PATIENCE = 0.2
+"""Seconds after which a Ctrl-C is told what is waited for."""
+STOPPED = 130
+"""Exit code of a command that was stopped."""
+_SHOW_CURSOR = "\x1b[?25h"
+
+
+class ScanAtTerminal(Control):
+    """Ends the scan at the first Ctrl-C, the laser before all else, and the command at the second.
+
+    Parameters
+    ----------
+    file
+        The scan file.
+    options
+        What *resume* needs besides its name.
+    """
+
+    def __init__(self, file: Path, options: tuple[str, ...] = ()) -> None:
+        super().__init__()
+        self._file, self._options = file, options
+        self._existed = file.exists()
+        self._stop, self._answered = StopEvent(), threading.Event()
+        self._under_way = self._laser_is_off = False
+        self._bar: ProgressBar | None = None
+
+    def shown_by(self, bar: ProgressBar) -> None:
+        """Say by which bar the scan is shown."""
+        self._bar = bar
+        bar("connecting", 0, 1)
+
+    def wish(self) -> Wish:
+        """Return what is wanted now."""
+        return Wish.LEAVE if self._stop.is_set() else Wish.RUN
+
+    def enter(self, phase: Phase) -> None:
+        """Learn the session's phase: from its first on, it looks itself for what is wished."""
+        if not self._under_way and self._bar is not None:
+            self._bar("connecting", 1, 1)
+        self._under_way = True
+
+    def laser_is_off(self) -> None:
+        """Learn that the scanner has confirmed it."""
+        self._laser_is_off = True
+
+    def progress(self, done: int, total: int) -> None:
+        """Show how many A-lines are stored."""
+        if self._bar is not None:
+            self._bar("A-lines", done, total)
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass."""
+        self._stop.wait(seconds)
+
+    def hear(self, *_: object) -> None:
+        """Take a signal."""
+        if self._stop.is_set():
+            self._leave_at_once()
+        self._stop.set()
+        if not self._under_way:
+            raise KeyboardInterrupt
+
+    def _leave_at_once(self) -> None:
+        """End this process without waiting for anything: the file is valid at every moment."""
+        cursor = _SHOW_CURSOR if sys.stderr.isatty() else ""
+        kept = f"what was stored is kept in {self._file}"
+        told = f"{cursor}\nleaving at once: {kept}; the laser goes off when its lease ends\n"
+        os.write(2, told.encode())
+        os._exit(STOPPED)
+
+    def explain(self) -> None:
+        """Tell whoever pressed Ctrl-C what is waited for, when the answer takes its time; runs in its own thread."""
+        self._stop.wait()
+        if self._answered.wait(PATIENCE) or self._bar is None:
+            return
+        if self._laser_is_off:
+            self._bar.say("laser off; storing what the scanner still holds (Ctrl-C again leaves at once)")
+        else:
+            self._bar.say(
+                "stopping: the scanner has not confirmed yet that its laser is off; without us its lease ends in "
+                "half a second (Ctrl-C again leaves at once)"
+            )
+
+    def end(self, summary: ScanSummary) -> None:
+        """Answer the Ctrl-C, if there was one and the scan was not done before it."""
+        self._answered.set()
+        if self._stop.is_set() and summary.end is not End.COMPLETE:
+            say(f"{self._laser()}; {self._stored(summary.stored, summary.points)}")
+            raise typer.Exit(STOPPED)
+
+    def fail(self) -> None:
+        """Say what there is of a scan that the scanner gave up; when it was being stopped, that is the answer."""
+        self._answered.set()
+        if not self._under_way:
+            return
+        stopped = self._stop.is_set()
+        say(f"{self._laser()}; {self._count()}" if stopped else self._count())
+        if stopped:
+            raise typer.Exit(STOPPED)
+
+    def stop_early(self) -> None:
+        """Answer a Ctrl-C that came before the session began."""
+        self._answered.set()
+        if self._existed:
+            say(f"stopped before the scan went on; {self._count()}")
+        else:
+            self._file.unlink(missing_ok=True)  # without an A-line
+            say("stopped before the scan began; nothing is written")
+        raise typer.Exit(STOPPED)
+
+    def close(self) -> None:
+        """End the thread that waits for a Ctrl-C."""
+        self._answered.set()
+        self._stop.set()
+
+    def _laser(self) -> str:
+        return "laser off" if self._laser_is_off else "the scanner did not confirm, its laser's lease has run out"
+
+    def _count(self) -> str:
+        from steradian.scans.store import AlineStore
+
+        with AlineStore(self._file) as store:
+            return self._stored(store.stored, store.count)
+
+    def _stored(self, stored: int, points: int) -> str:
+        command = shlex.join(["steradian", "scan", "resume", str(self._file), *self._options])
+        return f"{stored:,} of {points:,} stored in {located(self._file)}; go on with: {command}"
+
+
+@contextmanager
+def at_terminal(file: Path, options: tuple[str, ...] = ()) -> Iterator[ScanAtTerminal]:
+    """Take Ctrl-C and SIGTERM for a scan while the ``with`` block lasts, unless whoever started us had them ignored."""
+    control = ScanAtTerminal(file, options)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    heard = [number for number, handler in before.items() if handler is not signal.SIG_IGN]
+    threading.Thread(target=control.explain, name="answer", daemon=True).start()
+    for number in heard:
+        signal.signal(number, control.hear)
+    try:
+        yield control
+    except KeyboardInterrupt:
+        control.stop_early()
+    except ScanFailed:
+        control.fail()
+        raise
+    finally:
+        control.close()
+        for number in heard:
+            signal.signal(number, before[number])

@@ -1,0 +1,168 @@
+"""A person at a terminal: a scan, Ctrl-C, and going on with it, over a real pseudo-terminal."""
+
+import os
+import re
+import sys
+import time
+
+import h5py
+import numpy as np
+import pytest
+
+pexpect = pytest.importorskip("pexpect")
+
+from fabry_perot.simulator import launch  # noqa: E402
+from steradian.cli.files import write_value  # noqa: E402
+from steradian.masks import grid_mask  # noqa: E402
+from steradian.plans import ScanPlan  # noqa: E402
+
+POINTS = 2116
+ANSWER = r"laser off; ([\d,]+) of 2,116 stored in scan\.h5 \([^)]*\); go on with: steradian scan resume scan\.h5"
+EXACT = {"noise_db": float("inf"), "energy_jitter": 0.0}
+"""A simulated scanner whose A-lines depend on the point alone."""
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory):
+    mask = grid_mask(13.56e-3, 46, 280e-6)
+    path = tmp_path_factory.mktemp("plan") / "plan.json"
+    write_value(ScanPlan.create(mask=mask, samples=256, order="shortest"), path)
+    return path
+
+
+@pytest.fixture
+def terminal(tmp_path):
+    """Start ``steradian …`` as the foreground job of a terminal; what it shows is kept in ``transcript``."""
+    running = []
+
+    def start(*words):
+        screen = {"LINES": "24", "COLUMNS": "100", "TERM": "xterm"}
+        process = pexpect.spawn(
+            sys.executable,
+            ["-m", "steradian", *map(str, words)],
+            cwd=str(tmp_path),
+            env=os.environ | screen,
+            dimensions=(24, 100),
+            timeout=100,
+            encoding="utf-8",
+        )
+        running.append(process)
+        return process
+
+    yield start
+    for process in running:
+        process.close(force=True)
+
+
+def stop_at(process, share=10):
+    """Press Ctrl-C once so many hundredths of the A-lines are stored."""
+    bar = re.compile(r"A-lines\D[^\r\n]*?(\d+)/2116")
+    while True:
+        process.expect(bar)
+        if int(process.match[1]) * 100 >= share * POINTS:
+            break
+    process.sendcontrol("c")
+
+
+def read(path):
+    """Return samples in units of pressure, and which rows are stored."""
+    with h5py.File(path) as file:
+        alines = file["alines"]
+        return alines["samples"][:] * alines["scale"][:][:, None], alines["status"][:] == 1
+
+
+def test_a_scan_is_stopped_by_ctrl_c_and_resumed(plan, terminal, tmp_path):
+    """The first Ctrl-C answers with one line, and what that line says to type completes the scan, checked."""
+    scan = terminal("scan", "run", plan, "--simulator-speed", "4")
+    stop_at(scan)
+    scan.expect(ANSWER)
+    stored = int(scan.match[1].replace(",", ""))
+    scan.expect(pexpect.EOF)
+    scan.close()
+    assert scan.exitstatus == 130
+    assert "Traceback" not in scan.before
+    assert read(tmp_path / "scan.h5")[1].sum() == stored
+    assert 0 < stored < POINTS
+
+    resumed = terminal("scan", "resume", "scan.h5", "--simulator-speed", "50")
+    resumed.expect(r"2,116 of 2,116 A-lines in scan\.h5 \([\d.]+ [kMG]?B\)")
+    resumed.expect(pexpect.EOF)
+    resumed.close()
+    assert resumed.exitstatus == 0
+
+    check = terminal("scan", "check", "scan.h5")
+    check.expect("2,116 of 2,116 A-lines intact")
+    check.expect(pexpect.EOF)
+    check.close()
+    assert check.exitstatus == 0
+
+
+def test_after_ctrl_c_the_laser_is_off_and_every_shot_is_stored(plan, terminal, tmp_path):
+    """The scanner's own account: no shot after the answer, as many fired as stored; the whole is as never stopped."""
+    with launch(speed=4.0, seed=3, **EXACT) as simulator:
+        scan = terminal("scan", "run", plan, "--scanner", simulator.url)
+        stop_at(scan)
+        scan.expect(ANSWER)
+        then = simulator.command("report")
+        assert then["state"] == "safe_hold"
+        assert then["shots"] == int(scan.match[1].replace(",", ""))
+        scan.expect(pexpect.EOF)
+        scan.close()
+        assert scan.exitstatus == 130
+        wait_for(lambda: simulator.command("report")["time"] > then["time"] + 1_000_000)
+        assert simulator.command("report")["shots"] == then["shots"]
+    with launch(speed=100.0, seed=3, **EXACT) as simulator:
+        for words in (["resume", "scan.h5"], ["run", plan, "--output", "whole.h5"]):
+            process = terminal("scan", *words, "--scanner", simulator.url)
+            process.expect("2,116 of 2,116 A-lines")
+            process.expect(pexpect.EOF)
+            process.close()
+            assert process.exitstatus == 0, process.before
+    found, stored = read(tmp_path / "scan.h5")
+    expected, _ = read(tmp_path / "whole.h5")
+    assert stored.all()
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_a_second_ctrl_c_leaves_at_once_with_the_file_whole(plan, terminal, tmp_path):
+    """Whoever presses Ctrl-C again is not kept waiting, even by a scanner that has gone silent; nothing is damaged."""
+    with launch(speed=4.0, seed=3) as simulator:
+        scan = terminal("scan", "run", plan, "--scanner", simulator.url)
+        bar = re.compile(r"A-lines\D[^\r\n]*?(\d+)/2116")
+        scan.expect(bar)
+        simulator.command("stall", way="up", seconds=1000)
+        simulator.command("stall", way="down", seconds=1000)
+        scan.sendcontrol("c")
+        scan.expect("not confirmed")
+        scan.sendcontrol("c")
+        scan.expect("leaving at once")
+        scan.expect(pexpect.EOF)
+        scan.close()
+        assert scan.exitstatus == 130
+        wait_for(lambda: simulator.command("report")["state"] == "safe_hold")  # its lease has run out
+    check = terminal("scan", "check", "scan.h5", "--no-repair")
+    check.expect("A-lines intact")
+    check.expect(pexpect.EOF)
+    check.close()
+    assert check.exitstatus == 0
+
+
+def test_ctrl_c_before_the_scan_begins_leaves_nothing_behind(plan, terminal, tmp_path):
+    """While the scanner does not answer yet, Ctrl-C ends the command, which says that nothing was measured."""
+    with launch(speed=1.0, tcp="127.0.0.1:0") as simulator:
+        simulator.command("cut", way="up", seconds=1000)
+        scan = terminal("scan", "run", plan, "--scanner", simulator.url)
+        scan.expect("connecting")
+        scan.sendcontrol("c")
+        scan.expect("stopped before the scan began; nothing is written")
+        scan.expect(pexpect.EOF)
+        scan.close()
+        assert scan.exitstatus == 130
+    assert not (tmp_path / "scan.h5").exists()
+
+
+def wait_for(condition):
+    deadline = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
