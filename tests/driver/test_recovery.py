@@ -12,7 +12,7 @@ from driver_world import World
 
 import fabry_perot
 from fabry_perot import Recovery, faults, phantoms
-from fabry_perot.codes import AbortLevel, Type
+from fabry_perot.codes import AbortLevel, Operation, Type
 from fabry_perot.simulator import launch
 from fabry_perot.simulator.instrument import peak_pressure
 from fabry_perot.states import DeviceState
@@ -63,7 +63,7 @@ def take_all(scanner, count: int, events) -> list:
 def suffer(simulator, do: str, seconds: float) -> None:
     """Let the line or the device fail; a reboot comes when A-lines are on their way, so that it costs some."""
     if do == "reboot":
-        before = simulator.command("cut", way="down", seconds=5.0)["shots"]
+        before = simulator.command("cut", way="down", seconds=20.0)["shots"]
         for _ in range(500):
             if simulator.command("drift", pm=0)["shots"] > before + 5:
                 break
@@ -104,6 +104,55 @@ def test_after_a_reboot_only_the_points_whose_a_lines_are_lost_are_fired_again_a
     assert report.restarts == 1
     assert report.fired == 250 + len(report.refired)
     assert report.refired
+
+
+@pytest.mark.parametrize("late", [0, 60])
+def test_a_start_whose_answer_is_read_late_still_counts_from_its_first_point(late):
+    """A busy host looks at START's answer when A-lines have come already, after the first one and after a reboot."""
+    world = World()
+    world.connect()
+    world.call_upload()
+    token = world.call(Operation.ARM)["token"]
+    answer = world.call(Operation.START, token=token, **world.host.lease_fields())
+    world.run(late)
+    assert (len(world.disk) > 0) is (late > 0)
+    world.keeper.engage(world.plan, answer["laser_shots"], world.clock.now())
+    for kept in (10, 20):
+        world.until(lambda kept=kept: len(world.disk) >= kept, 10_000)
+        lose_some(world)
+    world.finish()
+    assert_named(world)
+
+
+def test_points_that_a_former_host_had_fired_are_named_when_a_reboot_loses_them():
+    world = World()
+    world.begin()
+    world.run(40)
+    world.kill_host()
+    world.run(1_000)
+    assert world.device.plan.position > len(world.disk), "the device holds A-lines"
+    world.down.filters.append(lost := faults.FramesOfType(Type.ALINE, lambda count: True))
+    world.new_host()
+    world.go()
+    lose_some(world)
+    world.down.filters.remove(lost)
+    world.finish()
+    assert_named(world)
+
+
+def lose_some(world: World) -> None:
+    """Let the device reboot while A-lines do not get through."""
+    lost = faults.FramesOfType(Type.ALINE, lambda count: True)
+    world.down.filters.insert(0, lost)
+    world.until(lambda: lost.seen >= 4, 10_000)
+    world.reboot(200)
+    world.down.filters.remove(lost)
+
+
+def assert_named(world: World) -> None:
+    fired = [index for _, index, _ in world.instrument.log]
+    assert world.keeper.ledger.refired == sorted(index for index in set(fired) if fired.count(index) == 2) != []
+    assert len(fired) == 40 + len(world.keeper.ledger.refired)
 
 
 @pytest.mark.soak

@@ -249,7 +249,8 @@ class Host:
         status = self.status
         if status is None or status.plan != plan.uid or self.plan_status is None:
             return False
-        self.uploader = Uploader(plan, self.payload, self.timing.upload_period)
+        # The laser is off since before this session, so the position is where the next START begins.
+        self.uploader = Uploader(plan, self.payload, self.timing.upload_period, status.position)
         self.uploader.receive(self.plan_status, now)
         self.expect(plan.uid, max(start, status.acknowledged))
         self.poll(now)

@@ -30,23 +30,27 @@ class Ledger:
     _wasted_before: int = 0
 
     def started(self, boot: int, start: int, laser_shots: int, wasted: int) -> None:
-        """Note a START; the first one in each boot tells where its counting begins."""
+        """Note a START; a scan's first one tells where the counting begins in its boot.
+
+        ``start`` is the first point that the device fires, whatever has arrived when START's answer is looked at.
+        """
         if self.first is None:
             self.first = laser_shots
         if boot != self._boot:
             self._boot, self._start, self._shots, self._wasted_before = boot, start, laser_shots, wasted
 
-    def lost(self, plan: Plan, kept: int, laser_shots: int, wasted: int) -> None:
+    def lost(self, plan: Plan, boot: int, kept: int, laser_shots: int, wasted: int) -> None:
         """Note a reboot: A-lines below ``kept`` arrived, the laser's counter now shows ``laser_shots``.
 
-        ``wasted`` is the last that was heard of the shots discarded in the boot that ended.
+        ``wasted`` is the last that was heard of the shots discarded in the boot that ended. Counting begins here in the
+        new ``boot``, which has fired nothing yet.
         """
         totals = np.cumsum(np.maximum(1, plan.points["averages"][self._start :].astype(np.int64)))
         fired = laser_shots - self._shots - (wasted - self._wasted_before)
         count = int(np.searchsorted(totals, fired, side="right"))
         self.refired += range(kept, max(kept, self._start + count))
         self._wasted += laser_shots - self._shots - (int(totals[count - 1]) if count else 0)
-        self._start, self._shots, self._wasted_before = kept, laser_shots, wasted  # being told twice changes nothing
+        self._boot, self._start, self._shots, self._wasted_before = boot, kept, laser_shots, 0  # twice changes nothing
 
     def wasted(self, now: int) -> int:
         """Return the shots discarded in all boots; ``now`` is the device's present count."""

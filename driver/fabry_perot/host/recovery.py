@@ -73,8 +73,7 @@ class Keeper:
     def engage(self, plan: Plan, laser_shots: int, now: int) -> None:
         """Keep ``plan`` from now on; ``laser_shots`` is what START answered."""
         host = self._host
-        if host.assembly is not None and host.hello is not None:
-            self._note_start(laser_shots)
+        self._note_start(laser_shots)
         self._plan, self._steps = plan, None
         host.tolerant = self._policy.restarts
         self._moved, self._wait, self._due = now, _FIRST_WAIT, now
@@ -155,16 +154,16 @@ class Keeper:
 
     def _note_start(self, laser_shots: int) -> None:
         host = self._host
-        if host.hello is not None and host.assembly is not None and host.status is not None:
-            self.ledger.started(host.hello.boot, host.assembly.complete, laser_shots, host.status.shots_wasted)
+        if host.hello is not None and host.uploader is not None and host.status is not None:
+            self.ledger.started(host.hello.boot, host.uploader.start, laser_shots, host.status.shots_wasted)
 
     def _plan_again(self, plan: Plan) -> Iterator[None]:
         yield from self._call(Operation.GET)
         host = self._host
-        if host.assembly is not None:
+        if host.assembly is not None and host.hello is not None:
             start = host.assembly.restart()
             wasted = host.last_words.shots_wasted if host.last_words else 0
-            self.ledger.lost(plan, start, int(self._answer.get("laser_shots", 0)), wasted)
+            self.ledger.lost(plan, host.hello.boot, start, int(self._answer.get("laser_shots", 0)), wasted)
         call = host.upload_again(plan, self._now)
         while not call.done:
             yield

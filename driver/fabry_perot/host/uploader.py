@@ -21,7 +21,7 @@ class Uploader:
     period
         Without progress for so many µs the upload goes back to the confirmed index.
     start
-        First point to upload.
+        First point to upload; the first that the device will fire.
     """
 
     def __init__(self, plan: Plan, payload: int, period: int, start: int = 0) -> None:
