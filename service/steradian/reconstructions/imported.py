@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,9 +10,9 @@ import h5py
 import numpy as np
 
 from steradian.errors import DamagedFile
-from steradian.masks import Mask
 from steradian.plans import ScanPlan
 from steradian.scans import schema
+from steradian.scans.importing.planned import read_plan
 
 
 @dataclass(frozen=True)
@@ -47,28 +46,8 @@ def read_imported(path: Path) -> Imported:
     """
     try:
         with h5py.File(path, "r") as file:
-            mask, plan = file["mask"], file["plan"]
-            made = Mask.create(
-                aperture=float(mask.attrs["aperture_m"]),
-                positions=np.asarray(mask["positions"]),
-                weights=np.asarray(mask["weights"]),
-                depth=float(mask.attrs["depth_m"]) if "depth_m" in mask.attrs else None,
-                arrangement=json.loads(mask.attrs["arrangement"]),
-            )
             stored = int((np.asarray(file["alines/status"]) == schema.STORED).sum())
             summary = {"points": len(file["alines/status"]), "stored": stored, "fired": int(file["fired"][()])}
-            about = {"wavelengths": np.asarray(plan["wavelengths"])} if "wavelengths" in plan else {}
-            whole = ScanPlan.create(mask=made, **about, **_document(plan))
-            return Imported(whole, bool(file.attrs["simulated"]), summary)
-    except (OSError, KeyError, json.JSONDecodeError) as error:
-        raise DamagedFile(f"{path} cannot be read as a scan: {error}") from error
-
-
-def _document(plan: h5py.Group) -> dict[str, Any]:
-    if "document" in plan.attrs:
-        document: dict[str, Any] = json.loads(plan.attrs["document"])
-        return document
-    units = {"pulse_rate": "hz", "sampling_interval": "s", "sound_speed": "m_s"}
-    numbers = {name: float(plan.attrs[f"{name}_{unit}"]) for name, unit in units.items()}
-    counts = {name: int(plan.attrs[name]) for name in ("averages", "samples")}
-    return numbers | counts | {"order": str(plan.attrs["order"])}
+            return Imported(read_plan(file), bool(file.attrs["simulated"]), summary)
+    except (OSError, KeyError) as error:
+        raise DamagedFile(f"{path.name} cannot be read as a scan: {error}") from error

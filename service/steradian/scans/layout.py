@@ -14,6 +14,7 @@ from typing import Any
 import google_crc32c
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from steradian import __version__
 from steradian.errors import Conflict, DiskFull
@@ -36,6 +37,8 @@ def create_scan_file(
     scanner_model: str = "",
     sample_kind: np.dtype[Any] = schema.SAMPLES,
     time_zero: float = 0.0,
+    created: str | None = None,
+    visit: NDArray[np.int64] | None = None,
 ) -> None:
     """Make an empty scan file of its final size.
 
@@ -55,6 +58,10 @@ def create_scan_file(
         16-bit integers, or float32 for an import.
     time_zero
         Time in seconds from the laser pulse to the first sample.
+    created
+        When it was measured (ISO 8601); now, if not given.
+    visit
+        (M,) points in the order of interrogation where that is not the plan's own, as an older program found it.
 
     Raises
     ------
@@ -70,9 +77,9 @@ def create_scan_file(
     draft = path.with_name(path.name + ".new")
     try:
         with h5py.File(draft, "w") as file:
-            file.attrs.update(_origin(plan, scan_id, scanner, scanner_model, simulated))
+            file.attrs.update(_origin(plan, scan_id, scanner, scanner_model, simulated, created))
             _write_mask(file, plan)
-            _write_plan(file, plan, time_zero)
+            _write_plan(file, plan, time_zero, visit)
             file.attrs["geometry_crc32c"] = geometry_checksum(file)
             _allocate(file, plan.aline_count, plan.samples, sample_kind)
         with draft.open("r+b") as raw:
@@ -146,12 +153,14 @@ def sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
-def _origin(plan: ScanPlan, scan_id: str, scanner: str, model: str, simulated: bool) -> dict[str, Any]:
+def _origin(
+    plan: ScanPlan, scan_id: str, scanner: str, model: str, simulated: bool, created: str | None
+) -> dict[str, Any]:
     return {
         "format": schema.FORMAT,
         "schema_version": schema.VERSION,
         "scan_id": scan_id,
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "created": created or datetime.now(UTC).isoformat(timespec="seconds"),
         "software": f"steradian {__version__}",
         "scanner": scanner,
         "scanner_model": model,
@@ -166,11 +175,13 @@ def _write_mask(file: h5py.File, plan: ScanPlan) -> None:
     group.attrs.update({"id": mask.id, "aperture_m": mask.aperture, "arrangement": json.dumps(mask.arrangement)})
     if mask.depth is not None:
         group.attrs["depth_m"] = mask.depth
+    if mask.offset != (0.0, 0.0):
+        group.attrs["offset_m"] = mask.offset
     group.create_dataset("positions", data=mask.positions).attrs.update({"units": "m", "axes": "point, (x, y)"})
     group.create_dataset("weights", data=mask.weights).attrs["units"] = "m^2"
 
 
-def _write_plan(file: h5py.File, plan: ScanPlan, time_zero: float) -> None:
+def _write_plan(file: h5py.File, plan: ScanPlan, time_zero: float, visit: NDArray[np.int64] | None) -> None:
     group = file.create_group("plan")
     group.attrs.update(
         {
@@ -186,7 +197,7 @@ def _write_plan(file: h5py.File, plan: ScanPlan, time_zero: float) -> None:
             "document": plan.model_dump_json(exclude={"mask", "wavelengths"}),
         }
     )
-    group.create_dataset("visit", data=Course.of_plan(plan).visit)
+    group.create_dataset("visit", data=Course.of_plan(plan).visit if visit is None else visit)
     if plan.wavelengths is not None:
         group.create_dataset("wavelengths", data=plan.wavelengths).attrs["units"] = "m"
     group.create_dataset("frame_excitation", data=np.asarray(plan.frame_excitation)).attrs["units"] = "m"

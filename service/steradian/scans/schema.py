@@ -4,7 +4,7 @@
 
     /                           attributes: format, schema_version, scan_id, created, software, driver, scanner,
                                 scanner_model, simulated, tuning_map, geometry_crc32c
-    /mask                       attributes: id, aperture_m, depth_m (absent if none), arrangement (JSON)
+    /mask                       attributes: id, aperture_m, depth_m, offset_m (absent if none), arrangement (JSON)
         positions (M, 2) f8     x, y in metres, centred on the aperture
         weights   (M,)   f8     areas in m², sum = aperture²
     /plan                       attributes: id, pulse_rate_hz, averages, samples, sampling_interval_s,

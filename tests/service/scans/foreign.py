@@ -231,6 +231,15 @@ def ipasc_by_pacfish(folder, *, wavelengths=1, frames=1):
     return folder / "ipasc.hdf5", None
 
 
+def own_scan(folder):
+    """A scan file of ours with samples in float32."""
+    from steradian.scans.importing import import_scan
+
+    path = folder / "own.h5"
+    import_scan(npz_with_positions(folder)[0], path)
+    return path, None
+
+
 WRITERS = [
     npy_time_first,
     npy_grid_from_shape,
@@ -249,4 +258,5 @@ WRITERS = [
     kwave_with_input_file,
     kwave_cuboid,
     ipasc_by_pacfish,
+    own_scan,
 ]

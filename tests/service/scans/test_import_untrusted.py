@@ -20,117 +20,171 @@ from steradian.scans.importing import import_scan
 from steradian.scans.recording import open_recording
 
 
-def _replace(file, name, **options):
-    del file[name]
-    return file.create_dataset(name, **options)
+class Poisoned:
+    """An open file of some format, and what its datasets are called there."""
+
+    def __init__(self, file, traces, places, number):
+        self.file, self.traces, self.places, self.number = file, traces, places, number
+
+    def replace(self, name, **options):
+        del self.file[name]
+        return self.file.create_dataset(name, **options)
+
+    @property
+    def like(self):
+        """Shape of the A-lines, to be there again."""
+        return self.file[self.traces].shape
 
 
-def external_link(file):
-    del file["sensor_data"]
-    file["sensor_data"] = h5py.ExternalLink("secret.h5", "/a")
+FORMATS = {
+    "matlab": (foreign.matlab_positions, "sensor_data", "positions", "dt"),
+    "own": (foreign.own_scan, "alines/samples", "mask/positions", "fired"),
+    "ipasc": (
+        foreign.ipasc_by_pacfish,
+        "binary_time_series_data",
+        "meta_data_device/detectors/0000000003/detector_position",
+        "meta_data/ad_sampling_rate",
+    ),
+    "kwave": (foreign.kwave_index_mask, "p", "sensor_mask_index", "dt"),
+}
 
 
-def external_link_deep_inside(file):
-    file.create_group("a/b/c")["d"] = h5py.ExternalLink("secret.h5", "/a")
+def external_link(it):
+    del it.file[it.traces]
+    it.file[it.traces] = h5py.ExternalLink("secret.h5", "/a")
 
 
-def soft_link(file):
-    file["elsewhere"] = h5py.SoftLink("/positions")
+def external_link_deep_inside(it):
+    it.file.create_group("a/b/c")["d"] = h5py.ExternalLink("secret.h5", "/a")
 
 
-def dangling_soft_link(file):
-    file["elsewhere"] = h5py.SoftLink("/none/../secret.h5")
+def soft_link(it):
+    it.file["elsewhere"] = h5py.SoftLink(f"/{it.places}")
 
 
-def virtual_dataset(file):
-    layout = h5py.VirtualLayout(file["sensor_data"].shape, "f4")
-    layout[...] = h5py.VirtualSource("secret.h5", "a", file["sensor_data"].shape)
-    del file["sensor_data"]
-    file.create_virtual_dataset("sensor_data", layout)
+def dangling_soft_link(it):
+    it.file["elsewhere"] = h5py.SoftLink("/none/../secret.h5")
 
 
-def external_storage(file):
-    _replace(file, "sensor_data", shape=(128, 96), dtype="f4", external=[("secret.h5", 0, 128 * 96 * 4)])
+def nested_groups(it):
+    group = it.file.id
+    for _ in range(20_000):
+        group = h5py.h5g.create(group, b"a")
 
 
-def object_references(file):
-    _replace(file, "positions", data=[[file["dt"].ref]], dtype=h5py.ref_dtype)
+def virtual_dataset(it):
+    shape = it.like
+    layout = h5py.VirtualLayout(shape, "f4")
+    layout[...] = h5py.VirtualSource("secret.h5", "a", shape)
+    del it.file[it.traces]
+    it.file.create_virtual_dataset(it.traces, layout)
 
 
-def region_references(file):
-    _replace(file, "positions", data=[[file["dt"].regionref[:]]], dtype=h5py.regionref_dtype)
+def external_storage(it):
+    shape = it.like
+    it.replace(it.traces, shape=shape, dtype="f4", external=[("secret.h5", 0, 4 * int(np.prod(shape)))])
 
 
-def variable_strings(file):
-    _replace(file, "positions", data=[["a"] * 96] * 2, dtype=h5py.string_dtype())
+def external_places(it):
+    kept = it.file[it.places][()]
+    it.replace(it.places, shape=kept.shape, dtype=kept.dtype, external=[("secret.h5", 0, kept.nbytes)])
 
 
-def variable_numbers(file):
-    _replace(file, "positions", shape=(2, 96), dtype=h5py.vlen_dtype("f8"))
+def external_number(it):
+    """The library's lower level: h5py itself drops the option where the dataset is a scalar."""
+    kind, space = it.file[it.number].id.get_type(), it.file[it.number].id.get_space()
+    made = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    made.set_external(b"secret.h5", 0, 8)
+    del it.file[it.number]
+    group, _, name = it.number.rpartition("/")
+    h5py.h5d.create(it.file[group or "/"].id, name.encode(), kind, space, made)
 
 
-def compound(file):
-    _replace(file, "positions", data=np.zeros((2, 96), [("a", "f8"), ("b", "f8")]))
+def object_references(it):
+    it.replace(it.places, data=[[it.file[it.number].ref]], dtype=h5py.ref_dtype)
 
 
-def complex_numbers(file):
-    _replace(file, "sensor_data", data=np.zeros((128, 96), "c8"))
+def region_references(it):
+    it.replace(it.places, data=[[it.file[it.traces].regionref[:]]], dtype=h5py.regionref_dtype)
 
 
-def absurd_shape(file):
-    _replace(file, "sensor_data", shape=(1 << 30, 1 << 30), dtype="f8", chunks=(1, 1024))
+def variable_strings(it):
+    it.replace(it.places, data=[["a"] * 96] * 2, dtype=h5py.string_dtype())
 
 
-def absurd_rank(file):
-    _replace(file, "sensor_data", data=np.zeros((2,) * 12))
+def variable_numbers(it):
+    it.replace(it.places, shape=(2, 96), dtype=h5py.vlen_dtype("f8"))
 
 
-def nothing_stored(file):
-    _replace(file, "sensor_data", shape=(60_000, 1000), dtype="f4", chunks=(1000, 100))
+def compound(it):
+    it.replace(it.places, data=np.zeros((2, 96), [("a", "f8"), ("b", "f8")]))
 
 
-def absurd_chunk(file):
-    _replace(file, "sensor_data", shape=(1 << 15, 1 << 13), dtype="f8", chunks=(1 << 13, 1 << 13))
+def complex_numbers(it):
+    it.replace(it.traces, data=np.zeros((128, 96), "c8"))
 
 
-def tiny_chunks(file):
-    _replace(file, "sensor_data", shape=(1 << 12, 1 << 13), dtype="f8", chunks=(1, 1), fillvalue=1.0)
+def absurd_shape(it):
+    it.replace(it.traces, shape=(1 << 30, 1 << 30), dtype="f8", chunks=(1, 1024))
 
 
-def compression_bomb(file):
-    _replace(file, "sensor_data", data=np.zeros((65536, 96), "f8"), chunks=(4096, 96), compression="gzip")
+def absurd_rank(it):
+    it.replace(it.traces, data=np.zeros((2,) * 12))
 
 
-def inflating_chunk(file):
+def nothing_stored(it):
+    it.replace(it.traces, shape=(60_000, 1000), dtype="f4", chunks=(1000, 100))
+
+
+def absurd_chunk(it):
+    it.replace(it.traces, shape=(1 << 15, 1 << 13), dtype="f8", chunks=(1 << 13, 1 << 13))
+
+
+def tiny_chunks(it):
+    it.replace(it.traces, shape=(1 << 12, 1 << 13), dtype="f8", chunks=(1, 1), fillvalue=1.0)
+
+
+def compression_bomb(it):
+    it.replace(it.traces, data=np.zeros((65536, 96), "f8"), chunks=(4096, 96), compression="gzip")
+
+
+def inflating_chunk(it):
     """A chunk that says 48 kB and inflates to 32 MB; only looking inside tells."""
-    made = _replace(file, "sensor_data", shape=(128, 96), dtype="f4", chunks=(128, 96), compression="gzip")
-    made.id.write_direct_chunk((0, 0), zlib.compress(bytes(32 << 20), 9))
+    shape = it.like
+    made = it.replace(it.traces, shape=shape, dtype="f4", chunks=shape, compression="gzip")
+    made.id.write_direct_chunk((0,) * len(shape), zlib.compress(bytes(32 << 20), 9))
 
 
-def chunk_of_noise(file):
-    made = _replace(file, "sensor_data", shape=(128, 96), dtype="f4", chunks=(128, 96), compression="gzip")
-    made.id.write_direct_chunk((0, 0), b"no gzip at all")
+def chunk_of_noise(it):
+    shape = it.like
+    made = it.replace(it.traces, shape=shape, dtype="f4", chunks=shape, compression="gzip")
+    made.id.write_direct_chunk((0,) * len(shape), b"no gzip at all")
 
 
-def strange_filter(file):
-    _replace(file, "sensor_data", data=np.zeros((128, 96), "f4"), compression="lzf")
+def strange_filter(it):
+    it.replace(it.traces, data=np.zeros(it.like, "f4"), compression="lzf")
 
 
-def group_for_data(file):
-    del file["sensor_data"]
-    file.create_group("sensor_data")
+def group_for_data(it):
+    del it.file[it.traces]
+    it.file.create_group(it.traces)
 
 
-def not_finite(file):
-    file["sensor_data"][5, 7] = np.inf
+def not_finite(it):
+    it.file[it.traces][(0,) * len(it.like)] = np.inf
 
 
-def beyond_float32(file):
-    _replace(file, "sensor_data", data=np.full((128, 96), 1e300))
+def beyond_float32(it):
+    it.replace(it.traces, data=np.full(it.like, 1e300))
 
 
-def several_numbers_for_one(file):
-    _replace(file, "dt", data=np.zeros((3, 3)))
+def beyond_use(it):
+    """Fits into float32, but its square does not."""
+    it.replace(it.traces, data=np.full(it.like, 2.5e38, "f4"))
+
+
+def several_numbers_for_one(it):
+    it.replace(it.number, data=np.zeros((3, 3)))
 
 
 POISONS = {
@@ -138,8 +192,11 @@ POISONS = {
     external_link_deep_inside: "a/b/c/d is a link to another file",
     soft_link: "soft link",
     dangling_soft_link: "soft link",
+    nested_groups: "32 groups deep",
     virtual_dataset: "virtual",
     external_storage: "another file",
+    external_places: "another file",
+    external_number: "another file",
     object_references: "references",
     region_references: "references",
     variable_strings: "text",
@@ -155,25 +212,38 @@ POISONS = {
     inflating_chunk: "inflates",
     chunk_of_noise: "gzip",
     strange_filter: "lzf",
-    group_for_data: "sensor_data",
-    not_finite: "finite",
-    beyond_float32: "finite",
-    several_numbers_for_one: "sampling_interval",
+    group_for_data: "no dataset|has no variable|nothing that a scan file|0 cuboids",
+    not_finite: "finite|checksum",
+    beyond_float32: "finite|float64",
+    beyond_use: "finite|checksum",
+    several_numbers_for_one: "sampling_interval|expected one finite number",
 }
 
 
+@pytest.mark.parametrize("kind", FORMATS)
 @pytest.mark.parametrize("poison", POISONS, ids=lambda poison: poison.__name__)
-def test_a_poisoned_hdf5_file_is_refused_with_what_is_wrong(tmp_path, poison):
-    """The error names the thing; nothing is left in the folder, and no other file is read."""
-    source, _ = foreign.matlab_positions(tmp_path)
+def test_a_poisoned_hdf5_file_of_any_format_is_refused_with_what_is_wrong(tmp_path, poison, kind):
+    """The error names the thing and no folder; nothing is left behind, and no other file is read."""
+    write, *names = FORMATS[kind]
+    source, description = write(tmp_path)
     with h5py.File(tmp_path / "secret.h5", "w") as file:
         file["a"] = np.ones((128, 96), "f4")
     with h5py.File(source, "r+") as file:
-        poison(file)
+        poison(Poisoned(file, *names))
     folder = tmp_path / "scans"
-    with pytest.raises((DamagedFile, InvalidInput), match=POISONS[poison]):
-        import_scan(source, folder / "scan.h5")
+    with pytest.raises((DamagedFile, InvalidInput), match=POISONS[poison]) as refusal:
+        import_scan(source, folder / "scan.h5", description=description)
+    assert str(tmp_path) not in str(refusal.value)
     assert not folder.exists() or list(folder.iterdir()) == []
+
+
+def test_a_ring_of_groups_is_walked_once(tmp_path):
+    """A group that holds itself is no way to keep the walk from ending."""
+    source, _ = foreign.matlab_positions(tmp_path)
+    with h5py.File(source, "r+") as file:
+        file["ring/back"] = file.create_group("ring/on")
+        file["ring/on/home"], file["root"] = file["ring"], file["/"]
+    assert import_scan(source, tmp_path / "scan.h5").points == len(foreign.grid())
 
 
 def _poisoned_zip(path, name, data, method=zipfile.ZIP_DEFLATED):

@@ -9,7 +9,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from steradian.errors import Cancelled, Conflict
+from steradian.errors import Cancelled, Conflict, NotFound
 from steradian.progress import IsCancelled, Progress
 from steradian.scans.importing import own
 from steradian.scans.importing.opening import is_own, open_source
@@ -67,6 +67,8 @@ def import_scan(
     Cancelled
         When ``cancelled`` said so; nothing is left behind.
     """
+    if not source.is_file():
+        raise NotFound("file", str(source))
     if destination.exists():
         raise Conflict(f"{destination} exists; choose another name or remove it")
     destination.parent.mkdir(parents=True, exist_ok=True)
@@ -74,7 +76,7 @@ def import_scan(
     draft.unlink(missing_ok=True)
     try:
         if is_own(source):
-            points, samples = own.copy_scan(source, draft, progress=progress, cancelled=cancelled)
+            points, samples = own.rewrite_scan(source, draft, progress=progress, cancelled=cancelled)
             kind = own.FORMAT
         else:
 

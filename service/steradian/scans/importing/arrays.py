@@ -45,7 +45,7 @@ def open_npy(path: Path, said: Description) -> Iterator[Source]:
     with path.open("rb") as file:
         shape, kind, fortran = _header(file, path.name)
         if path.stat().st_size - file.tell() != prod(shape) * kind.itemsize:
-            raise DamagedFile(f"{path} is truncated, or has more than its {shape} numbers")
+            raise DamagedFile(f"{path.name} is truncated, or has more than its {shape} numbers")
         points, samples, time_first, lateral = _layout(shape, said, path.name)
         if fortran:
             if len(shape) > 2:
@@ -67,7 +67,7 @@ def read_npy(path: Path) -> NDArray[Any]:
         shape, kind, fortran = _header(file, path.name)
         data = file.read(SMALL_BYTES + 1)
     if len(data) != prod(shape) * kind.itemsize:
-        raise DamagedFile(f"{path} is truncated, too large, or has more than its {shape} numbers")
+        raise DamagedFile(f"{path.name} is truncated, too large, or has more than its {shape} numbers")
     return np.frombuffer(data, kind).reshape(shape, order="F" if fortran else "C")
 
 
@@ -85,12 +85,14 @@ def open_npz(path: Path, said: Description, folder: Path | None = None) -> Itera
             names = _members(path, archive)
             name = said.array or next((name for name in TRACES if name in names), None)
             if name is None or name not in names:
-                raise DamagedFile(f"{path} has no array {name or TRACES[0]!r}; it holds {', '.join(sorted(names))}")
+                raise DamagedFile(
+                    f"{path.name} has no array {name or TRACES[0]!r}; it holds {', '.join(sorted(names))}"
+                )
             table, lateral, kwave = _member_table(archive, names[name], said, spare, is_p=name == "p")
             stated = _stated_in(archive, names, lateral, simulated=kwave)
             yield make_source("npz", table, stated, said, path.name, lateral)
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, EOFError) as error:
-        raise DamagedFile(f"{path} cannot be read as an .npz archive: {error}") from error
+        raise DamagedFile(f"{path.name} cannot be read as an .npz archive: {error}") from error
 
 
 @contextmanager
@@ -106,12 +108,12 @@ def open_csv(path: Path, said: Description, folder: Path | None = None) -> Itera
         rows = columns = 0
         for row in csv_rows(file, path):
             if columns and len(row) != columns:
-                raise DamagedFile(f"{path}: row {rows + 1} has {len(row)} numbers, the first has {columns}")
+                raise DamagedFile(f"{path.name}: row {rows + 1} has {len(row)} numbers, the first has {columns}")
             rows, columns = rows + 1, len(row)
             spare.write(row.tobytes())
         spare.flush()
         if not rows:
-            raise DamagedFile(f"{path} holds no numbers")
+            raise DamagedFile(f"{path.name} holds no numbers")
         points, samples, time_first, _ = _layout((rows, columns), said, path.name)
         table = RawTable(spare, 0, np.dtype(np.float64), points, samples, time_first)
         yield make_source("csv", table, Stated(), said, path.name)
@@ -150,13 +152,13 @@ def _layout(
 def _members(path: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
     found = archive.infolist()
     if len(found) > MOST_MEMBERS:
-        raise DamagedFile(f"{path} has {len(found)} members; allowed: at most {MOST_MEMBERS}")
+        raise DamagedFile(f"{path.name} has {len(found)} members; allowed: at most {MOST_MEMBERS}")
     for member in found:
         if member.flag_bits & 1:
-            raise DamagedFile(f"{path}: {member.filename} is encrypted")
+            raise DamagedFile(f"{path.name}: {member.filename} is encrypted")
         if member.file_size > max(RATIO_FROM, RATIO * member.compress_size):
             raise DamagedFile(
-                f"{path}: {member.filename} would be {member.file_size} bytes from {member.compress_size}; "
+                f"{path.name}: {member.filename} would be {member.file_size} bytes from {member.compress_size}; "
                 f"allowed: {RATIO} times as many"
             )
     return {member.filename.removesuffix(".npy"): member for member in found}
@@ -168,7 +170,7 @@ def _member_table(
     with archive.open(member) as file:
         shape, kind, fortran = _header(file, member.filename)
         if is_p and len(shape) not in (2, 3):
-            raise DamagedFile(f"{archive.filename}: p has shape {shape}; expected (time, y, z) or (time, y)")
+            raise DamagedFile(f"{_name(archive)}: p has shape {shape}; expected (time, y, z) or (time, y)")
         points, samples, time_first, lateral = _layout(
             shape, said, member.filename, "time, point" if is_p else "point, time"
         )
@@ -176,6 +178,10 @@ def _member_table(
             raise InvalidInput("array", "three axes in Fortran order", "C order, or two axes")
         table = spill(_pieces(file, kind), spare, points, samples, time_first=time_first != fortran)
     return table, lateral, is_p
+
+
+def _name(archive: zipfile.ZipFile) -> str:
+    return Path(archive.filename or "").name
 
 
 def _pieces(file: IO[bytes], kind: np.dtype[Any]) -> Iterator[NDArray[Any]]:
@@ -197,7 +203,7 @@ def _stated_in(
     def number(*wanted: str) -> float | None:
         value = small(*wanted)
         if value is not None and value.size != 1:
-            raise DamagedFile(f"{archive.filename}: {wanted[0]} has the shape {value.shape}; expected one number")
+            raise DamagedFile(f"{_name(archive)}: {wanted[0]} has the shape {value.shape}; expected one number")
         return None if value is None else float(value.reshape(-1)[0])
 
     points, pitch = small("positions"), number("dx")
@@ -216,12 +222,12 @@ def _stated_in(
 
 def _small(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
     if member.file_size > SMALL_BYTES:
-        raise DamagedFile(f"{archive.filename}: {member.filename} has {member.file_size} bytes; allowed: {SMALL_BYTES}")
+        raise DamagedFile(f"{_name(archive)}: {member.filename} has {member.file_size} bytes; allowed: {SMALL_BYTES}")
     with archive.open(member) as file:
         shape, kind, fortran = _header(file, member.filename)
         data = file.read(prod(shape) * kind.itemsize)
     if len(data) != prod(shape) * kind.itemsize:
-        raise DamagedFile(f"{archive.filename}: {member.filename} is truncated")
+        raise DamagedFile(f"{_name(archive)}: {member.filename} is truncated")
     return np.frombuffer(data, kind).reshape(shape, order="F" if fortran else "C")
 
 
@@ -232,7 +238,7 @@ def csv_rows(file: IO[bytes], path: Path, *, heading: bool = False) -> Iterator[
     """
     while line := file.readline(LINE_BYTES + 1):
         if len(line) > LINE_BYTES:
-            raise DamagedFile(f"{path} has a line of more than {LINE_BYTES >> 20} MiB")
+            raise DamagedFile(f"{path.name} has a line of more than {LINE_BYTES >> 20} MiB")
         text = line.strip().removeprefix(b"\xef\xbb\xbf")
         if not text or text.startswith(b"#"):
             continue
@@ -242,6 +248,6 @@ def csv_rows(file: IO[bytes], path: Path, *, heading: bool = False) -> Iterator[
             if heading:
                 heading = False
                 continue
-            raise DamagedFile(f"{path} is not a table of numbers: {error}") from error
+            raise DamagedFile(f"{path.name} is not a table of numbers: {error}") from error
         heading = False
         yield row

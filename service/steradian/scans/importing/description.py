@@ -117,15 +117,15 @@ def read_description(path: Path | None) -> Description:
     if path is None:
         return Description()
     if not path.is_file():
-        raise NotFound("file", str(path))
+        raise NotFound("file", path.name)
     if path.stat().st_size > MOST_BYTES:
-        raise DamagedFile(f"{path} has {path.stat().st_size} bytes; allowed: at most {MOST_BYTES}")
+        raise DamagedFile(f"{path.name} has {path.stat().st_size} bytes; allowed: at most {MOST_BYTES}")
     try:
         fields = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
-        raise DamagedFile(f"{path} is not JSON: {error}") from error
+        raise DamagedFile(f"{path.name} is not JSON: {error}") from error
     if not isinstance(fields, dict):
-        raise DamagedFile(f"{path} holds no JSON object")
+        raise DamagedFile(f"{path.name} holds no JSON object")
     return Description.create(**fields)
 
 

@@ -69,7 +69,7 @@ def _table(series: h5py.Dataset, said: Description) -> Hdf5Table:
 def _stated(file: h5py.File, points: NDArray[np.float64], excitation: tuple[float, ...]) -> Stated:
     rate = untrusted.number(file, f"{ACQUISITION}/ad_sampling_rate")
     if rate is None or not rate > 0:
-        raise DamagedFile(f"{file.filename} has no positive sampling rate ({ACQUISITION}/ad_sampling_rate)")
+        raise DamagedFile(f"{untrusted.name_of(file)} has no positive sampling rate ({ACQUISITION}/ad_sampling_rate)")
     weights = None
     if f"{ACQUISITION}/{WEIGHTS}" in file:
         weights = untrusted.array(file, f"{ACQUISITION}/{WEIGHTS}").astype(np.float64).reshape(-1)
@@ -112,7 +112,7 @@ def _positions(file: h5py.File, count: int, note: Progress | None) -> NDArray[np
     group = file.get(f"{DEVICE}/detectors")
     names = list(group) if isinstance(group, h5py.Group) else []
     if len(names) != count:
-        raise DamagedFile(f"{file.filename} describes {len(names)} detectors, but holds {count} A-lines")
+        raise DamagedFile(f"{untrusted.name_of(file)} describes {len(names)} detectors, but holds {count} A-lines")
     if all(name.isdecimal() and name.isascii() for name in names):
         names.sort(key=int)
     found = np.empty((count, 3))
@@ -123,7 +123,7 @@ def _positions(file: h5py.File, count: int, note: Progress | None) -> NDArray[np
             place = untrusted.array(file, f"{DEVICE}/detectors/{name}/detector_position", most_bytes=1 << 10)
             if place.size != 3:
                 raise DamagedFile(
-                    f"{file.filename}: detector {name} has a position of {place.size} numbers; expected 3"
+                    f"{untrusted.name_of(file)}: detector {name} has a position of {place.size} numbers; expected 3"
                 )
             found[index] = place.reshape(-1)
     return found

@@ -55,7 +55,7 @@ def open_kwave(path: Path, said: Description, companion: Path | None, folder: Pa
         samples = pressure.shape[0] if pressure.ndim == 4 else pressure.shape[1] if pressure.ndim == 3 else 0
         points = pressure.size // max(samples, 1)
         if not samples or (pressure.ndim == 3 and pressure.shape[0] != 1) or points > MOST_POINTS:
-            raise DamagedFile(f"{path}: p has the shape {pressure.shape}; expected (1, time, sensor)")
+            raise DamagedFile(f"{path.name}: p has the shape {pressure.shape}; expected (1, time, sensor)")
         table = spill(_steps(pressure), spare, points, samples, time_first=True)
         stated = _stated(file, samples)
         if companion is not None:
@@ -94,7 +94,9 @@ def _pressure_name(file: h5py.File) -> str:
         return "p/1"
     if isinstance(found, h5py.Group):
         raise InvalidInput("p", f"{len(found)} cuboids of sensors", "one cuboid, or a mask of single points")
-    raise DamagedFile(f"{file.filename} is a k-Wave file without recorded pressure (p); is it the input file?")
+    raise DamagedFile(
+        f"{untrusted.name_of(file)} is a k-Wave file without recorded pressure (p); is it the input file?"
+    )
 
 
 def _steps(pressure: h5py.Dataset) -> Iterator[NDArray[Any]]:
@@ -110,7 +112,7 @@ def _steps(pressure: h5py.Dataset) -> Iterator[NDArray[Any]]:
 def _stated(file: h5py.File, samples: int) -> Stated:
     counts = tuple(int(untrusted.number(file, name) or 0) for name in GRID[:3])
     if not all(1 <= count <= 1 << 16 for count in counts):
-        raise DamagedFile(f"{file.filename} has a grid of {counts}; expected 1 to 65536 on each axis")
+        raise DamagedFile(f"{untrusted.name_of(file)} has a grid of {counts}; expected 1 to 65536 on each axis")
     steps = tuple(untrusted.number(file, name) or 0.0 for name in ("dx", "dy", "dz"))
     interval = untrusted.number(file, "dt")
     total = int(untrusted.number(file, "Nt") or samples)
@@ -138,7 +140,7 @@ def _sensor_points(
         raise InvalidInput(CORNERS, f"{corners.shape[1]} cuboids", "one cuboid, or a mask of single points")
     first, last = corners[:3, 0].astype(np.int64) - 1, corners[3:, 0].astype(np.int64)
     if (first < 0).any() or (last > counts).any() or (last <= first).any() or np.prod(last - first) > MOST_POINTS:
-        raise DamagedFile(f"{file.filename}: the cuboid of sensors lies outside the grid of {counts}")
+        raise DamagedFile(f"{untrusted.name_of(file)}: the cuboid of sensors lies outside the grid of {counts}")
     axes = [np.arange(low, high) for low, high in zip(first, last, strict=True)]
     z, y, x = (axis.ravel() for axis in np.meshgrid(*axes[::-1], indexing="ij"))  # x fastest, as the pressure has it
     return mask_points(np.ravel_multi_index((x, y, z), counts, order="F"), counts, steps)

@@ -45,10 +45,10 @@ def open_matlab(path: Path, said: Description, folder: Path | None = None) -> It
         names = (said.array,) if said.array else TRACES
         name = _find(file, names)
         if name is None:
-            raise DamagedFile(f"{path} has no variable {names[0]!r}")
+            raise DamagedFile(f"{path.name} has no variable {names[0]!r}")
         traces = untrusted.dataset(file, name, most_bytes=untrusted.TRACE_BYTES)
         if traces.ndim not in (2, 3):
-            raise DamagedFile(f"{path}: {name} has {traces.ndim} axes; expected sensor, time or x, y, time")
+            raise DamagedFile(f"{path.name}: {name} has {traces.ndim} axes; expected sensor, time or x, y, time")
         stated, lateral = _stated(file), tuple(traces.shape[:0:-1])
         if stated.points is None and len(lateral) == 2:
             stated = _on_grid(file, stated, lateral)

@@ -79,7 +79,7 @@ def _opened(
         return arrays.open_npy(path, said)
     if _is_table(path):
         return arrays.open_csv(path, said, folder)
-    raise DamagedFile(f"{path} is neither HDF5 (IPASC, k-Wave, MATLAB 7.3) nor .npy, .npz or .csv")
+    raise DamagedFile(f"{path.name} is neither HDF5 (IPASC, k-Wave, MATLAB 7.3) nor .npy, .npz or .csv")
 
 
 def _opened_hdf5(
@@ -95,7 +95,7 @@ def _opened_hdf5(
     if names.issuperset(kwave.GRID):
         return kwave.open_kwave(path, said, companion, folder)
     raise DamagedFile(
-        f"{path} is an HDF5 file, but its format is {kind!r}; expected {schema.FORMAT!r}, IPASC "
+        f"{path.name} is an HDF5 file, but its format is {kind!r}; expected {schema.FORMAT!r}, IPASC "
         f"({ipasc.SERIES}), k-Wave output (p, Nx, …) or MATLAB 7.3 (sensor_data)"
     )
 
@@ -109,7 +109,7 @@ def _format(file: h5py.File) -> str | None:
 
 def _magic(path: Path) -> bytes:
     if not path.is_file():
-        raise NotFound("file", str(path))
+        raise NotFound("file", path.name)
     with path.open("rb") as file:
         return file.read(16)
 
@@ -129,7 +129,7 @@ def _with_positions(said: Description, description: Path | None) -> tuple[Descri
     path = description.parent / said.positions
     kind = _magic(path)
     if path.stat().st_size > untrusted.SMALL_BYTES:
-        raise DamagedFile(f"{path} has {path.stat().st_size} bytes; allowed: {untrusted.SMALL_BYTES}")
+        raise DamagedFile(f"{path.name} has {path.stat().st_size} bytes; allowed: {untrusted.SMALL_BYTES}")
     if kind.startswith(HDF5):
         return said, path
     if kind.startswith(NPY):
@@ -137,7 +137,7 @@ def _with_positions(said: Description, description: Path | None) -> tuple[Descri
     with path.open("rb") as file:
         rows = list(arrays.csv_rows(file, path, heading=True))
     if not rows or len({len(row) for row in rows}) != 1:
-        raise DamagedFile(f"{path} has no rows of the same length")
+        raise DamagedFile(f"{path.name} has no rows of the same length")
     return said.replace(positions=np.array(rows)), None
 
 

@@ -1,77 +1,218 @@
-"""Importing one of our own scan files, from another machine or a stranger: a copy, once everything in it is checked."""
+"""Importing one of our own scan files, from another machine or a stranger: written anew from what is proven in it."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import google_crc32c
+import h5py
 import numpy as np
+from numpy.typing import NDArray
 
-from steradian.errors import Cancelled, DamagedFile
+from steradian.errors import Cancelled, DamagedFile, InvalidInput
+from steradian.plans import ScanPlan
 from steradian.progress import IsCancelled, Progress
 from steradian.scans import schema
 from steradian.scans.importing import untrusted
+from steradian.scans.importing.planned import read_plan
+from steradian.scans.importing.tables import Hdf5Table
+from steradian.scans.importing.writing import MOST_SIZE, ImportedAline, pieces, require_sizes
+from steradian.scans.layout import geometry_checksum
+from steradian.scans.storable import TABLE
+from steradian.scans.store import AlineStore, Upload, create_scan_file
 
 FORMAT = "steradian"
-PIECE = 8 << 20
+GROUPS = {"mask", "plan", "alines", "run"}
+DATASETS = {
+    "fired",
+    *(f"mask/{name}" for name in ("positions", "weights")),
+    *(f"plan/{name}" for name in ("visit", "wavelengths", "frame_excitation")),
+    *(f"alines/{name}" for name in ("samples", *schema.COLUMNS)),
+    *(f"run/{name}" for name in ("queue", "upload", "reference")),
+}
+"""All that a scan file may hold."""
+MOST = {"scale": MOST_SIZE, "energy": 1e6, "wavelength_m": 1e-4, "fire_time_s": 1e12}
+"""Most that a column may say of a stored A-line; the least is 0."""
+TIME_ZERO = 1.0
+"""Seconds from the pulse to the first sample, either way."""
+NAME = 1000
+"""Characters of a name."""
 
 
-def copy_scan(source: Path, path: Path, *, progress: Progress | None, cancelled: IsCancelled | None) -> tuple[int, int]:
-    """Check a scan file and copy it; returns the numbers of stored A-lines and samples of each.
+@dataclass(frozen=True)
+class _Scan:
+    """What a file says, checked; only the A-lines are still in it."""
 
-    Missing points stay missing: the copy can be continued or reconstructed like the original.
+    plan: ScanPlan
+    visit: NDArray[np.int64]
+    table: Hdf5Table
+    columns: dict[str, NDArray[Any]]
+    stored: NDArray[np.bool_]
+    fired: int
+
+
+def rewrite_scan(
+    source: Path, path: Path, *, progress: Progress | None, cancelled: IsCancelled | None
+) -> tuple[int, int]:
+    """Write a scan file anew from what another holds; returns the numbers of stored A-lines and samples of each.
+
+    Nothing is copied that was not read as what it should be. Missing points stay missing: the new file can be
+    continued or reconstructed like the old one.
 
     Raises
     ------
     DamagedFile
-        When a dataset is refused, the shapes do not fit each other, or an A-line does not match its checksum.
+        When it holds something refused or unknown, the shapes do not fit each other, or an A-line does not match its
+        checksum.
+    InvalidInput
+        When a value is out of range.
     Cancelled
         When ``cancelled`` said so.
     """
     with untrusted.open_untrusted(source) as file:
-        version = file.attrs.get("schema_version")
-        if version not in schema.READABLE:
-            raise DamagedFile(f"{source} has schema version {version}; this program reads {schema.READABLE}")
-        samples = untrusted.dataset(file, "alines/samples", most_bytes=untrusted.TRACE_BYTES)
-        rows = samples.shape[0]
-        points = len(untrusted.dataset(file, "mask/weights"))
-        untrusted.dataset(file, "mask/positions"), untrusted.dataset(file, "plan/visit")
-        if samples.ndim != 2 or samples.dtype not in schema.SAMPLE_KINDS or rows % points:
-            raise DamagedFile(f"{source}: alines/samples has the shape {samples.shape} for {points} points")
-        made = samples.id.get_create_plist()
-        chunk = samples.chunks
-        if chunk is None or chunk[1] != samples.shape[1] or made.get_nfilters():
-            raise DamagedFile(f"{source}: alines/samples is no dataset in uncompressed chunks of whole rows")
-        if samples.id.get_num_chunks() != -(-rows // chunk[0]):
-            raise DamagedFile(f"{source}: alines/samples has not all of its chunks")
-        columns = {name: untrusted.array(file, f"alines/{name}") for name in schema.COLUMNS}
-        if any(column.shape != (rows,) for column in columns.values()):
-            raise DamagedFile(f"{source}: the columns of alines have not {rows} values each")
-        stored = columns["status"] == schema.STORED
-        length = samples.shape[1]
-        step = max(1, PIECE // (length * samples.dtype.itemsize))
-        for start in range(0, rows, step):
-            _stop_if(cancelled, start, rows)
-            block = np.ascontiguousarray(samples[start : start + step])
-            for row in np.flatnonzero(stored[start : start + step]):
-                if google_crc32c.value(block[row].tobytes()) != columns["crc32c"][start + row]:
-                    raise DamagedFile(f"{source}: A-line {start + row} does not match its checksum")
-            if progress:
-                progress("checked A-lines", min(start + step, rows), rows)
-    _copy(source, path, progress, cancelled)
-    return int(stored.sum()), length
+        scan = _read(file)
+        create_scan_file(
+            path,
+            scan.plan,
+            scan_id=_name(file, "scan_id"),
+            scanner=_name(file, "scanner"),
+            scanner_model=_name(file, "scanner_model"),
+            simulated=bool(untrusted.figure(file, "/", "simulated")),
+            sample_kind=scan.table.dtype,
+            time_zero=_time_zero(file),
+            created=_name(file, "created") or None,
+            visit=scan.visit,
+        )
+        with AlineStore(path) as store:
+            _write(scan, store, progress, cancelled)
+            _take_over(file, scan, store)
+            store.set_fired(scan.fired)
+    return int(scan.stored.sum()), scan.table.samples
 
 
-def _copy(source: Path, path: Path, progress: Progress | None, cancelled: IsCancelled | None) -> None:
-    total = source.stat().st_size
-    with source.open("rb") as old, path.open("xb") as new:
-        while piece := old.read(PIECE):
-            _stop_if(cancelled, old.tell(), total)
-            new.write(piece)
-            if progress:
-                progress("bytes", old.tell(), total)
+def _read(file: h5py.File) -> _Scan:
+    name = untrusted.name_of(file)
+    version = untrusted.figure(file, "/", "schema_version")
+    if version not in schema.READABLE:
+        raise DamagedFile(f"{name} has schema version {version}; this program reads {schema.READABLE}")
+    _refuse_unknown(file)
+    plan = read_plan(file)
+    samples = untrusted.dataset(file, "alines/samples", most_bytes=untrusted.TRACE_BYTES)
+    if samples.shape != (plan.aline_count, plan.samples) or samples.dtype not in schema.SAMPLE_KINDS:
+        raise DamagedFile(
+            f"{name}: alines/samples is {samples.dtype} of the shape {samples.shape}; expected int16 or float32"
+            f" of ({plan.aline_count}, {plan.samples})"
+        )
+    columns = {column: untrusted.array(file, f"alines/{column}") for column in schema.COLUMNS}
+    for column, kind in schema.COLUMNS.items():
+        if columns[column].shape != (plan.aline_count,) or columns[column].dtype.newbyteorder("<") != kind:
+            raise DamagedFile(f"{name}: alines/{column} is not {kind} of ({plan.aline_count},)")
+    if not np.isin(columns["status"], (schema.MISSING, schema.STORED)).all():
+        raise DamagedFile(f"{name}: alines/status has values other than {schema.MISSING} and {schema.STORED}")
+    stored = columns["status"] == schema.STORED
+    for column, most in MOST.items():
+        _require_range(column, columns[column], stored, most)
+    light = untrusted.array(file, "plan/frame_excitation") if "plan/frame_excitation" in file else None
+    if light is not None and not np.array_equal(light, plan.frame_excitation):
+        raise DamagedFile(f"{name}: plan/frame_excitation is not what the plan says")
+    visit = _visit(file, plan)
+    if untrusted.figure(file, "/", "geometry_crc32c") not in (None, geometry_checksum(file)):
+        raise DamagedFile(f"{name}: positions, weights or order of the points do not match their checksum")
+    return _Scan(plan, visit, Hdf5Table(samples), columns, stored, _fired(file))
 
 
-def _stop_if(cancelled: IsCancelled | None, done: int, total: int) -> None:
-    if cancelled and cancelled():
-        raise Cancelled(f"the import was stopped at {done} of {total}")
+def _refuse_unknown(file: h5py.File) -> None:
+    """Refuse what has no place in a scan file; groups lie in the root only."""
+    for place in _names(file):
+        if place not in GROUPS | DATASETS or (place in GROUPS) != isinstance(file[place], h5py.Group):
+            raise DamagedFile(f"{untrusted.name_of(file)}: {place} is nothing that a scan file holds")
+
+
+def _names(file: h5py.File) -> list[str]:
+    """Names of all objects, as deep as a scan file's lie."""
+    names = [name.decode(errors="replace") for name in file.id]
+    for group in GROUPS.intersection(names):
+        if isinstance(file[group], h5py.Group):
+            names += [f"{group}/{name.decode(errors='replace')}" for name in file[group].id]
+    return names
+
+
+def _visit(file: h5py.File, plan: ScanPlan) -> NDArray[np.int64]:
+    visit = untrusted.array(file, "plan/visit")
+    if visit.dtype.kind not in "iu" or not np.array_equal(np.sort(visit, axis=None), np.arange(plan.mask.count)):
+        raise DamagedFile(f"{untrusted.name_of(file)}: plan/visit does not name each of {plan.mask.count} points once")
+    return visit.astype(np.int64)
+
+
+def _fired(file: h5py.File) -> int:
+    fired = untrusted.number(file, "fired")
+    if fired is None or not 0 <= fired < 1 << 53:
+        raise InvalidInput("fired", fired, "0 to 2⁵³ shots")
+    return int(fired)
+
+
+def _time_zero(file: h5py.File) -> float:
+    value = untrusted.figure(file, "plan", "time_zero_s") or 0.0
+    if not abs(value) <= TIME_ZERO:
+        raise InvalidInput("time_zero_s", value, f"-{TIME_ZERO:g} to {TIME_ZERO:g} (s)")
+    return value
+
+
+def _name(file: h5py.File, attribute: str) -> str:
+    """Read a text of the root, without what steers terminals."""
+    return "".join(each for each in untrusted.text(file, "/", attribute, most=NAME) or "" if each.isprintable())
+
+
+def _write(scan: _Scan, store: AlineStore, progress: Progress | None, cancelled: IsCancelled | None) -> None:
+    rows, total = np.arange(scan.plan.aline_count), scan.plan.aline_count
+    for start, block in scan.table.blocks():
+        if cancelled and cancelled():
+            raise Cancelled(f"the import was stopped after {start} of {total} A-lines")
+        for first, piece in pieces(start, block):
+            kept = scan.stored[first : first + len(piece)]
+            require_sizes(piece[kept], scan.columns["scale"][first : first + len(piece)][kept], rows[first:][kept])
+            store.append(_alines(scan, first, piece), rows)
+        if progress:
+            progress("A-lines", min(start + len(block), total), total)
+
+
+def _alines(scan: _Scan, first: int, block: NDArray[Any]) -> Iterator[ImportedAline]:
+    """Give the stored A-lines of some rows, each proven by its checksum."""
+    columns, rows = scan.columns, np.flatnonzero(scan.stored[first : first + len(block)])
+    for within in rows.tolist():
+        row = first + within
+        if google_crc32c.value(block[within].tobytes()) != columns["crc32c"][row]:
+            raise DamagedFile(f"A-line {row} does not match its checksum")
+        said = {name: columns[name][row].item() for name in TABLE}
+        yield ImportedAline(row, block[within], **said)
+
+
+def _require_range(column: str, values: NDArray[Any], stored: NDArray[np.bool_], most: float) -> None:
+    wrong = np.flatnonzero(stored & ~((values >= 0) & (values <= most)))
+    if wrong.size:
+        row = int(wrong[0])
+        raise InvalidInput(f"alines/{column}[{row}]", values[row], f"0 to {most:g}")
+
+
+def _take_over(file: h5py.File, scan: _Scan, store: AlineStore) -> None:
+    """Keep what lets the scan be continued: the last upload where it is known for sure, and the reference."""
+    if not {"run/queue", "run/upload", "run/reference"}.issubset(_names(file)):
+        return  # version 1
+    queue, head, told = (untrusted.array(file, f"run/{name}") for name in ("queue", "upload", "reference"))
+    if queue.shape != scan.stored.shape or head.shape != (schema.UPLOAD_FIELDS,) or told.shape != (4,):
+        raise DamagedFile(f"{untrusted.name_of(file)}: run has datasets of the wrong shape")
+    if queue.dtype != schema.UPLOAD or head.dtype != schema.UPLOAD or told.dtype != schema.REFERENCE:
+        raise DamagedFile(f"{untrusted.name_of(file)}: run has datasets of the wrong kind")
+    count, tag, fired, laser_shots, crc = head.tolist()
+    rows = queue[:count]
+    if 0 < count <= len(queue) and google_crc32c.value(rows.tobytes() + head[:-1].tobytes()) == crc:
+        if rows.min() < 0 or rows.max() >= len(queue) or min(tag, fired, laser_shots) < 0:
+            raise DamagedFile(f"{untrusted.name_of(file)}: run/queue names rows that are not there")
+        store.note_upload(Upload(rows.astype(np.int64), tag, fired, laser_shots))
+    point = told[0]
+    if not np.isfinite(told).all() or not 0 <= point < scan.plan.mask.count or point % 1:
+        raise DamagedFile(f"{untrusted.name_of(file)}: run/reference is not a point and three finite numbers")
+    store.set_reference(int(point), *told[1:].tolist())

@@ -1,8 +1,9 @@
 """HDF5 files that others made: nothing outside the file is touched, and every size is checked before it is read.
 
-Refused, naming what: links that leave the file (and soft links, which hide where they lead), virtual datasets and
-external storage, references, variable-length and compound values, shapes and chunks beyond use, data that would
-inflate out of proportion. Only gzip is allowed as compression, because its output can be measured piece by piece.
+Refused, naming what: links that leave the file (and soft links, which hide where they lead), groups nested without
+end, virtual datasets and external storage, references, variable-length and compound values, shapes and chunks beyond
+use, data that would inflate out of proportion. Only gzip is allowed as compression, because its output can be measured
+piece by piece. Messages name a file without its folder: who sent it need not know where it lies.
 """
 
 from __future__ import annotations
@@ -21,6 +22,9 @@ from numpy.typing import NDArray
 from steradian.errors import DamagedFile, NotFound, SteradianError
 
 MOST_LINKS = 5_000_000
+MOST_DEPTH = 32
+"""Groups inside groups; the HDF5 library itself visits them by recursion, and thousands of them end its process."""
+MOST_TEXT = 1 << 20
 MOST_CHUNKS = 4_000_000
 CHUNK_BYTES = 128 << 20
 SMALL_BYTES = 1 << 29
@@ -30,6 +34,8 @@ RATIO, RATIO_FROM = 200, 16 << 20
 """Data of more than ``RATIO_FROM`` bytes may not be ``RATIO`` times larger than what the file stores for them."""
 
 LINK_KINDS = {h5py.h5l.TYPE_SOFT: "a soft link", h5py.h5l.TYPE_EXTERNAL: "a link to another file"}
+BROKEN = (KeyError, RuntimeError, ValueError, TypeError, OverflowError)
+"""What reading a broken file raises, beside ``OSError``; a text that is none is a ``ValueError``."""
 FILTERS = {h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_FLETCHER32}
 
 
@@ -45,13 +51,9 @@ def open_untrusted(path: Path) -> Iterator[h5py.File]:
         When it cannot be read, holds something refused, or lacks what is asked for inside the block.
     """
     if not path.is_file():
-        raise NotFound("file", str(path))
-    try:
-        file = h5py.File(path, "r")
-    except OSError as error:
-        raise DamagedFile(f"{path} cannot be read as HDF5: {error}") from error
-    with file, _damage(path):
-        _check_links(path, file)
+        raise NotFound("file", path.name)
+    with _open(path) as file, _damage(path):
+        _check_links(file)
         yield file
 
 
@@ -64,12 +66,13 @@ def peek(path: Path) -> Iterator[h5py.File]:
     DamagedFile
         When it cannot be opened.
     """
-    try:
-        file = h5py.File(path, "r")
-    except OSError as error:
-        raise DamagedFile(f"{path} cannot be read as HDF5: {error}") from error
-    with file, _damage(path, ValueError):
+    with _open(path) as file, _damage(path):
         yield file
+
+
+def name_of(file: h5py.File) -> str:
+    """Name of an open file, without its folder."""
+    return Path(file.filename).name
 
 
 def top_names(file: h5py.File) -> list[str]:
@@ -85,14 +88,14 @@ def dataset(file: h5py.File, name: str, *, most_bytes: int = SMALL_BYTES) -> h5p
     DamagedFile
         When there is none of that name, or it is refused.
     """
-    with _damage(file.filename, ValueError, TypeError):
+    with _damage(Path(file.filename)):
         found = file.get(name)
         if not isinstance(found, h5py.Dataset):
-            raise DamagedFile(f"{file.filename} has no dataset {name!r}")
+            raise DamagedFile(f"{name_of(file)} has no dataset {name!r}")
         reason = _kind(found) or _place(found) or _shape(found, most_bytes) or _chunks(found)
         reason = reason or _proportion(found) or _inflation(found)
     if reason:
-        raise DamagedFile(f"{file.filename}: {name} {reason}")
+        raise DamagedFile(f"{name_of(file)}: {name} {reason}")
     return found
 
 
@@ -130,42 +133,127 @@ def number(file: h5py.File, name: str) -> float | None:
         return None
     values = array(file, name, most_bytes=1 << 10)
     if values.size != 1 or not np.isfinite(values).all():
-        raise DamagedFile(f"{file.filename}: {name} has the shape {values.shape}; expected one finite number")
+        raise DamagedFile(f"{name_of(file)}: {name} has the shape {values.shape}; expected one finite number")
     return float(values.reshape(-1)[0])
 
 
+def text(file: h5py.File, place: str, name: str, *, most: int = MOST_TEXT) -> str | None:
+    """Read an attribute that is one text; ``None`` when there is none of that name.
+
+    Raises
+    ------
+    DamagedFile
+        When it is something else, or longer than ``most`` characters.
+    """
+    kind = _attribute_kind(file, place, name)
+    if kind is None:
+        return None
+    if h5py.check_string_dtype(kind) is None or kind.itemsize > most:
+        raise DamagedFile(f"{name_of(file)}: attribute {name} of {place} is no text of at most {most} characters")
+    value = file[place].attrs[name]
+    value = value.decode(errors="replace") if isinstance(value, bytes) else str(value)
+    if len(value) > most:
+        raise DamagedFile(f"{name_of(file)}: attribute {name} of {place} has {len(value)} characters; allowed: {most}")
+    return value
+
+
+def figure(file: h5py.File, place: str, name: str) -> float | None:
+    """Read an attribute that is one finite number; see :func:`figures`."""
+    found = figures(file, place, name, None)
+    return None if found is None else found[0]
+
+
+def figures(file: h5py.File, place: str, name: str, count: int | None) -> tuple[float, ...] | None:
+    """Read an attribute of so many finite numbers (``None``: a single one); ``None`` when there is none of that name.
+
+    Raises
+    ------
+    DamagedFile
+        When it is something else.
+    """
+    kind = _attribute_kind(file, place, name, () if count is None else (count,))
+    if kind is None:
+        return None
+    values = np.asarray(file[place].attrs[name], np.float64) if kind.kind in "iufb" else np.array(np.nan)
+    if not np.isfinite(values).all():
+        raise DamagedFile(f"{name_of(file)}: attribute {name} of {place} is not finite, or no number")
+    return tuple(values.reshape(-1).tolist())
+
+
+def _attribute_kind(file: h5py.File, place: str, name: str, shape: tuple[int, ...] = ()) -> np.dtype[Any] | None:
+    attributes = file[place].attrs
+    if name not in attributes:
+        return None
+    found = attributes.get_id(name)
+    if found.shape != shape:
+        raise DamagedFile(f"{name_of(file)}: attribute {name} of {place} has the shape {found.shape}; expected {shape}")
+    kind: np.dtype[Any] = found.dtype
+    return kind
+
+
+def _open(path: Path) -> h5py.File:
+    try:
+        return h5py.File(path, "r")
+    except (OSError, *BROKEN) as error:
+        raise DamagedFile(f"{path.name} cannot be read as HDF5: {_said(error, path)}") from error
+
+
 @contextmanager
-def _damage(path: Path | str, *further: type[Exception]) -> Iterator[None]:
+def _damage(path: Path) -> Iterator[None]:
     """Turn what the HDF5 library raises on a broken file into ``DamagedFile``; the system's errors stay themselves."""
-    broken: tuple[type[Exception], ...] = (KeyError, RuntimeError, UnicodeDecodeError, *further)
     try:
         yield
     except SteradianError:
         raise
-    except broken as error:
-        raise DamagedFile(f"{path} cannot be read: {error}") from error
+    except BROKEN as error:
+        raise DamagedFile(f"{path.name} cannot be read: {_said(error, path)}") from error
     except OSError as error:
         if error.errno is not None:  # a full disk, say
             raise
-        raise DamagedFile(f"{path} cannot be read: {error}") from error
+        raise DamagedFile(f"{path.name} cannot be read: {_said(error, path)}") from error
 
 
-def _check_links(path: Path, file: h5py.File) -> None:
-    count = 0
+def _said(error: Exception, path: Path) -> str:
+    """Words of the HDF5 library, which names files with their folders."""
+    return str(error).replace(str(path), path.name)
 
-    def refused(name: bytes, info: Any) -> tuple[bytes, str] | None:
-        nonlocal count
-        count += 1
-        if count > MOST_LINKS:
-            return name, f"beyond the {MOST_LINKS} objects that a file may hold"
-        if info.type != h5py.h5l.TYPE_HARD:
-            return name, LINK_KINDS.get(info.type, "a link of a kind of its own")
-        return None
 
-    found = file.id.links.visit(refused, info=True)
-    if found is not None:
-        name, kind = found
-        raise DamagedFile(f"{path}: {name.decode(errors='replace')} is {kind}; an imported file must hold its own data")
+def _check_links(file: h5py.File) -> None:
+    """Look at every link from the root down, without recursion and at each group once."""
+    count, known = 0, {h5py.h5o.get_info(file.id).addr}
+    waiting = [(file.id, "", 0)]
+    while waiting:
+        group, path, depth = waiting.pop()
+        found: list[tuple[bytes, int]] = []
+
+        def note(name: bytes, info: Any, found: list[tuple[bytes, int]] = found) -> bool | None:
+            found.append((name, info.type))
+            return True if len(found) > MOST_LINKS else None
+
+        group.links.iterate(note, info=True)
+        count += len(found)
+        for name, link in found:
+            reason = _link(link) or _reach(count, depth)
+            if reason:
+                place = f"{path}{name.decode(errors='replace')}"
+                raise DamagedFile(f"{name_of(file)}: {place} {reason}")
+            about = h5py.h5o.get_info(group, name)
+            if about.type == h5py.h5o.TYPE_GROUP and about.addr not in known:
+                known.add(about.addr)
+                inside = h5py.h5g.open(group, name)
+                waiting.append((inside, f"{path}{name.decode(errors='replace')}/", depth + 1))
+
+
+def _link(kind: int) -> str:
+    if kind == h5py.h5l.TYPE_HARD:
+        return ""
+    return f"is {LINK_KINDS.get(kind, 'a link of a kind of its own')}; an imported file must hold its own data"
+
+
+def _reach(count: int, depth: int) -> str:
+    if count > MOST_LINKS:
+        return f"is beyond the {MOST_LINKS} objects that a file may hold"
+    return f"lies more than {MOST_DEPTH} groups deep" if depth > MOST_DEPTH else ""
 
 
 def _kind(found: h5py.Dataset) -> str:

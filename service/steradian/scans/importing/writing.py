@@ -21,6 +21,9 @@ USUAL_RATE, DUTY = 50.0, 0.5
 """Pulse rate of a plan made for a recording that states none, in Hz, and the share of a period its record may fill."""
 EXCITATION = (200e-9, 3e-6)
 
+MOST_SIZE = 1e15
+"""Largest size of a sample times its scale: beyond any pressure, and squares still fit into float32."""
+
 _PIECE = 1 << 20
 """Bytes that are stored at a time."""
 
@@ -100,19 +103,47 @@ def write_scan(source: Source, path: Path, *, progress: Progress | None, cancell
         for start, block in source.table.blocks():
             if cancelled and cancelled():
                 raise Cancelled(f"the import was stopped after {start} of {total} A-lines")
-            step = max(1, _PIECE // (block.shape[1] * kind.itemsize))
-            for first in range(0, len(block), step):  # in pieces, for the store holds a copy of each
-                store.append(_alines(start + first, block[first : first + step], kind, source.scale), rows)
+            for first, piece in pieces(start, block):
+                store.append(_alines(first, piece, kind, source.scale), rows)
             if progress:
                 progress("A-lines", start + len(block), total)
         store.set_fired(total)
 
 
+def pieces(start: int, block: NDArray[Any]) -> Iterator[tuple[int, NDArray[Any]]]:
+    """Cut a block that begins at row ``start`` into pieces, each with its first row: the store copies what it gets."""
+    step = max(1, _PIECE // (block.shape[1] * block.itemsize))
+    for first in range(0, len(block), step):
+        yield start + first, block[first : first + step]
+
+
+def require_sizes(
+    samples: NDArray[Any],
+    scale: NDArray[np.float32] | float,
+    rows: NDArray[np.int64],
+    given: NDArray[Any] | None = None,
+) -> None:
+    """Raise :class:`InvalidInput` for the first sample (B, N_t) of ``rows`` that is no number or too large to use.
+
+    ``given`` is what the source had in its place.
+    """
+    if not len(samples):
+        return
+    largest = np.maximum(samples.max(axis=1).astype(np.float64), -samples.min(axis=1).astype(np.float64))
+    wrong = np.flatnonzero(~(largest * scale <= MOST_SIZE))  # also where it is not a number
+    if wrong.size:
+        row = int(wrong[0])
+        sizes = np.abs(samples[row].astype(np.float64))
+        column = int(np.where(np.isfinite(sizes), sizes, np.inf).argmax())
+        value = (samples if given is None else given)[row, column]
+        raise InvalidInput(
+            f"traces[{rows[row]}, {column}]", value, f"finite numbers, at most {MOST_SIZE:g} times scale"
+        )
+
+
 def _alines(start: int, block: NDArray[Any], kind: np.dtype[Any], scale: float) -> Iterator[ImportedAline]:
     with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite and is refused
         samples = block.astype(kind)
-    if kind.kind == "f" and not np.isfinite(samples).all():
-        row, column = np.argwhere(~np.isfinite(samples))[0]
-        raise InvalidInput(f"traces[{start + row}, {column}]", block[row, column], "finite numbers within float32")
+    require_sizes(samples, scale, np.arange(start, start + len(block)), block)
     for index, row in enumerate(samples, start):
         yield ImportedAline(index, row, scale, shot=index + 1)
