@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from fabry_perot.codes import Operation, Type
+from fabry_perot.codes import PROTOCOL, Operation, Type
 from fabry_perot.device import Device
 from fabry_perot.errors import DeviceRestarted, FrameError, ProtocolMismatch, ScannerError
 from fabry_perot.framing import Deframer, Frame, encode_frame
@@ -96,7 +96,7 @@ def _messages(data: bytes, kinds: list[Type]) -> list[tuple[Type, bytes]]:
 def device(data: bytes) -> None:
     """Valid frames of every type with any payload: no exception, no shot without a lease, the ring's books right."""
     target = Device(NullInstrument(), boot=7, ring=8, plan_points=16, max_payload=200)
-    target.receive(encode_frame(Frame(Type.HELLO, 0, 0, 0, 1, pack(Hello(1, 1, 200, 3)))), 1000)
+    target.receive(encode_frame(Frame(Type.HELLO, 0, 0, 0, 1, pack(Hello(PROTOCOL, PROTOCOL, 200, 3)))), 1000)
     now = 1000
     for kind, payload in _messages(data, FROM_HOST):
         now += 700

@@ -1,6 +1,7 @@
 """A session: one stretch of work on a scan, from a connected scanner into its file.
 
-Every batch is on the disk before it is acknowledged, so the scanner keeps whatever the file does not hold yet. What
+Every batch is on the disk before it is acknowledged, and none before those in front of it, so the scanner keeps
+whatever the file does not hold yet: also where a write failed and the scan is then stopped or paused. What
 is uploaded is always just the rows that are wanted, under a tag that the file knows: a later session can tell whether
 A-lines that the scanner still holds are its own.
 """
@@ -9,7 +10,9 @@ from __future__ import annotations
 
 import logging
 import secrets
+from collections import deque
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -54,6 +57,8 @@ class ScanSession:
         self._scanner, self._store, self._control = scanner, store, control
         self._course: Course = store.course
         self._rows: NDArray[np.int64] = np.zeros(0, np.int64)
+        self._taken: deque[Sequence[fabry_perot.ALine]] = deque()
+        """Batches that are not stored yet, in order: the scanner still holds them, but sends each once."""
         self._fired_before = self._shots_before = 0
         self._phase: Phase | None = None
         self._lapses, self._stored_at_lapse = 0, -1
@@ -74,6 +79,7 @@ class ScanSession:
         except fabry_perot.PlanInvalid:
             return 0  # it has booted since, or measured something else
         self._rows = last.rows
+        self._taken.clear()
         self._drain()
         self._count(last.fired + self._laser_shots() - last.laser_shots)
         return self._store.stored - before
@@ -109,6 +115,7 @@ class ScanSession:
         if (wish := self._control.wish()) in ENDING:
             return self._leave(wish)
         self._rows = segment.rows
+        self._taken.clear()
         self._fired_before, self._shots_before = self._store.fired, self._scanner.status.shots
         self._scanner.start(self._scanner.arm())
         self._fires = True
@@ -218,6 +225,8 @@ class ScanSession:
 
     def _drain(self) -> None:
         """Store what the scanner holds; it fires nothing meanwhile."""
+        if not self._keep():
+            return
         try:
             for batch in self._scanner.alines(idle=True):
                 if batch and not self._keep(batch):
@@ -227,13 +236,22 @@ class ScanSession:
         except (fabry_perot.LeaseLapsed, fabry_perot.ScanAborted):
             return
 
-    def _keep(self, batch: Sequence[fabry_perot.ALine]) -> bool:
-        """Store and acknowledge; False when the disk was full and the end was not waited for."""
-        if not self._store_patiently(lambda: self._store.append(batch, self._rows)):
-            return False
-        self._scanner.acknowledge(batch[-1])
-        self._note_fired()
-        self._control.progress(self._store.stored, self._store.count)
+    def _keep(self, batch: Sequence[fabry_perot.ALine] = ()) -> bool:
+        """Store and acknowledge in order; False when the disk was full and the end was not waited for.
+
+        An acknowledgement frees all A-lines up to its own. So what could not be stored comes before what follows it,
+        and nothing but this acknowledges.
+        """
+        if batch:
+            self._taken.append(batch)
+        while self._taken:
+            first = self._taken[0]
+            if not self._store_patiently(partial(self._store.append, first, self._rows)):
+                return False
+            self._scanner.acknowledge(first[-1])
+            self._taken.popleft()
+            self._note_fired()
+            self._control.progress(self._store.stored, self._store.count)
         return True
 
     def _store_patiently(self, write: Callable[[], None]) -> bool:

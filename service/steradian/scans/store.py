@@ -153,13 +153,14 @@ class AlineStore:
         if beyond.size:
             raise InvalidInput("point", int(beyond[0]), f"0 to {len(given) - 1}")
         places = given[points]
-        self._columns["crc32c"][places] = columns.checksums
-        for name, values in columns.values.items():
-            self._columns[name][places] = values
-        self._columns["status"][places] = schema.STORED
+        new: dict[str, Any] = {"crc32c": columns.checksums, **columns.values, "status": schema.STORED}
+        self._columns["status"][places] = schema.MISSING  # should a write fail, what lies there is neither old nor new
+        self._stored[places] = False
         self._write_samples(places, columns.pieces)
-        self._write_columns(places)
+        self._write_columns(places, new)
         sync_data(self._file.fileno())
+        for name, values in new.items():
+            self._columns[name][places] = values
         self._stored[places] = True
 
     def set_fired(self, shots: int) -> None:
@@ -252,15 +253,20 @@ class AlineStore:
             data = pieces[start] if end == start + 1 else b"".join(pieces[start:end])
             self._overwrite(chunks[place // rows] + place % rows * size, data)
 
-    def _write_columns(self, places: NDArray[np.int64]) -> None:
+    def _write_columns(self, places: NDArray[np.int64], new: dict[str, Any]) -> None:
+        """Write ``new`` values at ``places``; what lies between them is what is proven to be there."""
         first, last = int(places.min()), int(places.max()) + 1
         for name, values in self._columns.items():
             size = values.itemsize
             if (last - first) * size <= SPAN:
-                self._overwrite(self._offsets[name] + first * size, values[first:last].tobytes())
+                piece = values[first:last].copy()
+                piece[places - first] = new[name]
+                self._overwrite(self._offsets[name] + first * size, piece.tobytes())
                 continue
-            for place in places.tolist():
-                self._overwrite(self._offsets[name] + place * size, values[place : place + 1].tobytes())
+            each = np.empty(len(places), values.dtype)
+            each[:] = new[name]
+            for place, value in zip(places.tolist(), each, strict=True):
+                self._overwrite(self._offsets[name] + place * size, value.tobytes())
 
     def _overwrite(self, offset: int, data: bytes) -> None:
         handle = self._file.fileno()

@@ -6,10 +6,14 @@ import signal
 import subprocess
 import sys
 import textwrap
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+from faulty_disk import FULL, FaultyDisk
 
 from steradian.errors import Conflict, DamagedFile, InvalidInput, NotFound
 from steradian.scans.recording import open_recording
@@ -161,6 +165,23 @@ def test_alines_of_another_plan_are_refused(path, alines):
         with pytest.raises(InvalidInput, match="point"):
             store.append([type(alines[0])(10**6, alines[0].samples)])
         assert store.stored == 0
+
+
+def test_an_aline_whose_write_failed_is_not_in_the_table_when_its_neighbours_are(path, plan, alines, monkeypatch):
+    """A batch writes the columns of the rows between its own with them, and these must not claim what is not there."""
+    by_row = [alines[point] for point in np.argsort(plan.visit)]
+    faults = iter([FULL])
+    with AlineStore(path) as store, FaultyDisk(path, lambda: next(faults, None)).mounted(monkeypatch):
+        with pytest.raises(OSError, match="No space left"):
+            store.append([by_row[7]])
+        store.append([by_row[6], by_row[8]])
+        assert store.missing[7]
+    with h5py.File(path, "r") as file:
+        assert file["alines/status"][6:9].tolist() == [1, 0, 1]
+        assert file["alines/scale"][6:9].tolist() == [0.5, 0.0, 0.5]
+    with AlineStore(path) as store:
+        store.append([by_row[7]])
+        assert store.stored == 3
 
 
 def test_a_file_has_one_writer_and_any_readers(path, alines):
