@@ -1,8 +1,8 @@
 """An event that signal handlers set, at any moment."""
 
 import signal
+import sys
 import threading
-import time
 
 import pytest
 
@@ -32,17 +32,39 @@ def test_every_thread_that_waits_is_told():
     assert told == [True] * 3
 
 
-@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="needs interval timers")
-def test_signals_in_a_storm_set_it_without_waiting_for_themselves():
-    """Handlers interrupt waits as they begin and each other; a plain event would come to a standstill."""
-    before = signal.signal(signal.SIGALRM, lambda *_: event.set())
+@pytest.fixture
+def event():
+    """An event that SIGUSR1 sets."""
+    event = StopEvent()
+    before = signal.signal(signal.SIGUSR1, lambda *_: event.set())
+    yield event
+    signal.signal(signal.SIGUSR1, before)
+
+
+@pytest.mark.parametrize("line", range(20))
+@pytest.mark.parametrize("interrupted", ["wait", "set"])
+def test_a_signal_at_any_line_sets_it_without_waiting_for_whom_it_interrupts(event, interrupted, line):
+    """A plain event comes to a standstill where the interrupted wait, or another handler's set, holds its lock."""
+    seen = 0
+
+    def trace(*_):
+        nonlocal seen
+        if seen == line:
+            signal.raise_signal(signal.SIGUSR1)
+        seen += 1
+        return trace
+
+    before = sys.gettrace()
+    sys.settrace(trace)
     try:
-        for _ in range(300):
-            event = StopEvent()
-            signal.setitimer(signal.ITIMER_REAL, 1e-5, 1e-5)
-            deadline = time.monotonic() + 30
-            while not event.wait(1e-6):
-                assert time.monotonic() < deadline
+        event.wait(0.001) if interrupted == "wait" else event.set()
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
+        sys.settrace(before)
+    assert event.is_set() is (seen > line or interrupted == "set")
+
+
+def test_a_signal_ends_a_wait_that_sleeps(event):
+    sender = threading.Timer(0.05, signal.pthread_kill, (threading.main_thread().ident, signal.SIGUSR1))
+    sender.start()
+    assert event.wait(60)
+    sender.join()
