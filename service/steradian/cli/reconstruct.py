@@ -48,6 +48,16 @@ def reconstruct(
     envelope: Annotated[bool, _option("", "Show the envelope along the depth.", DISPLAY)] = False,
     log_range: Annotated[float | None, _option("", "Show decibels, down to this many.", DISPLAY)] = None,
     non_negative: Annotated[bool, _option("", "Show negative values as 0.", DISPLAY)] = False,
+    near_field: Annotated[
+        float | None,
+        _option("LENGTH", "Pictures begin at this depth; default: where the sensors' noise ends.", DISPLAY, length),
+    ] = None,
+    percentile: Annotated[float, _option("", "Of a projection's values, at which colours end.", DISPLAY)] = 99.9,
+    colour_map: Annotated[str, _option("", "inferno, magma, viridis, cividis, gray or hot.", DISPLAY)] = "inferno",
+    scale_bar: Annotated[
+        float | None, _option("LENGTH", "Length of the bar in pictures, 0 for none; default: round.", DISPLAY, length)
+    ] = None,
+    size: Annotated[int, _option("", "Longest side of what pictures show, in pixels.", DISPLAY)] = 720,
     regularisation: Annotated[
         str, _option("", "total-variation, sparsity, tikhonov or none.", ITERATIVE)
     ] = "total-variation",
@@ -93,6 +103,11 @@ def reconstruct(
             "envelope": envelope,
             "log_range_db": log_range,
             "non_negative": non_negative,
+            "near_field": near_field,
+            "percentile": percentile,
+            "colour_map": colour_map,
+            "scale_bar": scale_bar,
+            "size": size,
         },
         iterative={
             "regularisation": regularisation,
@@ -116,6 +131,8 @@ def reconstruct(
     figures = {
         "sensors": f"{report.sensors} of {report.planned}",
         "volume": " × ".join(map(str, report.shape)) + f" ({report.axes}), {spacing} µm",
+        "pictures": f"from {1e3 * report.near_field_m:.2f} mm depth, colours to the {report.scale_percentile:g}th"
+        " percentile",
         "sound speed": f"{report.sound_speed_m_s:g} m/s",
         "seconds": ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in report.seconds.items()),
         "folder": f"{output} ({', '.join(sorted(path.name for path in output.iterdir()))})",

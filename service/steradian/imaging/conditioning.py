@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from steradian.drawing.style import ColourMap
 from steradian.errors import InvalidInput
 from steradian.imaging.volume import RealArray, Volume
 
@@ -174,18 +175,49 @@ class Display:
         Logarithmic compression: values become decibels below the maximum, cut at −``log_range_db``. None: linear.
     non_negative
         Negative values, which initial pressure does not have but a limited view leaves, become 0.
+    near_field
+        Depth in metres from which on pictures show the image. None: where the sensors' own noise no longer stands
+        out, found from mask and image; 0: everything.
+    percentile
+        Pictures' colours reach up to this percentile of a projection's values, but at least to half its maximum.
+    colour_map
+        Colours of pressure in pictures: inferno, magma, viridis, cividis, gray or hot.
+    scale_bar
+        Length in metres of the bar in pictures; None: a round one; 0: no bar.
+    size
+        Longest side in pixels of what pictures show.
     """
 
     gain_db_per_mm: float = 0.0
     envelope: bool = False
     log_range_db: float | None = None
     non_negative: bool = False
+    near_field: float | None = None
+    percentile: float = 99.9
+    colour_map: ColourMap = "inferno"
+    scale_bar: float | None = None
+    size: int = 720
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.gain_db_per_mm):
             raise InvalidInput("gain_db_per_mm", self.gain_db_per_mm, "a finite number of dB/mm")
         if self.log_range_db is not None and not (np.isfinite(self.log_range_db) and self.log_range_db > 0):
             raise InvalidInput("log_range_db", self.log_range_db, "a range above 0 dB, or None")
+        for name in ("near_field", "scale_bar"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and 0 <= value <= 1):
+                raise InvalidInput(name, value, "0 to 1 m, or None")
+        if not 50 <= self.percentile <= 100:
+            raise InvalidInput("percentile", self.percentile, "50 to 100")
+        if self.colour_map not in get_args(ColourMap):
+            raise InvalidInput("colour_map", self.colour_map, ", ".join(get_args(ColourMap)))
+        if not 60 <= self.size <= 4096:
+            raise InvalidInput("size", self.size, "60 to 4096 pixels")
+
+    @property
+    def changes_values(self) -> bool:
+        """Whether :meth:`apply` changes anything."""
+        return bool(self.gain_db_per_mm or self.envelope or self.log_range_db is not None or self.non_negative)
 
     def apply(self, volume: Volume) -> Volume:
         """Return a new volume of the same shape and coordinates."""

@@ -117,15 +117,37 @@ def density_map(mask: Mask, pixels: int = 128) -> NDArray[np.float64]:
     InvalidInput
         For a line.
     """
+    found: NDArray[np.float64] = 1 / mask.weights[_nearest(mask, pixels)]
+    return found
+
+
+def spacing_map(mask: Mask, pixels: int = 256) -> NDArray[np.float64]:
+    """Map of the spacing over the aperture: at each place that of the nearest sensor (:attr:`Promises.spacing`).
+
+    Returns
+    -------
+    ndarray
+        (pixels, pixels) [x, y] in metres.
+
+    Raises
+    ------
+    InvalidInput
+        For a line.
+    """
+    found: NDArray[np.float64] = promises(mask).spacing[_nearest(mask, pixels)]
+    return found
+
+
+def _nearest(mask: Mask, pixels: int) -> NDArray[np.int64]:
+    """Find the number (pixels, pixels) [x, y] of the sensor nearest to each place of the aperture."""
     from scipy.spatial import KDTree
 
     if mask.is_line:
         raise InvalidInput("mask", "a line of sensors", "a mask of a plane")
     centres = ((np.arange(pixels) + 0.5) / pixels - 0.5) * mask.aperture
     x, y = np.meshgrid(centres, centres, indexing="ij")
-    nearest = np.asarray(KDTree(mask.positions).query(np.column_stack([x.ravel(), y.ravel()]))[1])
-    found: NDArray[np.float64] = 1 / mask.weights[nearest].reshape(pixels, pixels)
-    return found
+    nearest = KDTree(mask.positions).query(np.column_stack([x.ravel(), y.ravel()]))[1]
+    return np.asarray(nearest, np.int64).reshape(pixels, pixels)
 
 
 def _opening(across: NDArray[np.float64], depth: float) -> float:

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from steradian.errors import InvalidInput
 from steradian.imaging import Volume, reconstruct
-from steradian.imaging.conditioning import Conditioning, Display
+from steradian.imaging.conditioning import Conditioning
 from steradian.progress import IsCancelled, Progress
 from steradian.reconstructions.kept_plans import KeptPlans
+from steradian.reconstructions.near_field import from_depth, near_field
 from steradian.reconstructions.parameters import DEFAULT_SPACING, ReconstructionParameters
-from steradian.reconstructions.projections import project
+from steradian.reconstructions.projections import project, project_from
 from steradian.reconstructions.volume_file import write_volume
 from steradian.scans.recording import Recording, open_recording
 
@@ -39,6 +40,11 @@ class Report:
     sound_speed_m_s: float = 0.0
     parameters: dict[str, object] = field(default_factory=dict)
     provenance: dict[str, str] = field(default_factory=dict)
+    near_field_m: float = 0.0
+    """Depth in m from which on the pictures show the image: nearer, the sensors' own noise outshines it."""
+    scale_percentile: float = 0.0
+    scale_ends: dict[str, float] = field(default_factory=dict)
+    """Value at the end of the scale of each picture; by ``scale_percentile`` of its projection's values."""
     seconds: dict[str, float] = field(default_factory=dict)
     """Wall time of each stage."""
 
@@ -114,7 +120,9 @@ def write_reconstruction(
     report.provenance = recording.provenance
     output.mkdir(parents=True, exist_ok=True)
     with report.timed("project"):
-        projections = project(volume)
+        near = chosen.display.near_field
+        report.near_field_m = near_field(volume, recording.positions) if near is None else near
+        shown, projections = project_from(volume, report.near_field_m)
     with report.timed("write"):
         write_volume(
             output / "volume.h5",
@@ -122,15 +130,19 @@ def write_reconstruction(
             parameters=report.parameters,
             provenance=recording.provenance,
             projections=projections,
+            near_field=report.near_field_m,
         )
     with report.timed("draw"):
         from steradian.reconstructions.pictures import draw_depth_coded, draw_projection
 
-        if chosen.display != Display():
+        volume = from_depth(volume, report.near_field_m)
+        if chosen.display.changes_values:
             volume = chosen.display.apply(volume)
-            projections = project(volume)
-        for axis, image in projections.items():
-            draw_projection(image, volume, axis, output / f"mip-{axis}.png", chosen.display)
+            shown = project(volume)
+        report.scale_percentile = chosen.display.percentile
+        for axis, image in shown.items():
+            drawn = draw_projection(image, volume, axis, output / f"mip-{axis}.png", chosen.display)
+            report.scale_ends[axis] = drawn.highest
         if volume.dimensions == 3:
             draw_depth_coded(volume, output / "mip-depth.png", chosen.display)
     write_json(output / "report.json", report)

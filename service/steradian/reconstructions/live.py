@@ -25,9 +25,10 @@ from steradian.imaging.growing import GrowingReconstruction
 from steradian.progress import IsCancelled, Progress
 from steradian.reconstructions.coverage import largest_gap
 from steradian.reconstructions.job import Report, plan_options, reconstruct_scan, write_json
+from steradian.reconstructions.near_field import from_depth, near_field
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.preview import Preview, preview_of
-from steradian.reconstructions.projections import Projections, project
+from steradian.reconstructions.projections import Projections, project, project_from
 from steradian.reconstructions.revision import Revision, judge
 from steradian.scans.following import NewAlines, ScanFollower
 from steradian.scans.recording import Recording
@@ -182,7 +183,7 @@ class LiveView:
         with clock("reconstruct"):
             volume = self._growing.volume(cancelled=cancelled)
         with clock("write"):
-            views = draw(volume, self.output, self.parameters.display)
+            views = draw(volume, self.output, self.parameters.display, self._follower.whole.positions)
         revision = self._revision(views, volume, clock.seconds)
         write_json(self.output / "revision.json", revision)
         return revision
@@ -267,15 +268,24 @@ def _final_revision(output: Path, report: Report, view: LiveView | None, seconds
     return revision
 
 
-def draw(volume: Volume, output: Path, display: Display) -> Projections:
-    """Write ``mip-*.png`` of a volume with ``display`` applied, and return the projections."""
+def draw(volume: Volume, output: Path, display: Display, positions: NDArray[np.float64] | None = None) -> Projections:
+    """Write ``mip-*.png`` of a volume with ``display`` applied, and return the projections of the volume as it is.
+
+    The near field is found with the ``positions`` of the sensors, where ``display`` does not say it.
+    """
     from steradian.reconstructions.pictures import draw_projection
 
-    shown = volume if display == Display() else display.apply(volume)
-    projections = project(shown)
+    near = display.near_field
+    if near is None:
+        near = 0.0 if positions is None else near_field(volume, positions)
+    shown, projections = project_from(volume, near)
+    volume = from_depth(volume, near)
+    if display.changes_values:
+        volume = display.apply(volume)
+        shown = project(volume)
     output.mkdir(parents=True, exist_ok=True)
-    for axis, image in projections.items():
-        draw_projection(image, shown, axis, output / f"mip-{axis}.png", display)
+    for axis, image in shown.items():
+        draw_projection(image, volume, axis, output / f"mip-{axis}.png", display)
     return projections
 
 

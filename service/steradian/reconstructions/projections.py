@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.imaging import Volume
+from steradian.reconstructions.near_field import from_depth
 
 Axis: TypeAlias = Literal["x", "y", "z"]
 Projections: TypeAlias = dict[Axis, NDArray[np.floating[Any]]]
@@ -34,3 +35,23 @@ def project(volume: Volume) -> Projections:
         plane.max(axis=0, out=along_y[i])
         plane.max(axis=1, out=along_z[i])
     return {"x": along_x, "y": along_y, "z": along_z}
+
+
+def project_from(volume: Volume, depth: float) -> tuple[Projections, Projections]:
+    """Return the projections of what lies from a depth in metres on, and those of everything, in one pass.
+
+    Of the first kind ``x`` and ``y`` begin at that depth.
+    """
+    beyond = from_depth(volume, depth)
+    shown = project(beyond)
+    first = volume.values.shape[-1] - beyond.values.shape[-1]
+    if not first:
+        return shown, shown
+    near = volume.values[..., :first]
+    if volume.dimensions == 2:
+        return shown, {"y": volume.values}
+    return shown, {
+        "x": np.concatenate([near.max(axis=0), shown["x"]], axis=-1),
+        "y": np.concatenate([near.max(axis=1), shown["y"]], axis=-1),
+        "z": np.maximum(near.max(axis=2), shown["z"]),
+    }

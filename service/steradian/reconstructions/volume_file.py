@@ -3,7 +3,7 @@
 ::
 
     /          attributes: format, schema_version, software, parameters (JSON), provenance (JSON)
-    values     (Nx, Ny, Nz) f4   attributes: axes "x, y, z", spacing_m (3,), origin_m (3,)
+    values     (Nx, Ny, Nz) f4   attributes: axes "x, y, z", spacing_m (3,), origin_m (3,), near_field_m
     mip_x, mip_y, mip_z          maximum-intensity projections along x, y and z
 
 From a line of sensors ``values`` is (Nx, Nz), its axes "x, z", and there are no projections.
@@ -34,8 +34,11 @@ def write_volume(
     parameters: dict[str, Any],
     provenance: dict[str, Any],
     projections: Projections | None = None,
+    near_field: float = 0.0,
 ) -> None:
     """Write a volume under a temporary name and rename it when it is whole; ``projections`` where they are there.
+
+    ``near_field`` is the depth in metres from which on pictures show it.
 
     It is not forced onto the disk: a volume that a power cut has spoiled can be made again from its scan.
 
@@ -62,6 +65,7 @@ def write_volume(
                     "axes": ", ".join(volume.names),
                     "spacing_m": np.asarray(volume.spacing, dtype=np.float64),
                     "origin_m": np.asarray(volume.origin, dtype=np.float64),
+                    "near_field_m": near_field,
                 }
             )
             if volume.dimensions == 3:

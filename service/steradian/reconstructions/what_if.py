@@ -22,6 +22,7 @@ from steradian.masks import Mask
 from steradian.progress import IsCancelled, Progress
 from steradian.quality import compare, correlation, disc, of_interest
 from steradian.reconstructions.job import reconstruct_recording, write_json
+from steradian.reconstructions.near_field import from_depth, near_field
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.scans.recording import Recording, open_recording
 
@@ -143,7 +144,7 @@ def what_if(
     report.saved["reconstruction_seconds"] = seconds["reconstruct_all"] - seconds["reconstruct_mask"]
     output.mkdir(parents=True, exist_ok=True)
     with _timed(seconds, "draw"):
-        _draw(image, full, output, chosen)
+        _draw(image, full, output, chosen, sparse.positions)
     report.seconds = {name: round(value, 3) for name, value in seconds.items()}
     write_json(output / "what-if.json", report)
     return report
@@ -228,12 +229,17 @@ def _by_diameter(image: Volume, full: Volume, centre: tuple[float, float], thres
     return found
 
 
-def _draw(image: Volume, full: Volume, output: Path, parameters: ReconstructionParameters) -> None:
+def _draw(
+    image: Volume, full: Volume, output: Path, parameters: ReconstructionParameters, positions: NDArray[np.float64]
+) -> None:
     from steradian.reconstructions.pictures import Axis, draw_mip
 
     axis: Axis = "z" if image.dimensions == 3 else "y"
+    near = parameters.display.near_field
+    near = near_field(image, positions) if near is None else near
     for volume, name in ((image, f"mip-{axis}.png"), (full, f"mip-{axis}-full.png")):
-        draw_mip(parameters.display.apply(volume), axis, output / name, parameters.display)
+        # both from the same depth, so that they can be compared
+        draw_mip(parameters.display.apply(from_depth(volume, near)), axis, output / name, parameters.display)
 
 
 @contextmanager

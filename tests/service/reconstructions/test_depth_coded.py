@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from PIL import Image
 
 from steradian import InvalidInput
+from steradian.drawing.sheet import Drawn
 from steradian.imaging import Axes, Volume
 from steradian.imaging.conditioning import Display
-from steradian.reconstructions.pictures import LEFT, TOP, draw_depth_coded
+from steradian.reconstructions.pictures import draw_depth_coded
 
 
 def volume() -> Volume:
@@ -22,16 +25,16 @@ def volume() -> Volume:
     return Volume(values, Axes(x, y, z), (1e-4, 1e-4, 5e-5))
 
 
-def spot(picture: Image.Image, x: int, y: int) -> tuple[int, ...]:
+def spot(path: Path, drawn: Drawn, x: int, y: int) -> tuple[int, ...]:
     """Colour at voxel x, y; the picture is 720 pixels wide for 30 voxels, y points up."""
-    return picture.getpixel((LEFT + int((x + 0.5) * 24), TOP + int((20 - y - 0.5) * 24)))
+    left, top, _, _ = drawn.frame
+    return Image.open(path).convert("RGB").getpixel((left + int((x + 0.5) * 24), top + int((20 - y - 0.5) * 24)))
 
 
 def test_near_is_warm_far_is_cold_weak_is_dark_and_nothing_is_black(tmp_path) -> None:
     path = tmp_path / "mip-depth.png"
-    draw_depth_coded(volume(), path)
-    picture = Image.open(path).convert("RGB")
-    near, far, weak, nothing = (spot(picture, *place) for place in ((5, 5), (25, 15), (15, 10), (20, 3)))
+    drawn = draw_depth_coded(volume(), path)
+    near, far, weak, nothing = (spot(path, drawn, *place) for place in ((5, 5), (25, 15), (15, 10), (20, 3)))
     assert near[0] > 120 > near[2]
     assert far[2] > 120 > far[0]
     assert 20 < max(weak) < 0.4 * 255
@@ -41,17 +44,16 @@ def test_near_is_warm_far_is_cold_weak_is_dark_and_nothing_is_black(tmp_path) ->
 
 def test_decibels_are_black_at_their_least(tmp_path) -> None:
     display = Display(log_range_db=30.0)
-    draw_depth_coded(display.apply(volume()), tmp_path / "a.png", display)
-    picture = Image.open(tmp_path / "a.png").convert("RGB")
-    assert spot(picture, 20, 3) == (0, 0, 0)
-    assert max(spot(picture, 15, 10)) > 0.5 * 255
+    drawn = draw_depth_coded(display.apply(volume()), tmp_path / "a.png", display)
+    assert spot(tmp_path / "a.png", drawn, 20, 3) == (0, 0, 0)
+    assert max(spot(tmp_path / "a.png", drawn, 15, 10)) > 0.5 * 255
 
 
 def test_an_empty_volume_is_drawn_black(tmp_path) -> None:
     empty = volume()
     empty.values[:] = 0
-    draw_depth_coded(empty, tmp_path / "a.png")
-    assert spot(Image.open(tmp_path / "a.png").convert("RGB"), 5, 5) == (0, 0, 0)
+    drawn = draw_depth_coded(empty, tmp_path / "a.png")
+    assert spot(tmp_path / "a.png", drawn, 5, 5) == (0, 0, 0)
 
 
 def test_an_image_below_a_line_has_no_columns_to_look_down(tmp_path) -> None:

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from steradian.drawing.sheet import SHORT_SIDE
+from steradian.drawing.ticks import ticks
 from steradian.imaging import Axes, ReconstructionPlan, Volume
 from steradian.imaging.conditioning import Display
 from steradian.reconstructions.kept_plans import KeptPlans, size_of
-from steradian.reconstructions.pictures import LEFT, LONG_SIDE, SHORT_SIDE, TOP, _ticks, draw_mip
+from steradian.reconstructions.pictures import draw_mip
 from steradian.reconstructions.projections import project
 
 OPTIONS = {
@@ -44,14 +46,15 @@ def test_one_pass_gives_the_projections_along_every_axis():
 def test_a_bright_voxel_is_right_of_the_middle_above_it_and_deep(tmp_path, axis, across, down):
     """x and y grow to the right and up, depth grows downwards."""
     path = tmp_path / "mip.png"
-    draw_mip(volume((10, 10, 10), (8, 8, 7)), axis, path)
+    left, top, right, bottom = draw_mip(volume((10, 10, 10), (8, 8, 7)), axis, path).frame
     with Image.open(path) as picture:
-        pixels = np.asarray(picture.convert("L"))[TOP : TOP + LONG_SIDE, LEFT : LEFT + LONG_SIDE]
-    step = LONG_SIDE // 10
-    top, left = round(down * LONG_SIDE), round(across * LONG_SIDE)
+        pixels = np.asarray(picture.convert("L"))[top:bottom, left:right]
+    side = right - left
+    step = side // 10
+    top, left = round(down * side), round(across * side)
     bright = pixels[top : top + step, left : left + step]
     assert bright.min() > 200
-    others = pixels[:, LONG_SIDE // 2 :].astype(int)  # the scale bar is in the other half
+    others = pixels[:, side // 2 :].astype(int)  # the scale bar is in the other half
     assert (others > 200).sum() == bright.size
     assert list(tmp_path.iterdir()) == [path], "no draft is left"
 
@@ -75,12 +78,12 @@ def test_an_image_of_nothing_can_be_drawn(tmp_path):
 
 @pytest.mark.parametrize("span", [(0, 12.3), (-6.78, 6.78), (0, 1e-9), (-40, 0), (0, 3e7)])
 def test_ticks_are_round_and_within(span):
-    ticks = _ticks(*span)
-    assert 3 <= len(ticks) <= 10
+    found = ticks(*span)
+    assert 3 <= len(found) <= 10
     slack = 1e-5 * (span[1] - span[0])
-    assert min(ticks) >= span[0] - slack
-    assert max(ticks) <= span[1] + slack
-    assert len({f"{tick:g}" for tick in ticks}) == len(ticks)
+    assert min(found) >= span[0] - slack
+    assert max(found) <= span[1] + slack
+    assert len({f"{tick:g}" for tick in found}) == len(found)
 
 
 @pytest.fixture

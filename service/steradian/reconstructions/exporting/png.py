@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steradian.imaging import Axes, Volume
+from steradian.imaging.conditioning import Display
 from steradian.reconstructions.exporting.source import VolumeSource
-from steradian.reconstructions.pictures import PLANES, draw_projection
+from steradian.reconstructions.near_field import from_depth
+from steradian.reconstructions.pictures import PLANES, Axis, draw_projection
 from steradian.reconstructions.volume_file import read_projection
 
 
@@ -17,8 +21,9 @@ def write_png(source: VolumeSource, path: Path) -> None:
 
     The folder's files are ``mip-x.png`` and so on. An image from a line of sensors has one picture, ``mip-y.png``.
     """
-    axes = tuple(PLANES) if source.values.ndim == 3 else ("y",)
-    frame = _frame(source)
+    axes: tuple[Axis, ...] = tuple(PLANES) if source.values.ndim == 3 else ("y",)
+    display = Display(near_field=float(source.values.attrs.get("near_field_m", 0.0)))
+    frame = from_depth(_frame(source), display.near_field or 0.0)
     single = path.suffix == ".png"
     if single:
         axes = (axes[-1],)
@@ -26,10 +31,18 @@ def write_png(source: VolumeSource, path: Path) -> None:
         path.mkdir()
     for index, axis in enumerate(axes):
         source.check(index, len(axes))
-        image = read_projection(Path(source.values.file.filename), axis)
-        draw_projection(image, frame, axis, path if single else path / f"mip-{axis}.png")
+        image = _projection(source, axis, frame.values.shape[-1])
+        draw_projection(image, frame, axis, path if single else path / f"mip-{axis}.png", display)
         if source.progress:
             source.progress("pictures", index + 1, len(axes))
+
+
+def _projection(source: VolumeSource, axis: Axis, depths: int) -> NDArray[Any]:
+    """Read a projection of the last ``depths``: those along x and y are there, the one along z only of all."""
+    if axis != "z" or depths == source.values.shape[-1]:
+        image = read_projection(Path(source.values.file.filename), axis)
+        return image if axis == "z" else image[..., -depths:]
+    return np.stack([plane[:, -depths:].max(axis=-1) for plane in source.values])
 
 
 def _frame(source: VolumeSource) -> Volume:

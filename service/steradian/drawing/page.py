@@ -1,0 +1,76 @@
+"""Pages of plots: matplotlib figures in the style of all pictures.
+
+Nothing global is changed: pages may be drawn in several threads at once.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from steradian.drawing.style import FONT, INK, LABEL, PAPER, QUIET, TICK, TITLE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+RESOLUTION = 120
+LEAST = 1100
+"""Narrower pages are this wide and shrunk, letters and all."""
+
+
+def page(width: int, shape: float) -> Figure:
+    """Return an empty figure ``width`` pixels wide and ``shape`` times as high, laid out when it is drawn."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    inches = max(width, LEAST) / RESOLUTION
+    dpi = width / inches
+    figure = Figure(figsize=(inches, shape * inches), dpi=dpi, layout="constrained", facecolor=PAPER)
+    FigureCanvasAgg(figure)
+    layout: Any = figure.get_layout_engine()
+    layout.set(w_pad=0.12, h_pad=0.12, wspace=0.03, hspace=0.03)
+    return figure
+
+
+def name_page(figure: Figure, title: str) -> None:
+    """Write the title of a page."""
+    figure.suptitle(title, fontsize=_points(TITLE + 2), color=INK, fontfamily=FONT)
+
+
+def dress(axes: Axes, *, title: str = "", across: str = "", up: str = "", equal: bool = False) -> None:
+    """Give a plot its names and the style of all pictures."""
+    axes.set_title(title, fontsize=_points(TITLE), color=INK, fontfamily=FONT)
+    axes.set_xlabel(across, fontsize=_points(LABEL), color=INK, fontfamily=FONT)
+    axes.set_ylabel(up, fontsize=_points(LABEL), color=INK, fontfamily=FONT)
+    axes.tick_params(labelsize=_points(TICK), labelcolor=INK, color=INK, labelfontfamily=FONT)
+    for side in axes.spines.values():
+        side.set(color=QUIET, linewidth=0.8)
+    if equal:
+        axes.set_aspect("equal")
+
+
+def colour_bar(axes: Axes, shown: Any, label: str) -> Any:
+    """Put a bar of colours beside a plot, as high as the plot is."""
+    place = axes.inset_axes((1.03, 0.0, 0.045, 1.0))
+    bar = axes.figure.colorbar(shown, cax=place)
+    dress(place, up=label)
+    return bar
+
+
+def note(axes: Axes, x: float, y: float, text: str, **wishes: Any) -> None:
+    """Write a remark into a plot, at shares of its width and height."""
+    look: dict[str, Any] = {"fontsize": _points(TICK), "color": QUIET, "fontfamily": FONT} | wishes
+    axes.text(x, y, text, transform=axes.transAxes, **look)
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a page into a file, under a temporary name first; the ending of its name decides the format."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_name(path.name + ".new")
+    figure.savefig(draft, format=path.suffix.lstrip(".") or "png")
+    draft.replace(path)
+
+
+def _points(pixels: float) -> float:
+    return pixels * 72 / RESOLUTION

@@ -1,0 +1,77 @@
+"""The near field: the first depths, where an image shows the sensors themselves instead of the object.
+
+A sensor's own noise comes from everywhere at one distance from it, and is the stronger in the image the smaller that
+distance is: right below sparse sensors it stands as bright dots at their positions.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.imaging import Volume
+
+STANDS_OUT = 1.1
+"""The near field ends where the image is hardly brighter below the sensors than elsewhere (root mean square)."""
+FARTHEST = 2.0
+"""It ends at so many times the sensors' coarsest spacing at the latest: farther off they see the same places."""
+MATTERS = 0.25
+"""It is left alone where its brightest value stays below this share of the rest's."""
+
+
+def near_field(volume: Volume, positions: NDArray[np.float64]) -> float:
+    """Tell down to which depth the sensors' noise outshines the object, from the mask and the noise in the image.
+
+    Parameters
+    ----------
+    volume
+        The image.
+    positions
+        (M, 2), or (M,) or (M, 1) for a line: sensors in metres.
+
+    Returns
+    -------
+    float
+        Depth in metres from which the image is worth looking at; 0 where the sensors do not stand out, as those of
+        a grid with a sensor above each voxel never do.
+    """
+    from scipy.spatial import KDTree
+
+    places = np.asarray(positions, np.float64).reshape(len(positions), -1)
+    if len(places) < 2:
+        return 0.0
+    coarsest = float(np.asarray(KDTree(places).query(places, k=2)[0])[:, 1].max())
+    z = volume.axes.z
+    end = min(int(np.searchsorted(z, FARTHEST * coarsest)), len(z) - 1)
+    if not end:
+        return 0.0
+    near = volume.values[..., :end]
+    below = near[tuple(_voxels(volume, places))]
+    mean = np.sqrt(np.mean(np.square(near, dtype=np.float64), axis=tuple(range(near.ndim - 1))))
+    ratio = np.sqrt(np.mean(np.square(below, dtype=np.float64), axis=0)) / np.maximum(mean, 1e-300)
+    over = np.flatnonzero(ratio <= STANDS_OUT)
+    first = int(over[0]) if len(over) else end
+    if not first or float(near[..., :first].max()) < MATTERS * float(volume.values[..., first:].max()):
+        return 0.0
+    return float(z[first])
+
+
+def from_depth(volume: Volume, depth: float) -> Volume:
+    """Return the part of an image from a depth in metres on, without copying it; at least its last slice."""
+    first = min(int(np.searchsorted(volume.axes.z, depth - 1e-9)), len(volume.axes.z) - 1)
+    if not first:
+        return volume
+    axes = type(volume.axes)(volume.axes.x, volume.axes.y, volume.axes.z[first:])
+    return Volume(volume.values[..., first:], axes, volume.spacing)
+
+
+def _voxels(volume: Volume, places: NDArray[np.float64]) -> list[NDArray[Any]]:
+    """Find the columns below the sensors, one array of indices an axis; sensors beyond the image go to its rim."""
+    lateral = zip(volume.names[:-1], volume.spacing[:-1], places.T, strict=True)
+    found = []
+    for name, step, at in lateral:
+        line = volume.coordinates(name)
+        found.append(np.clip(np.rint((at - line[0]) / step).astype(np.int64), 0, len(line) - 1))
+    return found

@@ -1,0 +1,110 @@
+"""No label of any picture is cut or meets another, whatever the picture's size."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from matplotlib.text import Text
+
+from steradian.imaging import Axes, Display, Volume
+from steradian.masks import equi_steradian_mask, equiangular_mask, grid_mask
+from steradian.masks.picture import mask_page
+from steradian.plans import ScanPlan, VisitOrder
+from steradian.plans.picture import plan_page
+from steradian.reconstructions.pictures import draw_depth_coded, draw_mip
+
+SIZES = (240, 720, 1500)
+WIDTHS = (640, 1320, 2200)
+MASKS = {
+    "equi-steradian": equi_steradian_mask(13.56e-3, 3.6e-3, 300),
+    "off the centre": equi_steradian_mask(13.56e-3, 3.6e-3, 200, offset=(3e-3, -2e-3)),
+    "grid": grid_mask(13.56e-3, 41, 300e-6),
+    "line": equiangular_mask(10e-3, 2e-3, 30),
+}
+
+
+def overlapping(boxes, size):
+    """Labels that meet another, or leave the picture."""
+    apart = [
+        (a, b)
+        for (a, (left, top, right, bottom)), (b, other) in combinations(boxes, 2)
+        if left < other[2] and other[0] < right and top < other[3] and other[1] < bottom
+    ]
+    cut = [text for text, box in boxes if min(box) < 0 or box[2] > size[0] or box[3] > size[1]]
+    return apart + cut
+
+
+def labels_of(figure):
+    """Text and window extent of every label that is drawn; ticks beyond the view have labels too, which are not."""
+    figure.canvas.draw()
+    hidden = set()
+    for axes in figure.findobj(lambda artist: hasattr(artist, "get_xaxis") and hasattr(artist, "get_yaxis")):
+        for axis in (axes.xaxis, axes.yaxis):
+            low, high = sorted(axis.get_view_interval())
+            slack = 1e-6 * (high - low)
+            for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks()):
+                if not low - slack <= tick.get_loc() <= high + slack or not axes.axison:
+                    hidden |= {tick.label1, tick.label2}
+    texts = [text for text in figure.findobj(Text) if text.get_visible() and text.get_text().strip()]
+    return [(text.get_text(), text.get_window_extent().extents) for text in texts if text not in hidden]
+
+
+def volume(*shape):
+    values = np.random.default_rng(0).normal(size=shape).astype(np.float32) ** 2
+    x, z = 1e-4 * (np.arange(shape[0]) - shape[0] // 2), 1e-3 + 5e-5 * np.arange(shape[-1])
+    y = 1e-4 * (np.arange(shape[1]) - shape[1] // 2) if len(shape) == 3 else None
+    return Volume(values, Axes(x, y, z), (*[1e-4] * (len(shape) - 1), 5e-5))
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("shape", [(90, 70, 60), (200, 3, 5), (3, 200, 4), (2, 2, 400), (6, 300), (300, 4)])
+@pytest.mark.parametrize("log_range", [None, 40.0])
+def test_labels_of_projections(tmp_path, size, shape, log_range):
+    display = Display(size=size, log_range_db=log_range)
+    image = display.apply(volume(*shape))
+    pictures = [draw_mip(image, axis, tmp_path / "a.png", display) for axis in ("xyz" if len(shape) == 3 else "y")]
+    if len(shape) == 3:
+        pictures.append(draw_depth_coded(image, tmp_path / "a.png", display))
+    for drawn in pictures:
+        assert len(drawn.labels) > 4
+        assert not overlapping(drawn.labels, drawn.size)
+        left, top, right, bottom = drawn.frame
+        assert max(right - left, bottom - top) == size
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("name", MASKS)
+@pytest.mark.parametrize("with_point_spread", [True, False])
+def test_labels_of_masks(width, name, with_point_spread):
+    figure = mask_page(MASKS[name], width=width, with_point_spread=with_point_spread)
+    boxes = labels_of(figure)
+    assert len(boxes) > 20
+    assert not overlapping(boxes, figure.canvas.get_width_height())
+    assert figure.canvas.get_width_height()[0] == width
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("name", ["equi-steradian", "line"])
+@pytest.mark.parametrize("order", [VisitOrder.SNAKE, VisitOrder.PROGRESSIVE])
+def test_labels_of_plans(width, name, order):
+    figure = plan_page(ScanPlan.create(mask=MASKS[name], order=order), width=width)
+    assert not overlapping(labels_of(figure), figure.canvas.get_width_height())
+
+
+def test_titles_describe_and_hold_no_identifier():
+    mask = MASKS["equi-steradian"]
+    plan = ScanPlan.create(mask=mask)
+    title = mask_page(mask, with_point_spread=False).get_suptitle()
+    assert "Equi-steradian" in title
+    assert "3.6 mm deep" in title
+    for words in (title, plan_page(plan).get_suptitle()):
+        assert f"{mask.count:,} points" in words
+        assert mask.id not in words
+        assert plan.id not in words
+
+
+def test_no_quarter_of_a_mask_is_empty():
+    """What has no point of interest, or shall not be simulated, shows how even the sensors are."""
+    for mask, simulated in ((MASKS["grid"], True), (MASKS["equi-steradian"], False)):
+        page = mask_page(mask, with_point_spread=simulated)
+        assert all(axes.has_data() and axes.axison for axes in page.axes)
