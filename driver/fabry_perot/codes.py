@@ -43,6 +43,7 @@ class Type(IntEnum):
     STATUS = 0xB0
     ABORT_ACK = 0xB1
     FAULT = 0xB2
+    BUSY = 0xB3
 
 
 class Operation(IntEnum):

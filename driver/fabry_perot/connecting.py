@@ -51,7 +51,12 @@ def connect(
     def reopen() -> Transport:
         return open_transport(url, baudrate)
 
-    return Scanner(reopen(), timing=timing, recovery=recovery, reopen=reopen if recovery else None)
+    try:
+        return Scanner(reopen(), timing=timing, recovery=recovery, reopen=reopen if recovery else None)
+    except PortBusy as error:
+        if url in str(error):
+            raise
+        raise PortBusy(f"{url}: {error}") from None
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +14,7 @@ from fabry_perot.attention import Attention
 from fabry_perot.clock import Clock
 from fabry_perot.codes import Operation
 from fabry_perot.controls import Controls
-from fabry_perot.errors import PlanInvalid, ScannerError
+from fabry_perot.errors import LinkError, PlanInvalid, ScannerError
 from fabry_perot.host import HostTiming, Keeper, Plan, Recovery, ScanReport
 from fabry_perot.session import STEP, Session
 from fabry_perot.states import RUNNING, DeviceState, HoldCause
@@ -292,26 +292,44 @@ class Scanner(Controls):
         self.start(self.arm())
 
     def report(self) -> ScanReport:
-        """Return the account of the present scan, with the device's counters as they stand now."""
+        """Return the account of the present scan, with the device's counters as they stand now.
+
+        When the link is lost they are those last heard, and ``age`` says how old they are; what arrived counts anyway.
+        """
         plan, host, ledger = self._plan, self._host, self._keeper.ledger
         if plan is None or host.assembly is None:
             raise PlanInvalid("report", "no scan", "a scan that was uploaded and started")
-        device = self._session.request(Operation.GET)
+        device, age = self._counters()
         first = ledger.first if ledger.first is not None else device["laser_shots"]
+        averages, wasted = int(plan.points["averages"].max()), ledger.wasted(device["shots_wasted"])
+        stored, held = self._acknowledged - self._first, max(0, device["produced"] - self._acknowledged)
+        fired = device["laser_shots"] - first
+        if age:
+            fired = max(fired, averages * (stored + held + len(ledger.refired)) + wasted)
         return ScanReport(
             points=plan.length,
-            fired=device["laser_shots"] - first,
-            stored=self._acknowledged - self._first,
-            held=max(0, device["produced"] - self._acknowledged),
+            fired=fired,
+            stored=stored,
+            held=held,
             refired=tuple(ledger.refired),
-            averages=int(plan.points["averages"].max()),
-            wasted=ledger.wasted(device["shots_wasted"]),
+            averages=averages,
+            wasted=wasted,
             resumes=self._keeper.resumes,
             restarts=self._keeper.restarts,
             reconnects=self._session.reconnects,
             repaired=host.assembly.repairs,
             bad_frames=host.deframer.counters.bad,
+            age=age,
         )
+
+    def _counters(self) -> tuple[dict[str, Any], float]:
+        """Return the device's counters, asked for or as last heard, and their age in s."""
+        try:
+            return self._session.request(Operation.GET), 0.0
+        except LinkError:
+            with self._session.changed:
+                status, age = self.status, self._host.silent_for(self._session.now())
+                return status._asdict() | {"laser_shots": self._keeper.ledger.laser_shots(status)}, age * 1e-6
 
     def close(self) -> None:
         """Switch the laser off if it is on, and release the port."""

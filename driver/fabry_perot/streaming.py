@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import secrets
 import threading
 from collections.abc import Callable
@@ -11,6 +12,7 @@ from fabry_perot.errors import (
     DeviceFault,
     EmergencyStopped,
     LeaseLapsed,
+    LinkError,
     LinkLost,
     PortBusy,
     PortUnavailable,
@@ -21,6 +23,7 @@ from fabry_perot.host import Host
 from fabry_perot.states import DeviceState, HoldCause
 from fabry_perot.transport import Transport
 
+_log = logging.getLogger(__name__)
 FIRST_WAIT, LONGEST_WAIT = 0.05, 1.0
 """Seconds between attempts to open a lost port anew: the first wait, and what doubling it ends at."""
 
@@ -55,6 +58,7 @@ class Pump:
         self._writing = threading.Lock()
         self._stopping = threading.Event()
         self._broken: LinkLost | None = None
+        self._silent_since: int | None = None
         self._thread = threading.Thread(target=self._run, name="fabry-perot-io", daemon=True)
 
     def start(self) -> None:
@@ -99,15 +103,34 @@ class Pump:
                     self._changed.notify_all()
                 else:
                     self._host.poll(now)
+                self._note_silence(now)
             self.flush()
 
-    def _replug(self, error: LinkLost) -> bool:
+    def _note_silence(self, now: int) -> None:
+        """Log when the scanner goes silent, while it is, and when it is back; a session must have begun."""
+        host, since = self._host, self._silent_since
+        silent = host.hello is not None and host.silent_for(now) > host.timing.silence
+        if silent and since is None:
+            self._silent_since = host.heard_at
+            _log.warning("the scanner is silent: nothing was heard of it for %.1f s", host.silent_for(now) * 1e-6)
+        elif since is not None and not silent:
+            self._silent_since = None
+            _log.warning("the scanner is heard again after %.1f s", (host.heard_at - since) * 1e-6)
+
+    def _replug(self, error: LinkError) -> bool:
         """Wait for the port to come back, less and less often; return whether it did."""
         with self._changed:
+            if self._host.hello is None:
+                error = PortUnavailable(f"{error}, before a scanner answered; another host may be connected")
+                self._host.fail(error)
+                self._changed.notify_all()
+                return False
             self._host.link_lost()
             self._changed.notify_all()
         self._transport.close()
-        deadline, wait = self._clock.now() + int(self._patience * 1e6), FIRST_WAIT
+        gone = self._clock.now()
+        deadline, wait = gone + int(self._patience * 1e6), FIRST_WAIT
+        _log.warning("the port is gone (%s); trying for %g s to open it again", error, self._patience)
         while self._reopen is not None and self._clock.now() < deadline and not self._stopping.wait(wait):
             wait = min(2 * wait, LONGEST_WAIT)
             try:
@@ -119,6 +142,7 @@ class Pump:
             with self._changed:
                 self.reconnects += 1
                 self._host.reopen(secrets.randbits(32), self._clock.now())
+            _log.warning("the port is open again after %.1f s", (self._clock.now() - gone) * 1e-6)
             return True
         with self._changed:
             self._host.fail(error)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import errno
+import os
 import termios
+from pathlib import Path
 from typing import Any, Protocol
 
 import serial
@@ -110,5 +112,20 @@ def open_transport(url: str, baudrate: int = 3_000_000) -> Transport:
     except (serial.SerialException, OSError, ValueError) as error:
         text = str(error)
         if getattr(error, "errno", None) in (errno.EAGAIN, errno.EBUSY, errno.EACCES) or "lock" in text:
-            raise PortBusy(f"{url} is in use: {text}") from error
+            raise PortBusy(f"{url} is in use{_by_whom(url)}: {text}") from error
         raise PortUnavailable(f"cannot open {url}: {text}") from error
+
+
+def _by_whom(path: str) -> str:
+    """Name the process that has locked a port, where the system tells."""
+    try:
+        port = os.stat(path)
+        device = f"{os.major(port.st_dev):02x}:{os.minor(port.st_dev):02x}:{port.st_ino}"
+        for lock in Path("/proc/locks").read_text().splitlines():
+            fields = lock.split()
+            if fields[1] == "FLOCK" and fields[5] == device:
+                name = Path(f"/proc/{fields[4]}/comm").read_text().strip()
+                return f" by {name} (process {fields[4]})"
+    except (OSError, IndexError):
+        pass
+    return ""

@@ -5,8 +5,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import os
+import signal
 import socket
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -207,3 +210,80 @@ def acquire(scanner: fabry_perot.Scanner) -> list:
         lines += batch
         scanner.acknowledge(batch[-1])
     return lines
+
+
+def test_a_second_host_on_tcp_hears_at_once_who_is_connected(simulator):
+    """No waiting for an answer that will not come: the error names the first host's address."""
+    with fabry_perot.connect(simulator.url, timing=PATIENT) as first:
+        with pytest.raises(fabry_perot.PortBusy, match=r"127\.0\.0\.1:\d+") as busy:
+            fabry_perot.connect(simulator.url)
+        assert simulator.url in str(busy.value)
+        (found,) = fabry_perot.discover([simulator.url], probe=True)
+        assert found.busy
+        assert first.statistics()["host_reconnects"] == 0, "the first one is not disturbed"
+    with fabry_perot.connect(simulator.url, timing=PATIENT) as next_one:
+        assert next_one.state in ("linked", "ready", "done")
+
+
+def test_a_second_host_on_a_terminal_hears_which_process_holds_it():
+    with launch() as other, fabry_perot.connect(other.url), pytest.raises(fabry_perot.PortBusy) as busy:
+        fabry_perot.connect(other.url)
+    assert other.url in str(busy.value)
+    assert f"process {os.getpid()}" in str(busy.value)
+
+
+def test_the_account_of_a_scan_can_be_had_after_the_link_is_lost_for_good():
+    """Every stored A-line is counted, and the fired shots as last heard; the report says how old that is."""
+    brief = fabry_perot.Recovery(patience=0.5)
+    with launch(speed=5) as running, fabry_perot.connect(running.url, timing=PATIENT, recovery=brief) as scanner:
+        scanner.upload(where(2000), **PARAMETERS)
+        scanner.start(scanner.arm())
+        stored = 0
+        batches = scanner.alines()
+        while stored < 50:
+            stored += store(scanner, next(batches))
+        running.command("unplug", seconds=10_000)
+        rest = []
+        with pytest.raises(fabry_perot.LinkLost):
+            rest.extend(store(scanner, batch) for batch in batches)
+        report = scanner.report()
+        account = running.command("report")
+    assert report.stored == stored + sum(rest)
+    assert report.stored <= report.fired <= account["shots"]
+    assert report.age > 0
+
+
+def test_a_scanner_that_goes_silent_is_logged_once_while_it_is_silent_and_once_when_it_is_back(caplog):
+    with caplog.at_level(logging.INFO, "fabry_perot"), launch() as running:
+        with fabry_perot.connect(running.url, timing=PATIENT) as scanner:
+            caplog.clear()
+            os.kill(running.pid, signal.SIGSTOP)
+            try:
+                until(lambda: "silent" in caplog.text)
+                silent = [record.getMessage() for record in caplog.records]
+            finally:
+                os.kill(running.pid, signal.SIGCONT)
+            until(lambda: "heard again" in caplog.text)
+            assert scanner.state == "linked"
+    assert len(silent) == 1, "said once, not at each look"
+
+
+def test_a_port_that_is_gone_is_logged_when_it_goes_and_when_it_is_back(caplog):
+    with caplog.at_level(logging.INFO, "fabry_perot"), launch(speed=20) as running:
+        with fabry_perot.connect(running.url, timing=PATIENT):
+            running.command("unplug", seconds=20)
+            until(lambda: "the port is open again" in caplog.text)
+    gone = [record.getMessage() for record in caplog.records if "is gone" in record.getMessage()]
+    assert len(gone) == 1
+
+
+def store(scanner, batch) -> int:
+    scanner.acknowledge(batch[-1])
+    return len(batch)
+
+
+def until(condition) -> None:
+    deadline = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)

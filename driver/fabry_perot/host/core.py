@@ -136,7 +136,7 @@ class Host:
         if not frames and 0 <= now - self._polled_at < SOON:
             return
         for frame in frames:
-            if not self._mine(frame) and frame.type != Type.HELLO_ACK:
+            if not self._mine(frame) and frame.type not in (Type.HELLO_ACK, Type.BUSY):
                 self.foreign_frames += 1
             elif (handler := HANDLERS.get(frame.type)) is not None:
                 try:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from fabry_perot.capabilities import Capabilities
 from fabry_perot.codes import Operation, Type
-from fabry_perot.errors import DeviceRestarted, ProtocolMismatch
+from fabry_perot.errors import DeviceRestarted, PortBusy, ProtocolMismatch
 from fabry_perot.framing import Frame, crc32c
 from fabry_perot.messages import (
     CAPS_HEAD,
@@ -121,6 +121,11 @@ def _fault(host: Host, frame: Frame, now: int) -> None:
     host.send(Type.FAULT_ACK, pack(fault))
 
 
+def _busy(host: Host, frame: Frame, now: int) -> None:
+    if host.hello is None:  # later it is our own old connection, of which the far end does not know yet that it is gone
+        host.fail(PortBusy(f"another host is connected: {frame.payload.decode(errors='replace')}"))
+
+
 HANDLERS: dict[int, Callable[[Host, Frame, int], None]] = {
     Type.HELLO_ACK: _hello_ack,
     Type.CAPS_PIECE: _caps_piece,
@@ -131,4 +136,5 @@ HANDLERS: dict[int, Callable[[Host, Frame, int], None]] = {
     Type.STATUS: _status,
     Type.ABORT_ACK: _abort_ack,
     Type.FAULT: _fault,
+    Type.BUSY: _busy,
 }

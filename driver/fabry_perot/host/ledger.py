@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fabry_perot.host.plan import Plan
+from fabry_perot.messages import Status
 
 
 @dataclass(slots=True)
@@ -24,20 +25,27 @@ class Ledger:
     first: int | None = None
     refired: list[int] = field(default_factory=list)
     _boot: int = 0
+    _boot_shots: int = 0
     _shots: int = 0
     _start: int = 0
     _wasted: int = 0
     _wasted_before: int = 0
 
-    def started(self, boot: int, start: int, laser_shots: int, wasted: int) -> None:
+    def started(self, boot: int, start: int, laser_shots: int, wasted: int, shots: int = 0) -> None:
         """Note a START; a scan's first one tells where the counting begins in its boot.
 
-        ``start`` is the first point that the device fires, whatever has arrived when START's answer is looked at.
+        ``start`` is the first point that the device fires, whatever has arrived when START's answer is looked at;
+        ``shots`` is the boot's own count.
         """
         if self.first is None:
             self.first = laser_shots
         if boot != self._boot:
             self._boot, self._start, self._shots, self._wasted_before = boot, start, laser_shots, wasted
+            self._boot_shots = shots
+
+    def laser_shots(self, status: Status) -> int:
+        """Return the laser's counter at the time of a STATUS; of another boot's, that at which this one began."""
+        return self._shots + (status.shots - self._boot_shots if status.boot == self._boot else 0)
 
     def lost(self, plan: Plan, boot: int, kept: int, laser_shots: int, wasted: int) -> None:
         """Note a reboot: A-lines below ``kept`` arrived, the laser's counter now shows ``laser_shots``.
@@ -51,6 +59,7 @@ class Ledger:
         self.refired += range(kept, max(kept, self._start + count))
         self._wasted += laser_shots - self._shots - (int(totals[count - 1]) if count else 0)
         self._boot, self._start, self._shots, self._wasted_before = boot, kept, laser_shots, 0  # twice changes nothing
+        self._boot_shots = 0
 
     def wasted(self, now: int) -> int:
         """Return the shots discarded in all boots; ``now`` is the device's present count."""
@@ -83,6 +92,9 @@ class ScanReport:
         A-lines or fragments asked for again.
     bad_frames
         Frames the host dropped.
+    age
+        Seconds since the device's counters were heard; 0 when it was asked for this report. Shots fired after that, at
+        most a lease's worth, are not in it.
     """
 
     points: int
@@ -97,6 +109,7 @@ class ScanReport:
     reconnects: int
     repaired: int
     bad_frames: int
+    age: float = 0.0
 
     @property
     def balanced(self) -> bool:

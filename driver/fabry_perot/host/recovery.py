@@ -155,7 +155,8 @@ class Keeper:
     def _note_start(self, laser_shots: int) -> None:
         host = self._host
         if host.hello is not None and host.uploader is not None and host.status is not None:
-            self.ledger.started(host.hello.boot, host.uploader.start, laser_shots, host.status.shots_wasted)
+            status = host.status
+            self.ledger.started(host.hello.boot, host.uploader.start, laser_shots, status.shots_wasted, status.shots)
 
     def _plan_again(self, plan: Plan) -> Iterator[None]:
         yield from self._call(Operation.GET)

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import os
+import select
 import socket
 import tty
 from pathlib import Path
 from typing import Protocol
 
+from fabry_perot.codes import Type
+from fabry_perot.framing import FLAG_URGENT, Frame, encode_frame
+
 CHUNK = 65536
+MOST_REFUSED = 8
+"""Clients that may wait to hear that another one is connected."""
 
 
 class Endpoint(Protocol):
@@ -110,7 +116,7 @@ class PtyEndpoint:
 
 
 class TcpEndpoint:
-    """A TCP port for one client at a time; a second one is turned away.
+    """A TCP port for one client at a time; a second one is told who is there and turned away.
 
     Parameters
     ----------
@@ -123,13 +129,15 @@ class TcpEndpoint:
         self._listener = socket.create_server((host or "127.0.0.1", int(port)), backlog=4)
         self._listener.setblocking(False)
         self._client: socket.socket | None = None
+        self._refused: list[socket.socket] = []
         self._unplugged = False
         name = self._listener.getsockname()
         self.url = f"socket://{name[0]}:{name[1]}"
 
     def descriptors(self) -> list[int]:
-        """Return listener and client."""
-        return [self._listener.fileno(), *([self._client.fileno()] if self._client else [])]
+        """Return listener and clients."""
+        clients = [*self._refused, *([self._client] if self._client else [])]
+        return [self._listener.fileno(), *(client.fileno() for client in clients)]
 
     def writable_descriptor(self) -> int | None:
         """Return the client."""
@@ -138,6 +146,7 @@ class TcpEndpoint:
     def read(self, limit: int) -> bytes:
         """Return what has arrived; takes a new client when there is none."""
         self._accept()
+        self._turn_away()
         if self._client is None:
             return b""
         try:
@@ -174,6 +183,8 @@ class TcpEndpoint:
     def close(self) -> None:
         """Close everything."""
         self._drop()
+        for client in self._refused:
+            client.close()
         self._listener.close()
 
     def _accept(self) -> None:
@@ -181,10 +192,15 @@ class TcpEndpoint:
             client, _ = self._listener.accept()
         except OSError:
             return
-        if self._client is not None or self._unplugged:
+        if self._client is not None and _has_left(self._client):
+            self._drop()
+        if self._unplugged or len(self._refused) >= MOST_REFUSED:
             client.close()
             return
         client.setblocking(False)
+        if self._client is not None:
+            self._refused.append(client)
+            return
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._client = client
 
@@ -192,3 +208,26 @@ class TcpEndpoint:
         if self._client is not None:
             self._client.close()
             self._client = None
+
+    def _turn_away(self) -> None:
+        """Answer whatever those say who came while another was connected by who that is, until they leave."""
+        for client in list(self._refused):
+            try:
+                said = client.recv(CHUNK)
+                if said and self._client is not None:
+                    host, port = self._client.getpeername()[:2]
+                    client.send(encode_frame(Frame(Type.BUSY, FLAG_URGENT, 0, 0, 0, f"{host}:{port}".encode())))
+            except BlockingIOError:
+                continue
+            except OSError:
+                said = b""
+            if not said or self._client is None:
+                self._refused.remove(client)
+                client.close()
+
+
+def _has_left(client: socket.socket) -> bool:
+    """Tell whether a client has closed its end, even if bytes of it wait to be read."""
+    poller = select.poll()
+    poller.register(client, select.POLLHUP | select.POLLERR | getattr(select, "POLLRDHUP", 0))
+    return bool(poller.poll(0))
