@@ -27,12 +27,12 @@ def import_(
     """Make a scan file from a recording of another kind.
 
     What is imported counts as untrusted: links to other files, virtual datasets, object references, pickles,
-    absurd sizes and compression bombs are refused.
+    absurd sizes and compression bombs are refused, and it is read in a process of its own.
     """
-    from steradian.scans.importing import import_scan
+    from steradian.scans.importing.guarded import import_guarded
 
     with progress_bar() as progress:
-        summary = import_scan(source, file, description=description, progress=progress)
+        summary = import_guarded(source, file, description=description, progress=progress)
     figures = {
         "format": summary.format,
         "A-lines": f"{summary.points} of {summary.samples} samples",

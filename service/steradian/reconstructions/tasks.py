@@ -138,7 +138,7 @@ def export(work: Work, job: asked.Export) -> dict[str, Any]:
 def take_in(work: Work, job: asked.ImportAs) -> dict[str, Any]:
     """Make a scan of an upload: its file is looked at here and nowhere else."""
     from steradian.reconstructions.imported import read_imported
-    from steradian.scans.importing import import_scan
+    from steradian.scans.importing.guarded import import_guarded
     from steradian.storage.imports import register_import
 
     uploads = [work.data.upload(name) for name in (job.upload_id, job.companion_id) if name is not None]
@@ -147,7 +147,7 @@ def take_in(work: Work, job: asked.ImportAs) -> dict[str, Any]:
         if not all(upload.is_file() for upload in uploads):
             raise Conflict("an upload is gone; send the file again")
         source, description = _unpacked(work.folder, job, *uploads)
-        import_scan(source, scan, description=description, progress=work.progress)
+        import_guarded(source, scan, description=description, progress=work.progress)
     said = read_imported(scan)
     about: dict[str, Any] = {"labels": job.labels, "who": job.principal}
     with _database() as database:

@@ -40,7 +40,8 @@ def import_scan(
     """Make a scan file from a recording of another kind.
 
     A-lines pass in blocks of a few tens of megabytes. Integers of at most 16 bits are kept as they are, other numbers
-    as float32. The file appears under its name only when it is whole.
+    as float32. The file appears under its name only when it is whole. A file from a stranger is better read in a
+    process of its own, by :func:`steradian.scans.importing.guarded.import_guarded`.
 
     Parameters
     ----------

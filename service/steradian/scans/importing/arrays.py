@@ -6,6 +6,7 @@ a full grid of sensors, or on a line of them; k-Wave's lateral axes y and z beco
 
 from __future__ import annotations
 
+import io
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -28,6 +29,7 @@ from steradian.scans.importing.untrusted import RATIO, RATIO_FROM, TRACE_BYTES
 
 TRACES = ("traces", "sensor_data", "p")
 MOST_MEMBERS = 1000
+HEADER_BYTES = 1 << 16
 SMALL_BYTES = 256 << 20
 LINE_BYTES = 16 << 20
 PIECE = 1 << 22
@@ -91,7 +93,7 @@ def open_npz(path: Path, said: Description, folder: Path | None = None) -> Itera
             table, lateral, kwave = _member_table(archive, names[name], said, spare, is_p=name == "p")
             stated = _stated_in(archive, names, lateral, simulated=kwave)
             yield make_source("npz", table, stated, said, path.name, lateral)
-    except (zipfile.BadZipFile, zlib.error, NotImplementedError, EOFError) as error:
+    except (zipfile.BadZipFile, zlib.error, NotImplementedError, EOFError, UnicodeDecodeError) as error:
         raise DamagedFile(f"{path.name} cannot be read as an .npz archive: {error}") from error
 
 
@@ -124,7 +126,11 @@ def _header(file: IO[bytes], name: str) -> tuple[tuple[int, ...], np.dtype[Any],
     try:
         version = npy.read_magic(file)
         read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
-        shape, fortran, kind = read(file)
+        width = file.read(2 if version == (1, 0) else 4)
+        length = int.from_bytes(width, "little")
+        if length > HEADER_BYTES:  # else as much memory as it says is taken before anything is read
+            raise DamagedFile(f"{name} has a header of {length} bytes; allowed: at most {HEADER_BYTES}")
+        shape, fortran, kind = read(io.BytesIO(width + file.read(length)))
     except (ValueError, EOFError, SyntaxError, TokenError) as error:
         raise DamagedFile(f"{name} is no .npy file: {error}") from error
     if kind.kind not in "iuf" or kind.itemsize > 8:
@@ -156,6 +162,10 @@ def _members(path: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]
     for member in found:
         if member.flag_bits & 1:
             raise DamagedFile(f"{path.name}: {member.filename} is encrypted")
+        if not 0 <= member.header_offset < path.stat().st_size:
+            raise DamagedFile(f"{path.name}: {member.filename} would begin at {member.header_offset}")
+        if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            raise DamagedFile(f"{path.name}: {member.filename} is compressed in a way of its own; allowed: deflate")
         if member.file_size > max(RATIO_FROM, RATIO * member.compress_size):
             raise DamagedFile(
                 f"{path.name}: {member.filename} would be {member.file_size} bytes from {member.compress_size}; "

@@ -129,11 +129,13 @@ def require_sizes(
     """
     if not len(samples):
         return
-    largest = np.maximum(samples.max(axis=1).astype(np.float64), -samples.min(axis=1).astype(np.float64))
-    wrong = np.flatnonzero(~(largest * scale <= MOST_SIZE))  # also where it is not a number
+    with np.errstate(invalid="ignore"):
+        largest = np.maximum(samples.max(axis=1).astype(np.float64), -samples.min(axis=1).astype(np.float64))
+        wrong = np.flatnonzero(~(largest * scale <= MOST_SIZE))  # also where it is not a number
     if wrong.size:
         row = int(wrong[0])
-        sizes = np.abs(samples[row].astype(np.float64))
+        with np.errstate(invalid="ignore"):
+            sizes = np.abs(samples[row].astype(np.float64))
         column = int(np.where(np.isfinite(sizes), sizes, np.inf).argmax())
         value = (samples if given is None else given)[row, column]
         raise InvalidInput(
@@ -142,7 +144,7 @@ def require_sizes(
 
 
 def _alines(start: int, block: NDArray[Any], kind: np.dtype[Any], scale: float) -> Iterator[ImportedAline]:
-    with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite and is refused
+    with np.errstate(over="ignore", invalid="ignore"):  # what float32 cannot hold becomes infinite and is refused
         samples = block.astype(kind)
     require_sizes(samples, scale, np.arange(start, start + len(block)), block)
     for index, row in enumerate(samples, start):

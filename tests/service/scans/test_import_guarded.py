@@ -1,0 +1,89 @@
+"""Imports in a process of their own: a file that ends or holds up its reader ends in one clear error."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+import foreign
+import import_fuzz
+
+from steradian.errors import Cancelled, Conflict, DamagedFile, InvalidInput, NotFound
+from steradian.scans.importing import import_scan
+from steradian.scans.importing.guarded import import_guarded
+
+
+def _endless(path):
+    """Give the object of a global heap neither number nor size: the HDF5 library looks for the next one for ever."""
+    data = bytearray(path.read_bytes())
+    at = data.index(b"GCOL") + 16
+    data[at : at + 2], data[at + 8 : at + 16] = bytes(2), bytes(8)
+    path.write_bytes(data)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits of a process are Linux's")
+def test_a_file_that_sends_its_reader_in_circles_is_refused(tmp_path):
+    """The format's name cannot be read in any time; the message says what became of the reader."""
+    source, _ = foreign.own_scan(tmp_path)
+    _endless(source)
+    with pytest.raises(DamagedFile, match=r"own\.h5 cannot be read: its reader ended at its limit of time"):
+        import_guarded(source, tmp_path / "new" / "scan.h5", seconds=2)
+    assert not (tmp_path / "new").exists() or not list((tmp_path / "new").iterdir())
+
+
+def test_the_result_is_that_of_an_import_without_a_guard(tmp_path):
+    """Same file, same summary, progress on the way."""
+    source, description = foreign.npy_time_first(tmp_path)
+    seen = []
+    made = import_guarded(source, tmp_path / "a.h5", description=description, progress=lambda *told: seen.append(told))
+    plain = import_scan(source, tmp_path / "b.h5", description=description)
+    assert (made.format, made.points, made.samples) == (plain.format, plain.points, plain.samples)
+    assert seen == [("A-lines", 96, 96)]
+    with h5py.File(tmp_path / "a.h5") as one, h5py.File(tmp_path / "b.h5") as other:
+        np.testing.assert_array_equal(one["alines/samples"], other["alines/samples"])
+
+
+def test_errors_pass_as_what_they_are(tmp_path):
+    """Kinds, fields and words of an error are those of the import."""
+    source, _ = foreign.npy_time_first(tmp_path)
+    with pytest.raises(InvalidInput, match=r"neither traces\.npy nor") as refusal:
+        import_guarded(source, tmp_path / "scan.h5", description=foreign.describe(tmp_path, grid={"interval": [1e-4]}))
+    assert refusal.value.field == "sampling_interval"
+    with pytest.raises(NotFound):
+        import_guarded(tmp_path / "none.npy", tmp_path / "scan.h5")
+    (tmp_path / "scan.h5").write_bytes(b"")
+    with pytest.raises(Conflict, match="exists"):
+        import_guarded(source, tmp_path / "scan.h5")
+
+
+def test_a_stopped_import_leaves_nothing(tmp_path):
+    """Cancelled at the first report, the process is ended and what it began is removed."""
+    source, description = foreign.npy_time_first(tmp_path)
+    with pytest.raises(Cancelled):
+        import_guarded(source, tmp_path / "new" / "scan.h5", description=description, cancelled=lambda: True)
+    assert list((tmp_path / "new").iterdir()) == []
+
+
+COUNT = int(os.environ.get("STERADIAN_FUZZ_FILES", "150"))
+
+
+@pytest.mark.timeout(120 + COUNT)
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits of a process are Linux's")
+@pytest.mark.parametrize("kind", import_fuzz.FORMATS)
+def test_mutated_files_are_imported_or_refused(kind):
+    """No file ends in another exception, in much memory or in another file's bytes, and none passes the guard alive.
+
+    ``STERADIAN_FUZZ_FILES=20000`` makes it the long run.
+    """
+    command = [sys.executable, str(Path(import_fuzz.__file__)), str(COUNT), kind, "--seed", "2"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    ends = json.loads(done.stdout.splitlines()[-1])[kind]
+    assert ends["refused"] + ends["imported"] == COUNT
+    assert ends["refused"] > COUNT / 4
