@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from serial.tools import list_ports
@@ -12,6 +12,7 @@ from fabry_perot.errors import PortBusy, ScannerError
 from fabry_perot.framing import fast_stuffing
 from fabry_perot.host import HostTiming, Recovery
 from fabry_perot.scanner import Scanner
+from fabry_perot.tap import Tap
 from fabry_perot.transport import Transport, open_transport
 
 _log = logging.getLogger(__name__)
@@ -24,6 +25,7 @@ def connect(
     baudrate: int = 3_000_000,
     timing: HostTiming | None = None,
     recovery: Recovery | None = _DEFAULT,
+    tap: Callable[[str], None] | None = None,
 ) -> Scanner:
     """Open a port, begin a session and read the capabilities.
 
@@ -39,6 +41,8 @@ def connect(
         Time limits of the host's side.
     recovery
         How long a scan is carried over a lost line or a restarted device; ``None``: not at all.
+    tap
+        Called with a line of text for every frame that passes, either way.
 
     Raises
     ------
@@ -49,7 +53,8 @@ def connect(
         _log.warning("cobs runs without its C extension: frames are decoded some hundred times slower than need be")
 
     def reopen() -> Transport:
-        return open_transport(url, baudrate)
+        transport = open_transport(url, baudrate)
+        return transport if tap is None else Tap(transport, tap)
 
     try:
         return Scanner(reopen(), timing=timing, recovery=recovery, reopen=reopen if recovery else None)

@@ -1,0 +1,228 @@
+"""``python -m fabry_perot``: a scanner from the command line, without the rest of Steradian."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabry_perot import codes, connect, discover, scanfile
+from fabry_perot.errors import PlanInvalid, ScannerError
+from fabry_perot.scanner import Scanner
+from fabry_perot.states import HoldCause
+
+Adder = Callable[..., object]
+_LASER = {
+    codes.LASER_ARMED: "armed",
+    codes.LASER_EMITTING: "emitting",
+    codes.SHUTTER_OPEN: "shutter open",
+    codes.INTERLOCK_CLOSED: "interlock closed",
+    codes.KEY_ON: "key on",
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; an error is one line on standard error and exit code 1, Ctrl-C exit code 130."""
+    given = _parser().parse_args(arguments)
+    try:
+        return int(given.command(given) or 0)
+    except (ScannerError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 130
+
+
+def _list(given: argparse.Namespace) -> None:
+    """Show ports, and with --probe what is there."""
+    found = discover(given.urls or None, probe=given.probe)
+    for port in found:
+        what = "busy" if port.busy else f"{port.model} {port.serial}".strip() or port.description
+        print(f"{port.url}\t{what}")
+    if not found:
+        print("no port" if not given.probe else "no scanner", file=sys.stderr)
+
+
+def _status(given: argparse.Namespace) -> None:
+    """Show what the scanner is, its state, and the counters of both sides."""
+    with _connect(given) as scanner:
+        known = scanner.capabilities
+        figures = {name: getattr(known, name) for name in known.__dataclass_fields__}
+        figures |= {"state": scanner.state, "laser": _laser(scanner), "cause": HoldCause(scanner.status.cause).name}
+        figures |= {name: value for name, value in scanner.statistics().items() if name not in figures}
+    if given.json:
+        print(json.dumps(figures, default=list))
+        return
+    width = max(map(len, figures))
+    for name, value in figures.items():
+        print(f"{name:<{width}}  {value}")
+
+
+def _watch(given: argparse.Namespace) -> None:
+    """Show the scanner's state, one line every so often, until Ctrl-C."""
+    with _connect(given) as scanner:
+        left = given.count
+        while left is None or left > 0:
+            status = scanner.status
+            print(
+                f"{status.device_time * 1e-6:12.3f} s  {scanner.state:<9} laser {_laser(scanner)}; "
+                f"{status.produced} A-lines, {status.acknowledged} acknowledged, {status.shots} shots",
+                flush=True,
+            )
+            left = None if left is None else left - 1
+            if left != 0:
+                time.sleep(given.interval)
+
+
+def _tune(given: argparse.Namespace) -> None:
+    """Sweep the interrogation wavelength at points of the film, and show or keep where it is most sensitive."""
+    points = np.zeros((1, 2)) if given.points is None else _read_points(given.points)
+    with _connect(given) as scanner:
+        tuned = scanner.pretune(points, steps=given.steps)
+    rows = zip(tuned.points.tolist(), tuned.wavelength, tuned.sensitivity, tuned.reflectivity, strict=True)
+    for (x, y), wavelength, sensitivity, reflectivity in rows:
+        print(
+            f"{1e3 * x:8.3f} mm {1e3 * y:8.3f} mm  bias {1e9 * wavelength:.4f} nm  "
+            f"slope {1e-9 * sensitivity:.3g} V/nm  level {reflectivity:.3g} V"
+        )
+    if given.output is not None:
+        tuned.save(given.output)
+        print(f"{len(points)} points in {_located(given.output)}")
+
+
+def _scan(given: argparse.Namespace) -> int:
+    """Measure points and keep the A-lines in a NumPy file; Ctrl-C turns the laser off and keeps what was fired."""
+    points, asked = _read_points(given.points), False
+
+    def stop(*_: object) -> None:
+        nonlocal asked
+        if asked:
+            raise KeyboardInterrupt
+        asked = True
+
+    with connect(given.url, baudrate=given.baud, tap=_to_stderr if given.frames else None) as scanner:
+        scanner.upload(
+            points,
+            samples=given.samples,
+            sampling_interval=given.interval,
+            pulse_rate=given.rate,
+            averages=given.averages,
+        )
+        rows = scanfile.create(given.output, points, given.samples)
+        before = signal.signal(signal.SIGINT, stop)
+        try:
+            done = scanfile.acquire(scanner, rows, stopping=lambda: asked, progress=_counter(len(points)))
+        finally:
+            signal.signal(signal.SIGINT, before)
+        stored = int(rows["stored"].sum())
+        print(f"{'' if done else 'laser off; '}{stored} of {len(points)} A-lines in {_located(given.output)}")
+        print(scanner.report(), file=sys.stderr)
+    return 0 if done else 130
+
+
+def _monitor(given: argparse.Namespace) -> None:
+    """Begin a session and show every frame in both directions, until Ctrl-C."""
+    with connect(given.url, baudrate=given.baud, tap=_say):
+        threading.Event().wait(given.seconds)
+
+
+def _connect(given: argparse.Namespace) -> Scanner:
+    return connect(given.url, baudrate=given.baud)
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)
+
+
+def _to_stderr(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
+
+
+def _counter(total: int) -> Callable[[int], None]:
+    def show(stored: int) -> None:
+        if sys.stderr.isatty():
+            print(f"\r{stored} of {total}", end="\n" if stored == total else "", file=sys.stderr, flush=True)
+
+    return show
+
+
+def _laser(scanner: Scanner) -> str:
+    bits = scanner.status.laser
+    return ", ".join(name for bit, name in _LASER.items() if bits & bit) or "off"
+
+
+def _located(path: Path) -> str:
+    return f"{path} ({path.stat().st_size:,} bytes)"
+
+
+def _read_points(path: Path) -> NDArray[np.float64]:
+    """Read (M, 2) positions in m: ``.npy`` in m, anything else as CSV with x_mm, y_mm and perhaps more columns."""
+    try:
+        if path.suffix == ".npy":
+            points = np.asarray(np.load(path, allow_pickle=False), dtype=np.float64)
+        else:
+            head = 0 if _is_number(path.read_text(encoding="utf-8").partition(",")[0]) else 1
+            points = 1e-3 * np.loadtxt(path, delimiter=",", skiprows=head, ndmin=2)[:, :2]
+    except (ValueError, IndexError) as error:
+        raise PlanInvalid("points", path, f"two columns of numbers ({error})") from error
+    if points.ndim != 2 or points.shape[1] != 2 or not len(points):
+        raise PlanInvalid("points", f"shape {points.shape} in {path}", "(M, 2), M ≥ 1, in m")
+    return points
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m fabry_perot", description=main.__doc__)
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    port = argparse.ArgumentParser(add_help=False)
+    port.add_argument("url", metavar="PORT", help="/dev/ttyUSB0, socket://HOST:PORT, rfc2217://HOST:PORT")
+    port.add_argument("--baud", type=int, default=3_000_000, help="of a UART; a pty and USB ignore it")
+
+    def command(name: str, function: Callable[[argparse.Namespace], object], *, ports: bool = True) -> Adder:
+        about = " ".join((function.__doc__ or "").split())
+        made = commands.add_parser(name, help=about, description=about, parents=[port] if ports else [])
+        made.set_defaults(command=function)
+        return made.add_argument
+
+    add = command("list", _list, ports=False)
+    add("urls", nargs="*", metavar="PORT", help="ports to look at; default: all that the system knows")
+    add("--probe", action="store_true", help="say HELLO at each, and show those where a scanner answers")
+    add = command("status", _status)
+    add("--json", action="store_true", help="as one JSON object")
+    add = command("watch", _watch)
+    add("--interval", type=float, default=1.0, metavar="S", help="seconds between lines")
+    add("--count", type=int, metavar="N", help="end after so many lines")
+    add = command("tune", _tune)
+    add("--points", type=Path, metavar="FILE", help="x_mm,y_mm as CSV, or (M, 2) m as .npy; default: the centre")
+    add("--steps", type=int, default=101, help="wavelengths in a sweep, 2 to 256")
+    add("--output", "-o", type=Path, metavar="FILE", help="keep the map (.npz)")
+    add = command("scan", _scan)
+    add("points", type=Path, metavar="POINTS", help="x_mm,y_mm as CSV, or (M, 2) m as .npy, in the order of visiting")
+    add("--output", "-o", type=Path, default=Path("scan.npy"), metavar="FILE", help="the file to write (.npy)")
+    add("--samples", type=int, default=1024, help="per A-line")
+    add("--interval", type=float, default=8e-9, metavar="S", help="seconds between samples")
+    add("--rate", type=float, default=50.0, metavar="HZ", help="laser pulses per second")
+    add("--averages", type=int, default=1, help="pulses averaged into one A-line")
+    add("--frames", action="store_true", help="show every frame on standard error")
+    add = command("monitor", _monitor)
+    add("--seconds", type=float, metavar="S", help="end after so long")
+    return parser
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,107 @@
+"""A scan as one NumPy file: a row a point, written durably before it is acknowledged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabry_perot.aline import ALineBatch
+from fabry_perot.errors import LeaseLapsed, PlanInvalid, ScanAborted
+from fabry_perot.scanner import Scanner
+
+COLUMNS = {
+    "scale": "f4",
+    "sampling_interval": "f8",
+    "fire_time_s": "f8",
+    "shot": "u4",
+    "averages": "u2",
+    "energy": "f4",
+    "wavelength_m": "f8",
+    "time_zero_offset_s": "f8",
+    "dc_v": "f4",
+    "gain_db": "f4",
+    "quality": "u1",
+}
+"""Fields of a row that are :class:`fabry_perot.ALine`'s; besides them ``stored``, ``x``, ``y`` (m) and ``samples``."""
+
+
+def create(path: Path, points: NDArray[np.float64], samples: int) -> NDArray[np.void]:
+    """Make the file of a scan, every row empty.
+
+    Parameters
+    ----------
+    path
+        A ``.npy`` file that does not exist.
+    points
+        (M, 2) positions in m.
+    samples
+        Samples per A-line.
+
+    Raises
+    ------
+    PlanInvalid
+        When it exists.
+    """
+    if path.exists():
+        raise PlanInvalid("file", path, "one that does not exist")
+    fields = [("stored", "u1"), ("x", "f8"), ("y", "f8"), *COLUMNS.items(), ("samples", "<i2", (samples,))]
+    rows = np.lib.format.open_memmap(path, "w+", np.dtype(fields), (len(points),))
+    rows["x"], rows["y"] = points.T
+    rows.flush()
+    return rows
+
+
+def acquire(
+    scanner: Scanner,
+    rows: NDArray[np.void],
+    *,
+    stopping: Callable[[], bool],
+    progress: Callable[[int], None],
+) -> bool:
+    """Run what was uploaded and store every A-line before it is acknowledged; returns whether it ran to its end.
+
+    Parameters
+    ----------
+    scanner
+        With the plan uploaded.
+    rows
+        As :func:`create` makes them.
+    stopping
+        Asked some twenty times a second; once it says so the laser goes off and what was fired is stored.
+    progress
+        Told how many A-lines are stored.
+
+    Raises
+    ------
+    ScannerError
+        The scanner or its link gave up; what was acknowledged is stored.
+    """
+    scanner.start(scanner.arm())
+    stored, stopped = 0, False
+    try:
+        for batch in scanner.alines(idle=True):
+            if batch:
+                _keep(rows, batch)
+                scanner.acknowledge(batch[-1])
+                stored += len(batch)
+                progress(stored)
+            if stopping() and not stopped:
+                scanner.abort("laser-off")
+                stopped = True
+            if stopped and not scanner.holds:
+                break
+    except (LeaseLapsed, ScanAborted):
+        if not stopped:
+            raise
+    return stored == len(rows)
+
+
+def _keep(rows: NDArray[np.void], batch: ALineBatch) -> None:
+    places = batch.column("point")
+    for name in (*COLUMNS, "samples"):
+        rows[name][places] = batch.column(name)
+    rows["stored"][places] = 1
+    rows.flush()  # type: ignore[attr-defined]  # a memmap's

@@ -1,0 +1,127 @@
+"""Looking at the frames that pass between a host and a device, both ways, in words."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable
+from typing import Any
+
+from fabry_perot.codes import Operation, Result, Type
+from fabry_perot.errors import FrameError
+from fabry_perot.framing import Deframer, Frame
+from fabry_perot.messages import (
+    CAPS_HEAD,
+    CAPS_REQUEST,
+    LAYOUT,
+    PLAN_HEAD,
+    REPLY_HEAD,
+    REQUEST_HEAD,
+    Abort,
+    AbortAck,
+    ALineAck,
+    ALineGone,
+    ALineHead,
+    Fault,
+    Hello,
+    HelloAck,
+    Lease,
+    PlanStatus,
+    Status,
+    fixed,
+    unpack,
+    unpack_body,
+)
+from fabry_perot.transport import Transport
+
+_MESSAGES: dict[int, type[Any]] = {
+    Type.HELLO: Hello,
+    Type.HELLO_ACK: HelloAck,
+    Type.PLAN_STATUS: PlanStatus,
+    Type.ALINE: ALineHead,
+    Type.ALINE_ACK: ALineAck,
+    Type.ALINE_GONE: ALineGone,
+    Type.STATUS: Status,
+    Type.LEASE: Lease,
+    Type.ABORT: Abort,
+    Type.ABORT_ACK: AbortAck,
+    Type.FAULT: Fault,
+    Type.FAULT_ACK: Fault,
+}
+_NUMBERS: dict[int, tuple[struct.Struct, tuple[str, ...]]] = {
+    Type.CAPS: (CAPS_REQUEST, ("offset",)),
+    Type.CAPS_PIECE: (CAPS_HEAD, ("offset", "size")),
+    Type.PLAN_DATA: (PLAN_HEAD, ("plan", "first", "count")),
+}
+
+
+class Tap:
+    """A transport that shows every frame on its way.
+
+    Parameters
+    ----------
+    transport
+        The port.
+    show
+        Called with one line a frame: seconds since the tap was opened, ``>`` to or ``<`` from the device, the message.
+    """
+
+    def __init__(self, transport: Transport, show: Callable[[str], None]) -> None:
+        self._transport, self._show = transport, show
+        self._up, self._down = Deframer(), Deframer()
+        self._opened = time.monotonic()
+
+    def read(self) -> bytes:
+        """Return what has arrived, and show it; raises LinkLost."""
+        data = self._transport.read()
+        self._look("<", self._down, data)
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Send all of ``data``, and show it; raises LinkLost."""
+        self._look(">", self._up, data)
+        self._transport.write(data)
+
+    def close(self) -> None:
+        """Release the port."""
+        self._transport.close()
+
+    def _look(self, way: str, deframer: Deframer, data: bytes) -> None:
+        bad = deframer.counters.bad
+        frames = deframer.feed(data) if data else []
+        at = time.monotonic() - self._opened
+        for frame in frames:
+            self._show(f"{at:10.4f} {way} {describe(frame)}")
+        if deframer.counters.bad > bad:
+            self._show(f"{at:10.4f} {way} {deframer.counters.bad - bad} damaged")
+
+
+def describe(frame: Frame) -> str:
+    """Return a frame in words: type, session, size, and the message's fields in the protocol's units."""
+    kind = Type(frame.type).name if frame.type in set(Type) else f"unknown {frame.type:02X}"
+    head = f"{kind:<11} session {frame.session:04x} {len(frame.payload):5d} bytes"
+    try:
+        fields = _fields(frame)
+    except (FrameError, ValueError) as error:
+        fields = {"damaged": error}
+    return " ".join([head, *(f"{name}={value}" for name, value in fields.items())])
+
+
+def _fields(frame: Frame) -> dict[str, Any]:
+    payload = frame.payload
+    if frame.type in _MESSAGES:
+        kind = _MESSAGES[frame.type]
+        message: dict[str, Any] = unpack(kind, payload, tail=True)._asdict()
+        rest = len(payload) - LAYOUT[kind].size
+        return message | ({"more_bytes": rest} if rest else {})
+    if frame.type in _NUMBERS:
+        layout, names = _NUMBERS[frame.type]
+        return dict(zip(names, fixed(layout, payload, tail=True), strict=True))
+    if frame.type == Type.REQ:
+        number, operation = fixed(REQUEST_HEAD, payload, tail=True)
+        return {"request": number, "operation": Operation(operation).name} | unpack_body(payload[REQUEST_HEAD.size :])
+    if frame.type == Type.RSP:
+        number, operation, result, _ = fixed(REPLY_HEAD, payload, tail=True)
+        answer = {"request": number, "operation": Operation(operation).name, "result": Result(result).name}
+        return answer | unpack_body(payload[REPLY_HEAD.size :])
+    return {"text": payload.decode(errors="replace")} if frame.type == Type.BUSY else {}
