@@ -11,9 +11,9 @@ ScannerError
 │   └── LinkLost           an established link went silent or was unplugged
 └── DeviceError            the device answered, and the answer is no
     ├── Refused            a request does not fit the device's state or limits
-    ├── LeaseLapsed        the laser lease ran out: laser off, data kept; ``resume()`` continues
+    ├── LeaseLapsed        the laser lease ran out: laser off, data kept; a person's ``resume()`` continues
     ├── ScanAborted        somebody asked for laser off
-    ├── DeviceRestarted    the device booted anew; what it had not delivered is gone
+    ├── DeviceRestarted    the device booted anew; what it had not delivered is gone; likewise
     ├── DeviceFault        a latched fault of the hardware
     └── EmergencyStopped   the emergency stop is latched
 
@@ -126,7 +126,7 @@ class Refused(DeviceError):
 
 
 class LeaseLapsed(DeviceError):
-    """The laser lease ran out: the laser is off, plan and data are kept; ``resume()`` continues."""
+    """The laser lease ran out some time ago: the laser is off, plan and data are kept; ``resume()`` continues."""
 
     code = "lease-lapsed"
 

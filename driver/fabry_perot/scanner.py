@@ -10,18 +10,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fabry_perot.aline import ALine, ALineBatch
-from fabry_perot.attention import Attention
 from fabry_perot.clock import Clock
 from fabry_perot.codes import Operation
 from fabry_perot.controls import Controls
-from fabry_perot.errors import LinkError, PlanInvalid, ScannerError
+from fabry_perot.errors import DeviceRestarted, LeaseLapsed, LinkError, NoAnswer, PlanInvalid, ScannerError
 from fabry_perot.host import HostTiming, Keeper, Plan, Recovery, ScanReport
 from fabry_perot.session import STEP, Session
-from fabry_perot.states import RUNNING, DeviceState, HoldCause
+from fabry_perot.states import RUNNING, DeviceState
 from fabry_perot.streaming import stop_reason
 from fabry_perot.transport import Transport
 
 _LIVE = RUNNING | {DeviceState.ARMED}
+_PATIENCE = 15.0
+"""Seconds within which a scan is taken up, or not."""
 
 
 class Scanner(Controls):
@@ -57,7 +58,6 @@ class Scanner(Controls):
         self._policy = recovery
         self._plan: Plan | None = None
         self._acknowledged = self._first = 0
-        self._attention = Attention(self._host.timing.ttl)
 
     def __enter__(self) -> Self:
         return self
@@ -178,10 +178,8 @@ class Scanner(Controls):
             fields = self._host.lease_fields()
         answer = self._session.request(Operation.START, token=token, **fields)
         with self._session.changed:
-            now = self._session.now()
-            self._attention.reset(now)
             if self._plan is not None:
-                self._keeper.engage(self._plan, int(answer.get("laser_shots", 0)), now)
+                self._keeper.engage(self._plan, int(answer.get("laser_shots", 0)), self._session.now())
 
     @property
     def recovering(self) -> bool:
@@ -208,20 +206,21 @@ class Scanner(Controls):
         after other things.
 
         Each comes exactly once. Store a batch durably, then :meth:`acknowledge` its last A-line: the device keeps
-        everything that was not acknowledged and stops firing when its ring is full. An interruption of the line or a
-        restart of the device is recovered from within the limits of :class:`fabry_perot.Recovery`, see :meth:`report`.
+        everything that was not acknowledged and stops firing when its ring is full. A short interruption, of the line
+        or of the application itself, is recovered from within the limits of :class:`fabry_perot.Recovery`.
 
         Raises
         ------
         LeaseLapsed
-            The application took longer than the lease's time to live: the laser is off, nothing is lost;
-            :meth:`resume` and iterate again.
-        ScanAborted, DeviceFault, EmergencyStopped, DeviceRestarted, LinkLost
+            An interruption took too long for the laser to come back by itself; nothing is lost. :meth:`resume` and
+            iterate again, when a person says so.
+        DeviceRestarted
+            The device was without power: likewise, and what it had not delivered is fired again.
+        ScanAborted, DeviceFault, EmergencyStopped, LinkLost
             The scan stopped.
         """
         while True:
             with self._session.changed:
-                self._awake()
                 batch = self._next_batch()
                 if batch is None:
                     break
@@ -237,7 +236,7 @@ class Scanner(Controls):
         """Return what has arrived, ``None`` when the plan is done; raises why nothing more will come."""
         now, host = self._session.now(), self._host
         host.renew(now)
-        if not self._dozed_off():
+        if self._policy is not None:
             self._keeper.poll(now)
         batch = host.take()
         if batch:
@@ -247,20 +246,13 @@ class Scanner(Controls):
         kept = self._policy is not None and self._keeper.engaged
         patience = int(self._policy.patience * 1e6) if kept and self._policy else host.timing.patience
         error = stop_reason(host, now, patience)
-        if error is None or (kept and self._keeper.minding and not self._dozed_off()):
+        if error is None or self._keeper.busy or (kept and self._keeper.minding):
             return ALineBatch()
-        self._keeper.release()
+        if isinstance(error, LeaseLapsed | DeviceRestarted):
+            self._keeper.suspend()
+        else:
+            self._keeper.release()
         raise error
-
-    def _dozed_off(self) -> bool:
-        """Whether the lease lapsed because the application did not come for its data."""
-        status = self._host.status
-        return self._attention.lost and status is not None and status.cause == HoldCause.LEASE
-
-    def _awake(self) -> None:
-        """Notice when the application itself slept through the lease: then only it may resume."""
-        status = self._host.status
-        self._attention.seen(self._session.now(), running=status is not None and status.state in RUNNING)
 
     def _finished(self) -> bool:
         assembly = self._host.assembly
@@ -280,16 +272,42 @@ class Scanner(Controls):
     def acknowledge(self, aline: ALine) -> None:
         """Declare ``aline`` and all before it durably stored; the device frees them, and the lease is renewed."""
         with self._session.changed:
-            self._awake()
             self._acknowledged = max(self._acknowledged, aline.number + 1)
             self._host.acknowledge(aline.number, self._session.now())
         self._session.flush()
 
     def resume(self) -> None:
-        """Arm anew and continue after a pause, a lapsed lease or an abort."""
-        if self._host.device_state is DeviceState.SAFE_HOLD:
-            self._session.request(Operation.RELEASE)
-        self.start(self.arm())
+        """Arm anew and continue after a pause, an interruption, an abort or a restart: a person's decision.
+
+        What a restarted device has lost is planned and fired again; :meth:`report` names it.
+
+        Raises
+        ------
+        PlanInvalid
+            There is no scan.
+        Refused, LinkError
+            It came to nothing; the laser is off.
+        """
+        if self._plan is None or self._host.assembly is None:
+            raise PlanInvalid("resume", "no scan", "a scan that was uploaded")
+        deadline = self._session.now() + int(_PATIENCE * 1e6)
+        with self._session.changed:
+            self._keeper.take_up(self._plan, self._session.now())
+        while True:
+            with self._session.changed:
+                self._keeper.poll(self._session.now())
+                error = self._keeper.refusal or self._host.failure
+                if error is None and self._session.now() > deadline:
+                    error = NoAnswer(f"the scan could not be taken up within {_PATIENCE:g} s")
+                if error is not None:
+                    self._keeper.suspend()
+                    raise error
+                busy = self._keeper.busy
+            self._session.flush()
+            if not busy:
+                return
+            with self._session.changed:
+                self._session.changed.wait(STEP)
 
     def report(self) -> ScanReport:
         """Return the account of the present scan, with the device's counters as they stand now.

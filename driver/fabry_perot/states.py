@@ -67,6 +67,8 @@ class HoldCause(IntEnum):
     SESSION = 2
     REQUEST = 3
     CLEARED = 4
+    INTERLOCK = 5
+    """Whatever it was before, the interlock has been opened since."""
 
 
 S, E = DeviceState, Event

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from fabry_perot.clock import Clock
 from fabry_perot.errors import (
     DeviceFault,
+    DeviceRestarted,
     EmergencyStopped,
     LeaseLapsed,
     LinkError,
@@ -166,6 +167,8 @@ def stop_reason(host: Host, now: int, patience: int) -> ScannerError | None:
         return None
     if status.plan == assembly.plan and assembly.delivered < status.produced:
         return None
+    if status.plan != assembly.plan and host.last_words is not None:
+        return DeviceRestarted()
     if host.device_state is DeviceState.FAULT:
         return DeviceFault(f"the scanner reports fault {status.fault}")
     if host.device_state is DeviceState.ESTOP:
@@ -173,5 +176,7 @@ def stop_reason(host: Host, now: int, patience: int) -> ScannerError | None:
     if host.device_state in (DeviceState.SAFE_HOLD, DeviceState.READY, DeviceState.LINKED):
         if status.cause in (HoldCause.LEASE, HoldCause.SESSION):
             return LeaseLapsed("the laser lease lapsed: the laser is off, plan and data are kept")
+        if status.cause == HoldCause.INTERLOCK:
+            return ScanAborted("the interlock was opened: the laser stays off, plan and data are kept")
         return ScanAborted(f"the scan was stopped (state {host.device_state.name.lower()})")
     return None

@@ -7,6 +7,7 @@ SteradianError
 ├── DamagedFile       a file is truncated, foreign or of a newer schema
 ├── DiskFull          the disk cannot hold what is to be written
 ├── ScanFailed        the scanner or its link gave up; what was acknowledged is kept
+│   └── ScanInterrupted   all is well, but the laser may come back only when a person says so
 └── Cancelled         somebody asked for the operation to stop
 
 Every class has a stable ``code`` which the command line, the HTTP problems and the job log share.
@@ -82,6 +83,12 @@ class ScanFailed(SteradianError):
     """The scanner or its link gave up; every acknowledged A-line is in the file."""
 
     code = "scan-failed"
+
+
+class ScanInterrupted(ScanFailed):
+    """The laser went off and was off for too long, or its device without power: only a person brings it back."""
+
+    code = "scan-interrupted"
 
 
 class Cancelled(SteradianError):

@@ -31,6 +31,12 @@ class Settings(BaseSettings):
     simulator_speed: float = Field(
         default=20.0, gt=0, le=10_000, description="How many times faster than real the simulated scanner runs"
     )
+    resume_within: float = Field(
+        default=2.0,
+        ge=0,
+        le=10,
+        description="Seconds after an interruption within which the laser may come back by itself; 0: never (s)",
+    )
     database_url: str | None = Field(
         default=None,
         repr=False,

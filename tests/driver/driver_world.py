@@ -36,7 +36,8 @@ class World(Bench):
         self.keeper = Keeper(self.host, Recovery(patience=1e9))
         self.memory: list = []
         self.disk: dict[int, object] = {}
-        self.disk_full = self.hung = self.plugged_out = False
+        self.disk_full = self.hung = self.plugged_out = self.asleep = False
+        self.slept = 0
         self.dark_until = self.back_at = 0
         self.permission = self.alive_at = 0
         self.stopped_at: int | None = None
@@ -74,11 +75,19 @@ class World(Bench):
     def permit(self, echo: int, ttl: int) -> None:
         self.permission = max(self.permission, min(echo, self.device_now) + min(ttl, 1_000_000))
 
+    @property
+    def host_now(self) -> int:
+        """The host's clock, which leaves out the time its computer was asleep."""
+        return self.clock.now() - self.slept
+
     def turn(self) -> None:
         self.clock.advance(1_000)
-        now = self.clock.now()
+        self.slept += 1_000 if self.asleep else 0
+        now = self.host_now
         self.plug(now)
-        if self.host_alive:
+        if self.asleep:
+            pass
+        elif self.host_alive:
             self.host.receive(b"" if self.plugged_out else self.down.get(now), now)
             self.application(now)
             self.up.put(self.host.pull(), now)
@@ -137,23 +146,20 @@ class World(Bench):
         call = self.host.upload(self.plan, self.clock.now(), len(self.disk))
         self.until(lambda: call.done, 40_000)
         call.result()
+        self.until(lambda: self.host.failure or self.host.device_state is not DeviceState.LINKED, 5_000)
 
     def go(self) -> None:
-        """Arm and start whatever the device has, and have the keeper keep it."""
+        """Somebody has the scan taken up, whatever ended it, and the keeper keep it."""
         if self.host.assembly is None:  # a host that never got to know the plan must not start it
             self.new_host()
         if self.host.device_state in (DeviceState.ESTOP, DeviceState.FAULT):
             self.call(Operation.CLEAR_FAULT)
-        if self.host.device_state is DeviceState.SAFE_HOLD:
-            self.call(Operation.RELEASE)
-        if self.host.status is None or self.host.status.plan != self.plan.uid:
-            self.call_upload()
         if self.host.device_state not in RUNNING:
-            self.until(lambda: self.host.failure or self.host.device_state is not DeviceState.LINKED, 5_000)
-            token = self.call(Operation.ARM)["token"]
             self.stopped_at = None
-            answer = self.call(Operation.START, token=token, **self.host.lease_fields())
-            self.keeper.engage(self.plan, answer["laser_shots"], self.clock.now())
+            self.keeper.take_up(self.plan, self.host_now)
+            self.until(lambda: not self.keeper.busy or self.host.failure, 20_000)
+            if self.keeper.refusal is not None:
+                raise self.keeper.refusal
 
     def abort(self, level: AbortLevel) -> None:
         self.keeper.release()
@@ -209,8 +215,8 @@ class World(Bench):
             try:
                 if not self.host_alive or self.host.failure is not None:
                     self.new_host()
-                if not self.keeper.minding and self.host.device_state in HALTED:
-                    self.keeper.release()  # stopped by somebody, be it by an old ABORT that was replayed
+                if not self.keeper.minding and (self.keeper.waiting or self.host.device_state in HALTED):
+                    self.keeper.suspend()  # stopped by somebody, be it by an old ABORT that was replayed, or for long
                 idle = self.host.device_state not in RUNNING | {DeviceState.DRAINING, DeviceState.DONE}
                 if not self.keeper.engaged and idle and not self.host.aborting:
                     self.go()

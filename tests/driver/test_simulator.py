@@ -133,8 +133,8 @@ def test_a_paced_uart_carries_no_more_than_its_baud_rate_and_loses_nothing():
 
 
 def test_a_consumer_that_hangs_gets_a_typed_error_and_can_resume_without_losing_an_a_line():
-    where = points(200)
-    with launch(speed=4) as simulator, fabry_perot.connect(simulator.url) as scanner:
+    where, never = points(200), fabry_perot.Recovery(within=0.0)
+    with launch(speed=4) as simulator, fabry_perot.connect(simulator.url, recovery=never) as scanner:
         scanner.upload(where, **PARAMETERS)
         scanner.start(scanner.arm())
         lines, lapses = [], 0
@@ -149,7 +149,7 @@ def test_a_consumer_that_hangs_gets_a_typed_error_and_can_resume_without_losing_
                 lapses += 1
                 scanner.resume()
         statistics = scanner.statistics()
-    assert lapses == 1
+    assert lapses >= 1
     assert [line.number for line in lines] == list(range(200))
     assert statistics["shots"] == 200
 

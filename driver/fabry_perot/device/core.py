@@ -116,8 +116,7 @@ class Device:
         if self.delayed is not None and self.now >= self.delayed[0]:
             self.outbox.put(Type.RSP, self.delayed[1])
             self.delayed = None
-        if not self.instrument.interlock_closed() and (self.state in RUNNING or self.state is DeviceState.ARMED):
-            self.raise_fault(FAULT_INTERLOCK)
+        self._watch_interlock()
         try:
             self.scan.advance(self.now)
         except InstrumentError as error:
@@ -130,6 +129,15 @@ class Device:
         if self.fault and self._fault_number and self.now >= self._fault_at:
             self._fault_at = self.now + self.timing.fault_period
             self.outbox.put(Type.FAULT, pack(Fault(self.fault, self._fault_number)), urgent=True)
+
+    def _watch_interlock(self) -> None:
+        """Switch a laser that may fire off for good, and have one in SAFE_HOLD not come back without a person."""
+        if self.instrument.interlock_closed():
+            return
+        if self.state in RUNNING or self.state is DeviceState.ARMED:
+            self.raise_fault(FAULT_INTERLOCK)
+        elif self.state is DeviceState.SAFE_HOLD and self.cause is not HoldCause.INTERLOCK:
+            self.cause, self._status_due = HoldCause.INTERLOCK, True
 
     def next_due(self) -> int:
         """Return the device time at which :meth:`poll` has something to do next."""
@@ -290,4 +298,5 @@ class Device:
             "overhead": OVERHEAD,
             "ring_peak": self.ring.peak,
             "laser_shots": self.instrument.laser_shots(),
+            "impossible_echoes": self.lease.impossible,
         }

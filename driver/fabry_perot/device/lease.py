@@ -4,10 +4,11 @@ from __future__ import annotations
 
 
 class LaserLease:
-    """Emission is allowed until ``min(echo, now) + min(TTL, cap)`` of device time.
+    """Emission is allowed until ``echo + min(TTL, cap)`` of device time, for an ``echo`` that is not after now.
 
     The host echoes a time the device itself sent, so bytes that waited in a buffer carry their age with them and
-    cannot keep the laser on; a watchdog on arrival times could not tell.
+    cannot keep the laser on; a watchdog on arrival times could not tell. A time the device has not reached yet it
+    cannot have sent: such an echo proves nothing and is counted.
 
     Parameters
     ----------
@@ -18,6 +19,8 @@ class LaserLease:
     def __init__(self, cap: int) -> None:
         self.cap = cap
         self.until = 0
+        self.impossible = 0
+        """Renewals with an echo of the future."""
         self._not_before = 0
 
     def renew(self, echo: int, ttl: int, now: int) -> bool:
@@ -25,8 +28,10 @@ class LaserLease:
 
         An echo from before the present session is ignored, and an older renewal that arrives late shortens nothing.
         """
-        if echo >= self._not_before:
-            self.until = max(self.until, min(echo, now) + min(ttl, self.cap))
+        if echo > now:
+            self.impossible += 1
+        elif echo >= self._not_before:
+            self.until = max(self.until, echo + min(ttl, self.cap))
         return self.permits(now)
 
     def permits(self, now: int) -> bool:

@@ -78,6 +78,8 @@ class Host:
         self._polled_at = self._hello_due = self._caps_due = self._acked_at = self._leased_at = 0
         self._hello_tries = 0
         self._echo_sent = -1
+        self.contact = (0, 0)
+        """Host time and device time of the last proof that application and running device heard of each other."""
         self._abort: Abort | None = None
         self._abort_due = 0
 
@@ -275,7 +277,17 @@ class Host:
         if self.status.device_time <= self._echo_sent or now - self._leased_at < self.timing.lease_period // 4:
             return
         self._echo_sent, self._leased_at = self.status.device_time, now
+        self.contact = (now, self.status.device_time)
         self.send(Type.LEASE, pack(Lease(self.hello.boot, **self.lease_fields())))
+
+    def since_contact(self, now: int) -> float:
+        """Return the seconds since :attr:`contact`, by whichever clock counts more of them.
+
+        A host's clock may leave out the time its computer slept, and a STATUS may have waited in a buffer.
+        """
+        host, device = self.contact
+        passed = self.status.device_time - device if self.status else 0
+        return max(now - host, passed / self.clock_rate) * 1e-6
 
     def take(self) -> ALineBatch:
         """Return the A-lines that are next in order."""

@@ -84,6 +84,7 @@ def _reply(host: Host, frame: Frame, now: int) -> None:
         host.phase = HostState.ARMING
     elif call.operation is Operation.START:
         host.phase = HostState.STREAMING
+        host.contact = (now, host.status.device_time if host.status else 0)
 
 
 def _plan_status(host: Host, frame: Frame, now: int) -> None:

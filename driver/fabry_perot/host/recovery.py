@@ -1,8 +1,10 @@
-"""Carrying a scan over interruptions of line and device: resume what the device kept, plan again what it lost.
+"""Carrying a scan over interruptions, within the one rule of when the laser may come back without a person.
 
-Like the host it is sans-I/O: :meth:`Keeper.poll` is told the time and looks at the host. It acts only on a scan
-that a person started and nobody stopped: a pause, an abort, a fault or a consumer that fell asleep end its mandate
-until somebody resumes. The laser is armed anew by the full sequence RELEASE, ARM, START, never by a shortcut.
+Like the host it is sans-I/O: :meth:`Keeper.poll` is told the time and looks at the host. It acts only on a scan that a
+person started and nobody stopped, only within :attr:`Recovery.within` seconds of the last proof that application and
+device heard of each other, and only on a device that has kept power and whose interlock stayed closed. Everything else
+waits for :meth:`Keeper.take_up`, a person's decision, which also plans again what a restarted device has lost. The
+laser is armed anew by the full sequence RELEASE, ARM, START, never by a shortcut.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from fabry_perot.codes import Operation
+from fabry_perot.codes import INTERLOCK_CLOSED, KEY_ON, Operation
 from fabry_perot.errors import LinkLost, ScannerError
 from fabry_perot.host.core import Host
 from fabry_perot.host.ledger import Ledger
@@ -22,22 +24,27 @@ _FIRST_WAIT, _LONGEST_WAIT = 50_000, 1_000_000
 _OURS = frozenset({HoldCause.LEASE, HoldCause.SESSION, HoldCause.NONE})
 """Causes of SAFE_HOLD that are interruptions rather than somebody's wish."""
 _HALTED = frozenset({DeviceState.SAFE_HOLD, DeviceState.LINKED, DeviceState.READY, DeviceState.ARMED})
+_SECURED = INTERLOCK_CLOSED | KEY_ON
 
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """How long a scan is carried over interruptions.
+    """What a scan survives, and how soon after an interruption the laser may come back by itself.
 
     Parameters
     ----------
     patience
         Seconds without an A-line after which an interruption is given up.
     restarts
-        Whether to plan again what a rebooted device lost; otherwise ``DeviceRestarted`` is raised.
+        Whether ``resume()`` may plan again what a restarted device lost; otherwise its restart ends the connection.
+    within
+        The laser comes back by itself at most so many seconds after the last contact; 0: never. Later, after the
+        device was without power, and after its interlock or key was opened, only ``resume()`` brings it back.
     """
 
     patience: float = 10.0
     restarts: bool = True
+    within: float = 2.0
 
 
 class Keeper:
@@ -55,8 +62,12 @@ class Keeper:
         self._host, self._policy = host, policy
         self.ledger = Ledger()
         self.resumes = self.restarts = 0
+        self.refusal: ScannerError | None = None
+        """Why the last :meth:`take_up` came to nothing."""
         self._plan: Plan | None = None
         self._steps: Iterator[None] | None = None
+        self._asked = self._noticed = False
+        self._boot = 0
         self._answer: dict[str, Any] = {}
         self._due = self._wait = self._moved = self._complete = self._now = 0
 
@@ -66,21 +77,45 @@ class Keeper:
         return self._plan is not None
 
     @property
+    def busy(self) -> bool:
+        """Whether a scan is being taken up."""
+        return self._steps is not None
+
+    @property
     def minding(self) -> bool:
         """Whether the scan is interrupted in a way that is this keeper's business."""
-        return self._plan is not None and (self._steps is not None or self._interrupted(self._plan))
+        plan = self._plan
+        return plan is not None and (self.busy or (self._interrupted(plan) and self._permitted()))
+
+    @property
+    def waiting(self) -> bool:
+        """Whether the scan is interrupted and only somebody may take it up."""
+        plan = self._plan
+        return plan is not None and not self.busy and self._interrupted(plan) and not self._permitted()
 
     def engage(self, plan: Plan, laser_shots: int, now: int) -> None:
         """Keep ``plan`` from now on; ``laser_shots`` is what START answered."""
-        host = self._host
         self._note_start(laser_shots)
-        self._plan, self._steps = plan, None
-        host.tolerant = self._policy.restarts
-        self._moved, self._wait, self._due = now, _FIRST_WAIT, now
+        self._keep(plan, now)
+
+    def take_up(self, plan: Plan, now: int) -> None:
+        """Go on with ``plan`` whatever has ended it: somebody has decided so; :meth:`poll` until not :attr:`busy`."""
+        self._keep(plan, now)
+        self._asked, self.refusal, self._steps = True, None, self._recover(plan)
+
+    def _keep(self, plan: Plan, now: int) -> None:
+        self._plan, self._steps, self._asked = plan, None, False
+        self._host.tolerant = self._policy.restarts
+        self._now = self._moved = self._due = now
+        self._wait = _FIRST_WAIT
+
+    def suspend(self) -> None:
+        """Do nothing more by oneself; what becomes of the scan is somebody's decision."""
+        self._plan, self._steps = None, None
 
     def release(self) -> None:
         """Keep nothing any more: somebody stopped the scan, or it is done."""
-        self._plan, self._steps = None, None
+        self.suspend()
         self._host.tolerant = False
 
     def poll(self, now: int) -> None:
@@ -88,13 +123,16 @@ class Keeper:
         host, plan = self._host, self._plan
         if plan is None or host.failure is not None:
             return
+        self._now = now
         self._note_progress(now)
-        if now - self._moved > self._policy.patience * 1e6 and not self._well():
+        if now - self._moved > self._policy.patience * 1e6 and not self._asked and not self._well():
             host.fail(LinkLost(f"no A-line for {self._policy.patience:g} s; the scan could not be taken up again"))
             return
-        if self._steps is None and now >= self._due and self._interrupted(plan):
+        ours = not self.busy and now >= self._due and self._interrupted(plan) and self._permitted()
+        if ours and self._noticed:
             self._steps = self._recover(plan)
-        if self._steps is not None:
+        self._noticed = ours  # between two polls the application gets its say
+        if self.busy:
             self._advance(now)
 
     def _note_progress(self, now: int) -> None:
@@ -111,51 +149,73 @@ class Keeper:
     def _advance(self, now: int) -> None:
         assert self._steps is not None  # noqa: S101
         try:
-            self._now = now
             next(self._steps)
         except StopIteration:
-            self._steps, self._wait = None, _FIRST_WAIT
-        except ScannerError:  # refused or unanswered: look again at how things stand, a little later
+            self._steps, self._asked, self._wait = None, False, _FIRST_WAIT
+        except ScannerError as error:
+            if self._asked:
+                self.refusal = error
+                self.suspend()
+                return
+            # refused or unanswered: look again at how things stand, a little later
             self._steps, self._due = None, now + self._wait
             self._wait = min(2 * self._wait, _LONGEST_WAIT)
 
+    def _known(self) -> bool:
+        """Whether what is known of the device is of now."""
+        host = self._host
+        status, hello = host.status, host.hello
+        if status is None or host.assembly is None or hello is None or host.phase in (HostState.LOST, HostState.HELLO):
+            return False
+        return status.boot == hello.boot and status.state == host.device_state
+
     def _interrupted(self, plan: Plan) -> bool:
         host = self._host
-        status, assembly, hello = host.status, host.assembly, host.hello
-        if status is None or assembly is None or hello is None or host.phase in (HostState.LOST, HostState.HELLO):
+        if not self._known() or host.status is None or host.assembly is None or host.assembly.complete >= plan.length:
             return False
-        if status.boot != hello.boot or status.state != host.device_state or assembly.complete >= plan.length:
-            return False
-        if status.plan != plan.uid:
+        if host.status.plan != plan.uid:
             return True
-        return host.device_state in _HALTED and status.cause in _OURS
+        return host.device_state in _HALTED and host.status.cause in _OURS
+
+    def _permitted(self) -> bool:
+        """Whether the laser may come back without a person: contact was lost a moment ago, and nothing but contact."""
+        status, plan = self._host.status, self._plan
+        if status is None or plan is None or (status.boot, status.plan) != (self._boot, plan.uid):
+            return False
+        if status.laser & _SECURED != _SECURED:
+            return False
+        return self._host.since_contact(self._now) <= self._policy.within
 
     def _recover(self, plan: Plan) -> Iterator[None]:
         """Bring the device back to scanning, step by step; each ``yield`` waits for the next poll."""
-        host = self._host
+        host, asked = self._host, self._asked
+        while not self._known():
+            yield
         assert host.status is not None  # noqa: S101
         anew = host.status.plan != plan.uid
         if anew:
             yield from self._plan_again(plan)
-            self.restarts += 1
         else:
             host.ack_due = True
             if host.device_state is DeviceState.SAFE_HOLD:
                 yield from self._call(Operation.RELEASE)
-        while host.device_state not in (DeviceState.READY, DeviceState.ARMED):
-            if host.device_state is not DeviceState.LINKED:
-                return  # it scans, or somebody or a fault has stopped it meanwhile
+        while host.device_state is DeviceState.LINKED:
             yield
+        if not asked and host.device_state not in (DeviceState.READY, DeviceState.ARMED):
+            return  # it scans, or somebody or a fault has stopped it meanwhile
         yield from self._call(Operation.ARM)
         token = self._answer["token"]
+        if not asked and not self._permitted():
+            yield from self._call(Operation.DISARM)
+            return
         yield from self._call(Operation.START, token=token, **host.lease_fields())
         self._note_start(int(self._answer.get("laser_shots", 0)))
-        self.resumes += not anew
+        self.resumes += not anew and not asked
 
     def _note_start(self, laser_shots: int) -> None:
         host = self._host
         if host.hello is not None and host.uploader is not None and host.status is not None:
-            status = host.status
+            self._boot, status = host.hello.boot, host.status
             self.ledger.started(host.hello.boot, host.uploader.start, laser_shots, status.shots_wasted, status.shots)
 
     def _plan_again(self, plan: Plan) -> Iterator[None]:
@@ -169,6 +229,7 @@ class Keeper:
         while not call.done:
             yield
         call.result()
+        self.restarts += 1
 
     def _call(self, operation: Operation, **body: Any) -> Iterator[None]:
         call = self._host.call(operation, self._now, **body)

@@ -18,11 +18,13 @@ from typing import Any
 
 from sqlalchemy.exc import DBAPIError
 
-from steradian.errors import DiskFull, ScanFailed, SteradianError
+from fabry_perot import Recovery
+from steradian.errors import DiskFull, ScanFailed, ScanInterrupted, SteradianError
 from steradian.scans.control import End
 from steradian.scans.layout import check_disk, scan_file_bytes
 from steradian.scans.proof import ResumeRefused
 from steradian.scans.run import ScanSummary, resume_scan, run_scan
+from steradian.scans.session import DEFAULT
 from steradian.scans.watch import POLL, ScanWatch
 from steradian.settings import Settings
 from steradian.stopping import StopEvent
@@ -79,6 +81,8 @@ class Acquisition:
         Set when the service ends: the scan under way is made safe and left ``interrupted``.
     clock
         Seconds, to pace the reports.
+    recovery
+        How soon after an interruption the laser may come back by itself.
     """
 
     def __init__(
@@ -89,9 +93,10 @@ class Acquisition:
         port: ScannerPort,
         stopping: threading.Event,
         clock: Callable[[], float] = time.monotonic,
+        recovery: Recovery = DEFAULT,
     ) -> None:
         self._scans, self._plans, self._data, self._port = scans, plans, data, port
-        self._stopping, self._clock = stopping, clock
+        self._stopping, self._clock, self._recovery = stopping, clock, recovery
         self._scanner = ScannerRepository(scans.database, scans.clock)
 
     def run(self) -> None:
@@ -158,7 +163,7 @@ class Acquisition:
             watch.over()
             self._finish(row.id, summary.end)
             self._scanner.report("connected", "idle")
-        except ResumeRefused as error:
+        except (ResumeRefused, ScanInterrupted) as error:
             self._give_up(row.id, _S.INTERRUPTED, error.code, str(error), link_is_well=True)
         except ScanFailed as error:
             self._give_up(row.id, _S.INTERRUPTED, error.code, str(error))
@@ -173,11 +178,11 @@ class Acquisition:
     def _measure(self, row: ScanRow, watch: ScanWatch) -> ScanSummary:
         plan, path = self._plans.load(row.plan_id), self._data.scan_file(row.id)
         if path.exists():
-            summary = resume_scan(path, self._port.url(), plan=plan, control=watch)
+            summary = resume_scan(path, self._port.url(), plan=plan, control=watch, recovery=self._recovery)
             if summary.findings:
                 _log.info("scan %s is resumed: %s", row.id, "; ".join(map(str, summary.findings)))
             return summary
-        return run_scan(plan, self._port.url(), path, scan_id=row.id, control=watch)
+        return run_scan(plan, self._port.url(), path, scan_id=row.id, control=watch, recovery=self._recovery)
 
     def _finish(self, identifier: str, end: End) -> None:
         """Lead a scan that ended in good order to its last state."""
@@ -240,7 +245,9 @@ def main() -> None:
         end.start()
         try:
             ScannerRepository(database).ensure(simulated=settings.simulated)
-            Acquisition(ScanRepository(database), PlanRepository(database), data, port, stopping).run()
+            scans, plans = ScanRepository(database), PlanRepository(database)
+            recovery = Recovery(within=settings.resume_within)
+            Acquisition(scans, plans, data, port, stopping, recovery=recovery).run()
         finally:
             port.close()
             database.close()

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import fabry_perot
-from steradian.errors import Cancelled, Conflict, InvalidInput, ScanFailed
+from steradian.errors import Cancelled, Conflict, InvalidInput, ScanFailed, ScanInterrupted
 from steradian.plans import ScanPlan
 from steradian.progress import IsCancelled, Progress
 from steradian.scans.check import check_scan_file
@@ -25,7 +25,7 @@ from steradian.scans.proof import (
     note_tuning,
     require,
 )
-from steradian.scans.session import ScanSession
+from steradian.scans.session import DEFAULT, ScanSession
 from steradian.scans.store import AlineStore
 
 _log = logging.getLogger(__name__)
@@ -71,6 +71,7 @@ def run_scan(
     progress: Progress | None = None,
     cancelled: IsCancelled | None = None,
     control: Control | None = None,
+    recovery: fabry_perot.Recovery = DEFAULT,
 ) -> ScanSummary:
     """Measure every point of a plan and keep the A-lines in a scan file.
 
@@ -88,6 +89,8 @@ def run_scan(
         Reported and asked once a batch; the unit of progress is the A-line.
     control
         Instead of both: who may also pause and stop the scan.
+    recovery
+        What interruptions it survives, and how soon after them the laser may come back by itself.
 
     Raises
     ------
@@ -100,14 +103,14 @@ def run_scan(
     Cancelled
         When ``cancelled`` said so; the laser is off and the file holds what was measured.
     ScanFailed
-        When the scanner or its link gave up; likewise.
+        When the scanner or its link gave up; likewise. A :class:`ScanInterrupted` waits for a person to resume it.
     """
     if path.exists():
         raise Conflict(f"{path} exists; choose another name or remove it")
     path.parent.mkdir(parents=True, exist_ok=True)
     if (warning := check_disk(path.parent, scan_file_bytes(plan))) is not None:
         _log.warning("%s", warning)
-    with _scanner(scanner_url) as scanner:
+    with _scanner(scanner_url, recovery) as scanner:
         model = scanner.capabilities
         check_scanner(plan, model)
         create_scan_file(
@@ -120,7 +123,8 @@ def run_scan(
         )
         with AlineStore(path) as store:
             note_tuning(scanner, store)
-            end = ScanSession(scanner, store, control or Control(progress, cancelled)).measure(store.missing)
+            session = ScanSession(scanner, store, control or Control(progress, cancelled), recovery.within)
+            end = session.measure(store.missing)
             return _summary(store, end, asked=control is not None)
 
 
@@ -134,6 +138,7 @@ def resume_scan(
     progress: Progress | None = None,
     cancelled: IsCancelled | None = None,
     control: Control | None = None,
+    recovery: fabry_perot.Recovery = DEFAULT,
 ) -> ScanSummary:
     """Go on with an interrupted or partial scan in the same file, with the points that are missing.
 
@@ -144,7 +149,7 @@ def resume_scan(
     ----------
     path
         The scan file.
-    scanner_url, progress, cancelled, control
+    scanner_url, progress, cancelled, control, recovery
         As of :func:`run_scan`.
     plan
         Must be the file's, if it is given.
@@ -164,10 +169,10 @@ def resume_scan(
     """
     allowed = tolerance or Tolerance()
     report = check_scan_file(path, progress=progress)
-    with _scanner(scanner_url) as scanner, AlineStore(path) as store:
+    with _scanner(scanner_url, recovery) as scanner, AlineStore(path) as store:
         findings = compare_identity(store, plan, scanner.capabilities)
         require(findings)
-        session = ScanSession(scanner, store, control or Control(progress, cancelled))
+        session = ScanSession(scanner, store, control or Control(progress, cancelled), recovery.within)
         rescued = session.rescue()
         wanted = store.missing | store.flagged(retry)
         if not wanted.any():
@@ -195,13 +200,15 @@ def check_scanner(plan: ScanPlan, capabilities: fabry_perot.Capabilities) -> Non
 
 
 @contextmanager
-def _scanner(url: str) -> Iterator[fabry_perot.Scanner]:
+def _scanner(url: str, recovery: fabry_perot.Recovery) -> Iterator[fabry_perot.Scanner]:
     """Connect, and say in our own words what goes wrong."""
     try:
-        with fabry_perot.connect(url) as scanner:
+        with fabry_perot.connect(url, recovery=recovery) as scanner:
             yield scanner
     except fabry_perot.PlanInvalid as error:
         raise InvalidInput(error.field, error.value, error.allowed) from error
+    except (fabry_perot.LeaseLapsed, fabry_perot.DeviceRestarted) as error:
+        raise ScanInterrupted(f"{error}; resume the scan when the laser may fire again") from error
     except fabry_perot.ScannerError as error:
         raise ScanFailed(str(error)) from error
 

@@ -19,7 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import fabry_perot
+from fabry_perot.clock import RealClock
 from fabry_perot.states import HoldCause
+from steradian.errors import ScanInterrupted
 from steradian.scans.control import ENDING, Control, End, Phase, Wish
 from steradian.scans.course import Course, Segment
 from steradian.scans.excitation import tune_excitation
@@ -27,6 +29,7 @@ from steradian.scans.layout import is_full
 from steradian.scans.store import AlineStore, Upload
 
 _log = logging.getLogger(__name__)
+DEFAULT = fabry_perot.Recovery()
 LOOK = 0.1
 """Seconds between two looks at what is wished, while nothing is fired."""
 TRIES = 30
@@ -51,9 +54,13 @@ class ScanSession:
         The scan file.
     control
         What is wished, and who is told.
+    within
+        Seconds after which a laser that rests for a full disk comes back only when a person says so.
     """
 
-    def __init__(self, scanner: fabry_perot.Scanner, store: AlineStore, control: Control) -> None:
+    def __init__(
+        self, scanner: fabry_perot.Scanner, store: AlineStore, control: Control, within: float = DEFAULT.within
+    ) -> None:
         self._scanner, self._store, self._control = scanner, store, control
         self._course: Course = store.course
         self._rows: NDArray[np.int64] = np.zeros(0, np.int64)
@@ -61,9 +68,11 @@ class ScanSession:
         """Batches that are not stored yet, in order: the scanner still holds them, but sends each once."""
         self._fired_before = self._shots_before = 0
         self._phase: Phase | None = None
-        self._lapses, self._stored_at_lapse = 0, -1
+        self._within = within
         self._fires = False
         """Whether the laser is to fire, were it not for something that passes."""
+        self._rested = 0.0
+        """Seconds for which it has not, if that was too long."""
 
     def rescue(self) -> int:
         """Store what the scanner still holds of the last session's upload, firing nothing; returns how many A-lines.
@@ -121,9 +130,7 @@ class ScanSession:
         self._fires = True
         try:
             while (end := self._take()) is None:
-                end = self._after_a_lapse()
-                if end is not None:
-                    break
+                pass
             if end is End.ABORTED:
                 self._note_fired()
                 return end
@@ -135,34 +142,33 @@ class ScanSession:
             self._fires = False
         return end
 
-    def _after_a_lapse(self) -> End | None:
-        """Go on after this process was held up for longer than the laser's lease: nothing is lost.
-
-        Whatever was wished meanwhile comes first.
-        """
+    def _after_a_lapse(self, lapse: fabry_perot.LeaseLapsed) -> End | None:
+        """Leave the laser off, unless somebody has wished a pause and ends it now; what else was wished is done."""
         wish = self._control.wish()
         if wish is Wish.PAUSE:
             wish = self._pause()
+            if wish is Wish.RUN:
+                return None
         if wish in ENDING:
             return self._leave(wish)
-        if self._store.stored > self._stored_at_lapse:
-            self._stored_at_lapse, self._lapses = self._store.stored, 0
-        self._lapses += 1
-        if self._lapses > TRIES:
-            raise fabry_perot.LinkLost(f"the laser's lease lapsed {TRIES} times without an A-line in between")
-        self._go_on()
-        return None
+        raise lapse
 
     def _laser_shots(self) -> int:
         """Return the laser's own counter, which lasts longer than the scanner's boots."""
         return int(self._insist(self._scanner.statistics)["laser_shots"])
 
     def _take(self) -> End | None:
-        """Store A-lines as they come; returns how it ended, ``None`` when the laser's lease lapsed."""
+        """Store A-lines as they come; returns how it ended, ``None`` when it goes on after all."""
         try:
             for batch in self._scanner.alines(idle=True):
                 if batch and not self._keep(batch):
                     return self._leave(self._control.wish())
+                if self._rested:
+                    self._drain()
+                    raise ScanInterrupted(
+                        f"the laser rested {self._rested:.0f} s for a full disk; what it fired is stored, resume when"
+                        " it may fire again"
+                    )
                 recovering = self._scanner.recovering
                 if recovering:
                     self._enter(Phase.RECOVERING)
@@ -173,8 +179,8 @@ class ScanSession:
                     wish = self._pause()
                 if wish in ENDING and not (wish is Wish.STOP and recovering):
                     return self._leave(wish)
-        except fabry_perot.LeaseLapsed:
-            return None
+        except fabry_perot.LeaseLapsed as lapse:
+            return self._after_a_lapse(lapse)
         return End.COMPLETE
 
     def _pause(self) -> Wish:
@@ -256,7 +262,7 @@ class ScanSession:
 
     def _store_patiently(self, write: Callable[[], None]) -> bool:
         """Write, and while the disk is full let the laser rest and try again; False when somebody wants to end."""
-        blocked = False
+        blocked, clock = False, RealClock()
         while True:
             try:
                 write()
@@ -265,6 +271,7 @@ class ScanSession:
                 if not is_full(error):
                     raise
             if not blocked:
+                since = clock.now()
                 self._rest()
             blocked = True
             self._control.blocked(f"the disk of {self._store.path} is full")
@@ -274,7 +281,11 @@ class ScanSession:
         if blocked:
             self._control.blocked(None)
             if self._fires and self._control.wish() is Wish.RUN:
-                self._go_on()
+                rested = (clock.now() - since) * 1e-6
+                if rested <= self._within:
+                    self._go_on()
+                else:
+                    self._fires, self._rested = False, rested
         return True
 
     def _go_on(self) -> None:

@@ -100,6 +100,14 @@ class Rig:
             except httpx.TransportError:
                 self.counts["requests lost"] += 1
 
+    @staticmethod
+    def until(ready, limit=60.0):
+        """Wait for something to come true."""
+        deadline = time.monotonic() + limit
+        while not ready():
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+
     def state(self, identifier):
         return self.scans.get(identifier).state
 

@@ -7,6 +7,7 @@ import time
 
 import pytest
 
+from fabry_perot import Recovery
 from fabry_perot.simulator import launch
 from steradian.errors import Conflict
 from steradian.masks import equi_steradian_mask
@@ -29,7 +30,7 @@ S, W = ScanState, DesiredScanState
 class Bench:
     """One data directory with its acquisition; scans run when a test calls ``step``."""
 
-    def __init__(self, folder, port=None):
+    def __init__(self, folder, port=None, within=60.0):
         self.settings = Settings.create(data=folder, simulator_speed=50.0)
         self.data = DataDirectory(folder)
         self.data.create()
@@ -40,7 +41,8 @@ class Bench:
         self.scanner.ensure(simulated=True)
         self.stopping = threading.Event()
         self.port = port or ScannerPort(self.settings)
-        self.work = Acquisition(self.scans, self.plans, self.data, self.port, self.stopping)
+        recovery = Recovery(within=within)  # generous: this machine may be busy
+        self.work = Acquisition(self.scans, self.plans, self.data, self.port, self.stopping, recovery=recovery)
 
     def queue(self, **parameters):
         mask = equi_steradian_mask(aperture=13.56e-3, depth=3.6e-3, count=60)
@@ -305,6 +307,38 @@ def test_while_the_disk_is_full_the_laser_rests_and_the_scan_says_so(bench, monk
     row = bench.scans.get(identifier)
     assert (row.state, row.stage) == (S.COMPLETE, "A-lines")
     assert row.summary == {"points": 69, "stored": 69, "fired": 69}
+
+
+def test_a_laser_that_rested_for_a_full_disk_for_too_long_comes_back_only_when_wished(tmp_path, monkeypatch):
+    """Everything that was fired before is stored once there is room."""
+    bench = Bench(tmp_path, within=0.0)
+    full, overwrite = threading.Event(), AlineStore._overwrite
+
+    def write(store, offset, data):
+        if full.is_set():
+            raise OSError(errno.ENOSPC, "No space left on device")
+        overwrite(store, offset, data)
+
+    monkeypatch.setattr(AlineStore, "_overwrite", write)
+    monkeypatch.setattr("steradian.scans.session.AGAIN", 0.05)
+    identifier = bench.queue(pulse_rate=5.0)
+
+    def act():
+        bench.until(identifier, S.RUNNING)
+        full.set()
+        while not (bench.scans.get(identifier).stage or "").startswith("blocked"):
+            threading.Event().wait(0.01)
+        full.clear()
+
+    bench.meanwhile(act)
+    row = bench.scans.get(identifier)
+    assert (row.state, row.desired_state, row.error_code) == (S.INTERRUPTED, W.PAUSED, "scan-interrupted")
+    assert row.summary["fired"] == row.summary["stored"] < 69
+    bench.work._recovery = Recovery(within=60.0)
+    bench.scans.desire(identifier, W.RUNNING, None)
+    bench.work.step()
+    assert bench.scans.get(identifier).state is S.COMPLETE
+    bench.close()
 
 
 def test_a_scan_that_cannot_fit_fails_before_a_pulse(bench, monkeypatch):

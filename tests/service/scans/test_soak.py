@@ -8,6 +8,7 @@ import importlib.util
 import itertools
 import json
 import os
+import signal
 import time
 from collections import Counter
 from pathlib import Path
@@ -109,6 +110,29 @@ def soak(rigs, folder, seed, scans, capsys, *, api, count, faults=FAULTS, most=4
     return rig.counts
 
 
+def test_a_process_that_hung_for_seconds_fires_nothing_until_somebody_resumes_the_scan(rigs, tmp_path, capsys):
+    plan = ScanPlan.create(mask=equi_steradian_mask(13.56e-3, 3.6e-3, 60), samples=1024, pulse_rate=5.0)
+    rig, truth = rigs.Rig(tmp_path, 3, api=False), rigs.Truth(plan)
+    try:
+        identifier = rig.queue(plan)
+        rig.until(lambda: len(rig.diary(identifier)) > 5)
+        os.kill(rig.acquisition.pid, signal.SIGSTOP)
+        began = rig.simulator.command("report")["time"]
+        rig.until(lambda: rig.simulator.command("report")["time"] > began + 12e6)
+        dark = rig.simulator.command("report")
+        os.kill(rig.acquisition.pid, signal.SIGCONT)
+        rig.until(lambda: rig.state(identifier) is S.INTERRUPTED)
+        after = rig.simulator.command("report")
+        assert (dark["state"], dark["shots"]) == ("safe_hold", after["shots"]), "12 s of the scanner's time"
+        assert rig.scans.get(identifier).error_code == "scan-interrupted"
+        rig.wish(identifier, W.RUNNING)
+        rig.until(lambda: is_terminal(rig.state(identifier)))
+        judge(rig, identifier, plan, truth, rig.state(identifier), None)
+        assert rig.simulator.command("report")["shots"] == rig.scans.get(identifier).summary["fired"]
+    finally:
+        rig.close()
+
+
 @pytest.mark.soak
 @pytest.mark.timeout(1800)
 def test_twenty_scans_while_everything_fails(rigs, tmp_path, capsys):
@@ -124,7 +148,7 @@ def test_two_scans_while_much_fails(rigs, tmp_path, capsys):
     try:
         for faults in (["full-disk", "copy", "kill-acquisition"], ["stop-acquisition", "unplug"]):
             assert run_one(rig, plan, truth, faults) is S.COMPLETE
-        assert rig.counts["resumed"] == 1
+        assert rig.counts["resumed"] >= 1, "more where this machine held somebody up for seconds"
         assert rig.counts["seen blocked"] == 1
     finally:
         rig.close()
