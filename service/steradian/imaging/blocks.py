@@ -97,8 +97,9 @@ def blocks(lateral: Lateral, modes: tuple[int, int], scales: tuple[float, float]
         -2j * np.pi * sum(n * s / g for n, s, g in zip(number, lateral.shift, lateral.grid, strict=True))
     )
     for n, window, g in zip(number, lateral.windows, lateral.grid, strict=True):
-        if window is not None:
-            factor = factor / window.transform(n / g)
+        if window is not None:  # a few thousand different numbers stand for millions of modes
+            least = int(n.min())
+            factor = factor / window.transform(np.arange(least, int(n.max()) + 1) / g)[n - least]
     sign = np.where(straight, 1.0, -1.0)
     parts = np.zeros((4, count * 16))
     parts[:, place] = factor.real, -sign * factor.imag, factor.imag, sign * factor.real

@@ -84,6 +84,16 @@ def fast_size(least: float) -> int:
     return best
 
 
+def table_bytes(size: int) -> int:
+    """Bytes of the tables for ``size`` points while they are made, in float64: few, but for large primes."""
+    numbers, length = 0, size
+    for radix in factorise(size) if size > 1 else []:
+        numbers += 2 * (length // radix) * (radix - 1)
+        numbers += 0 if radix in _RADICES else 2 * (radix // 2) ** 2
+        length //= radix
+    return 8 * numbers
+
+
 @lru_cache(maxsize=64)
 def transform(size: int, dtype: str) -> Transform:
     """Tables for ``size`` points in float32 or float64 (cached)."""

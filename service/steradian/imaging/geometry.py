@@ -10,8 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steradian.errors import InvalidInput
+from steradian.imaging import checks
+from steradian.imaging.checks import Sensors
 from steradian.imaging.volume import Axes
 from steradian.imaging.weights import voronoi_weights
+from steradian.ranges import SAMPLING_INTERVAL, SOUND_SPEED, real
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,33 +86,6 @@ class Geometry:
         return np.asarray(places - np.floor(places))
 
 
-def _positive(field: str, value: float, unit: str) -> float:
-    number = float(value)
-    if not (np.isfinite(number) and number > 0):
-        raise InvalidInput(field, value, f"a finite number above 0 {unit}")
-    return number
-
-
-def _per_axis(field: str, value: float | Sequence[float], count: int) -> tuple[float, ...]:
-    values = (value,) * count if np.ndim(value) == 0 else tuple(value)  # type: ignore[arg-type]
-    if len(values) != count:
-        raise InvalidInput(field, value, f"one number, or {count} (one a lateral axis)")
-    return tuple(float(v) for v in values)  # type: ignore[arg-type]
-
-
-def _sensors(positions: ArrayLike) -> NDArray[np.float64]:
-    x = np.array(positions, np.float64)
-    x = x[:, None] if x.ndim == 1 else x
-    if x.ndim != 2 or x.shape[1] not in (1, 2) or len(x) == 0:
-        raise InvalidInput(
-            "positions", f"an array of shape {np.shape(positions)}", "shape (M, 2), or (M,) in 2-D; M ≥ 1"
-        )
-    bad = np.flatnonzero(~np.isfinite(x).all(axis=1))
-    if bad.size:
-        raise InvalidInput("positions", f"not finite at sensor {bad[0]}", "finite numbers in metres")
-    return x
-
-
 def _weights(
     weights: ArrayLike | Literal["voronoi"] | None, x: NDArray[np.float64], period: tuple[float, ...]
 ) -> NDArray[np.float64]:
@@ -120,34 +96,27 @@ def _weights(
         if weights != "voronoi":
             raise InvalidInput("weights", weights, "an array, None (equal) or 'voronoi'")
         return voronoi_weights(x - np.rint(x / np.array(period)) * np.array(period), period)
-    h = np.array(weights, np.float64)
-    if h.shape != (count,):
-        raise InvalidInput("weights", f"an array of shape {h.shape}", f"one weight a sensor, shape ({count},)")
-    if not np.isfinite(h).all():
-        raise InvalidInput("weights", "not finite", "finite numbers in m² (in m for a line)")
-    return h
+    h = checks.numbers("weights", weights, f"one weight a sensor, shape ({count},)")
+    return checks.areas(h, x, period)
 
 
 def _depths(depth_range: tuple[float, float] | None, samples: int, record: int, step: float) -> tuple[int, int]:
     if depth_range is None:
         return 0, samples
-    low, high = (float(v) for v in depth_range)
-    allowed = f"two depths in metres, rising, within 0 … {record * step:.6g}"
-    if not (np.isfinite([low, high]).all() and -1e-9 * step <= low <= high <= (record - 1) * step * (1 + 1e-9)):
-        raise InvalidInput("depth_range", depth_range, allowed)
+    low, high = checks.depths(depth_range, (record - 1) * step)
     first, last = int(np.ceil(low / step - 1e-6)), int(np.floor(high / step + 1e-6)) + 1
     if last <= first:
-        raise InvalidInput("depth_range", depth_range, allowed + f", holding at least one slice (step {step:.4g})")
+        raise InvalidInput("depth_range", depth_range, f"a range with at least one slice (step {step:.4g} m)")
     return first, min(last, record)
 
 
 def geometry(
-    positions: ArrayLike,
+    positions: ArrayLike | Sensors,
     *,
     samples: int,
     sampling_interval: float,
     sound_speed: float,
-    aperture: float | Sequence[float],
+    aperture: float | Sequence[float] | None = None,
     modes: int | Sequence[int],
     weights: ArrayLike | Literal["voronoi"] | None = None,
     upsampling: int = 1,
@@ -164,30 +133,20 @@ def geometry(
     InvalidInput
         Naming the parameter and what is allowed.
     """
-    x = _sensors(positions)
+    positions, weights, aperture = checks.of_mask(positions, weights, aperture)
+    x = checks.places(positions)
     axes = x.shape[1]
-    period = _per_axis("aperture", aperture, axes)
-    for value in period:
-        _positive("aperture", value, "m")
-    counts = _per_axis("modes", modes, axes)
-    if any(n != int(n) or n < 2 for n in counts):
-        raise InvalidInput("modes", modes, "whole numbers from 2")
-    if int(samples) != samples or samples < 4:
-        raise InvalidInput("samples", samples, "a whole number from 4")
-    if int(upsampling) != upsampling or not 1 <= upsampling <= 16:
-        raise InvalidInput("upsampling", upsampling, "a whole number from 1 to 16")
-    interval = _positive("sampling_interval", sampling_interval, "s")
-    speed = _positive("sound_speed", sound_speed, "m/s")
-    for field, value in (("time_padding", time_padding), ("lateral_padding", lateral_padding)):
-        if not 1.0 <= value <= 16.0:
-            raise InvalidInput(field, value, "a factor from 1 to 16")
-    if not np.isfinite(time_zero):
-        raise InvalidInput("time_zero", time_zero, "a finite time in s")
+    period = checks.apertures(aperture, axes)
+    number = tuple(checks.whole("modes", n, 2) for n in checks.per_axis("modes", modes, axes))
+    samples = checks.whole("samples", samples, 4, checks.MOST_SAMPLES)
+    interval = SAMPLING_INTERVAL.check("sampling_interval", sampling_interval)
+    speed = SOUND_SPEED.check("sound_speed", sound_speed)
+    time_padding = checks.within("time_padding", time_padding, 1, 16, "a factor")
+    lateral_padding = checks.within("lateral_padding", lateral_padding, 1, 16, "a factor")
     extent = 2 * np.abs(x).max(axis=0)
     if not wrap and any(e > X * (1 + 1e-9) for e, X in zip(extent, period, strict=True)):
         needed = ", ".join(f"{e:.6g}" for e in extent)
         raise InvalidInput("aperture", aperture, f"at least the sensors' extent about 0 ({needed} m), or wrap=True")
-    number = tuple(int(n) for n in counts)
     padded = tuple(int(np.ceil(n * lateral_padding - 1e-9)) for n in number)
     record = int(np.ceil(samples * time_padding - 1e-9))
     return Geometry(
@@ -197,11 +156,11 @@ def geometry(
         modes=number,
         period=tuple(X * p / n for X, p, n in zip(period, padded, number, strict=True)),
         padded_modes=padded,
-        samples=int(samples),
+        samples=samples,
         record=record,
         sampling_interval=interval,
         sound_speed=speed,
-        time_zero=float(time_zero),
-        depth=_depths(depth_range, int(samples), record, interval * speed),
-        upsampling=int(upsampling),
+        time_zero=real("time_zero", time_zero, "a finite time in s"),
+        depth=_depths(depth_range, samples, record, interval * speed),
+        upsampling=checks.whole("upsampling", upsampling, 1, 16),
     )

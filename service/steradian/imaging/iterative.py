@@ -16,16 +16,19 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, DTypeLike
 
 from steradian.errors import Cancelled, InvalidInput
+from steradian.imaging import checks, memory
 from steradian.imaging.band import refined, signal_band, thinned, thinning
+from steradian.imaging.checks import Sensors
 from steradian.imaging.iterative_options import Iterative
 from steradian.imaging.operators import ForwardOperator, quiet_padding
 from steradian.imaging.regularisers import proximal
 from steradian.imaging.response import FilmResponse
 from steradian.imaging.volume import Axes, RealArray, Volume
 from steradian.progress import IsCancelled, Progress
+from steradian.ranges import SAMPLING_INTERVAL, SOUND_SPEED, real
 
 _MOST_PADDING = 16.0
 _POWER_STEPS = 6
@@ -65,11 +68,11 @@ class IterativeResult:
 
 def reconstruct_iteratively(
     traces: ArrayLike,
-    positions: ArrayLike,
+    positions: ArrayLike | Sensors,
     *,
     sampling_interval: float,
     sound_speed: float,
-    aperture: float | Sequence[float],
+    aperture: float | Sequence[float] | None = None,
     modes: int | Sequence[int],
     options: Iterative | None = None,
     upsampling: int = 1,
@@ -80,7 +83,7 @@ def reconstruct_iteratively(
     wrap: bool = False,
     scale: float = 1.0,
     response: FilmResponse | None = None,
-    dtype: Literal["float32", "float64"] | None = None,
+    dtype: DTypeLike | None = None,
     memory_limit: int | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
@@ -99,7 +102,7 @@ def reconstruct_iteratively(
     response
         The film's response, part of the model.
     memory_limit
-        Refuse to start if more bytes than this are needed, image included.
+        Refuse to start if more bytes than this are needed, image included; None: more than are available.
 
     Raises
     ------
@@ -109,6 +112,17 @@ def reconstruct_iteratively(
         If ``cancelled`` said so.
     """
     chosen = options or Iterative()
+    if not isinstance(chosen, Iterative):
+        raise InvalidInput("iterative", type(chosen).__name__, "steradian.imaging.Iterative(…), or None")
+    positions, _, aperture = checks.of_mask(positions, None, aperture)
+    positions = checks.places(positions)
+    aperture = checks.apertures(aperture, positions.shape[1])
+    sampling_interval = SAMPLING_INTERVAL.check("sampling_interval", sampling_interval)
+    sound_speed = SOUND_SPEED.check("sound_speed", sound_speed)
+    time_zero = real("time_zero", time_zero, "a finite time in s")
+    upsampling = checks.whole("upsampling", upsampling, 1, 16)
+    tolerance = checks.within("tolerance", tolerance, 1e-12, 0.1, "a relative error")
+    kind = checks.working_precision(dtype, tolerance)
     data = np.asarray(traces)
     if data.ndim != 2 or not np.isfinite(data).all():
         raise InvalidInput(
@@ -118,11 +132,8 @@ def reconstruct_iteratively(
     factor = thinning(chosen.highest_frequency or highest, sampling_interval)
     step = sampling_interval * sound_speed
     first, last, coarse = _slices(depth_range, data.shape[1], factor, step)
-    kind = dtype or "float32"
     measured = thinned(data, factor, kind)
-    measured *= measured.dtype.type(scale)
-    if not np.all(np.asarray(aperture, np.float64) > 0):
-        raise InvalidInput("aperture", aperture, "a finite number above 0 m")
+    measured *= measured.dtype.type(real("scale", scale, "a finite factor"))
     duration = data.shape[1] * sampling_interval + max(0.0, time_zero)
     padding = lateral_padding
     if padding is None:
@@ -144,11 +155,11 @@ def reconstruct_iteratively(
         tolerance=tolerance,
         wrap=wrap,
         dtype=kind,
+        memory_limit=memory_limit,
         threads=threads,
     )
     needed = _bytes(model, measured, chosen, factor, upsampling, last - first)
-    if memory_limit is not None and needed > memory_limit:
-        raise InvalidInput("memory_limit", memory_limit, f"at least {needed} bytes for this volume")
+    memory.require(needed, memory_limit, (*(upsampling * n for n in model.geometry.modes), last - first))
     expected = (noise if chosen.noise is None else chosen.noise) * abs(scale) * np.sqrt(measured.size / factor)
     solution = _Descent(model, measured, chosen, float(expected), progress, cancelled)
     values = solution.run()
@@ -266,10 +277,7 @@ def _slices(
     end = -(-samples // factor) - 1
     if depth_range is None:
         return 0, samples, (0, end)
-    low, high = (float(v) for v in depth_range)
-    if not (np.isfinite([low, high]).all() and 0 <= low <= high <= (samples - 1) * step * (1 + 1e-9)):
-        allowed = f"two depths in metres, rising, within 0 … {(samples - 1) * step:.6g}"
-        raise InvalidInput("depth_range", depth_range, allowed)
+    low, high = checks.depths(depth_range, (samples - 1) * step)
     first, last = int(np.ceil(low / step - 1e-6)), int(np.floor(high / step + 1e-6)) + 1
     if last <= first:
         raise InvalidInput("depth_range", depth_range, f"a range with at least one slice (step {step:.4g} m)")

@@ -21,14 +21,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import factorial
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
 from steradian.errors import InvalidInput
-from steradian.imaging import workers
+from steradian.imaging import checks, memory, workers
+from steradian.imaging.checks import Sensors
 from steradian.imaging.factors import fast_size
 from steradian.imaging.geometry import Geometry
 from steradian.imaging.lateral import Lateral, grid_of, gridded, non_uniform
@@ -38,6 +39,7 @@ from steradian.imaging.sizes import lateral_grid
 from steradian.imaging.volume import RealArray
 from steradian.imaging.windows import Shape, Window
 from steradian.progress import IsCancelled, Progress
+from steradian.ranges import SAMPLING_INTERVAL, SOUND_SPEED, real
 
 if TYPE_CHECKING:
     _Base = LinearOperator[Any]
@@ -102,12 +104,12 @@ class ForwardOperator(_Base):
 
     def __init__(
         self,
-        positions: ArrayLike,
+        positions: ArrayLike | Sensors,
         *,
         samples: int,
         sampling_interval: float,
         sound_speed: float,
-        aperture: float | Sequence[float],
+        aperture: float | Sequence[float] | None = None,
         modes: int | Sequence[int],
         depth_range: tuple[float, float] | None = None,
         time_zero: float = 0.0,
@@ -117,10 +119,15 @@ class ForwardOperator(_Base):
         tolerance: float = 1e-4,
         window: Shape | Window = "kaiser-bessel",
         wrap: bool = False,
-        dtype: Literal["float32", "float64"] | None = None,
+        dtype: DTypeLike | None = None,
         memory_limit: int | None = None,
         threads: int | None = None,
     ) -> None:
+        positions, _, aperture = checks.of_mask(positions, None, aperture)
+        samples = checks.whole("samples", samples, 4, checks.MOST_SAMPLES)
+        sampling_interval = SAMPLING_INTERVAL.check("sampling_interval", sampling_interval)
+        sound_speed = SOUND_SPEED.check("sound_speed", sound_speed)
+        time_zero = real("time_zero", time_zero, "a finite time in s")
         common: dict[str, Any] = {
             "sampling_interval": sampling_interval,
             "sound_speed": sound_speed,
@@ -130,21 +137,23 @@ class ForwardOperator(_Base):
             "tolerance": tolerance,
             "window": window,
             "dtype": dtype,
+            "memory_limit": memory_limit,
             "threads": threads,
         }
         step = sampling_interval * sound_speed
-        deepest = samples if depth_range is None else int(np.floor(depth_range[1] / step + 1e-6)) + 1
+        whole = (0.0, (samples - 1) * step)
+        depth_range = whole if depth_range is None else checks.depths(depth_range, whole[1])
+        deepest = int(np.floor(depth_range[1] / step + 1e-6)) + 1
         heard = samples + max(0, int(np.ceil(time_zero / sampling_interval)))
         # the mirror image's next copy lies at L − z; its sound comes no earlier than sample L − z
         record = fast_size(deepest + heard)
         plan = _ModelPlan(
             positions,
             samples=samples,
-            depth_range=(0.0, (samples - 1) * step) if depth_range is None else depth_range,
+            depth_range=depth_range,
             time_zero=time_zero,
             time_padding=max(1.0, record / samples),
             wrap=wrap,
-            memory_limit=memory_limit,
             **common,
         )
         self._plan, g = plan, plan.geometry
@@ -157,6 +166,7 @@ class ForwardOperator(_Base):
             response, nyquist=0.5 / sampling_interval, bandwidth=0.5 * g.record, sound_speed=sound_speed
         )
         self.memory_bytes = max(plan.memory_bytes, self._bytes(plan), self._bytes(self._voxels))
+        memory.require(self.memory_bytes, memory_limit, g.shape)
         self.volume_shape, self.trace_shape = g.shape, (len(g.positions), g.samples)
         super().__init__(  # type: ignore[call-arg]
             np.dtype(plan.dtype), (int(np.prod(self.trace_shape)), int(np.prod(g.shape)))

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import prod
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from steradian.errors import InvalidInput
-from steradian.imaging import workers
+from steradian.imaging import checks, memory
 from steradian.imaging.blocks import blocks
-from steradian.imaging.factors import Transform, transform
+from steradian.imaging.checks import Sensors
+from steradian.imaging.factors import Transform, table_bytes, transform
 from steradian.imaging.geometry import Geometry, geometry
 from steradian.imaging.lateral import Lateral, filled, grid_of, gridded, non_uniform
 from steradian.imaging.response import Correction, tabulated
@@ -19,10 +21,11 @@ from steradian.imaging.sizes import lateral_grid, time_grid
 from steradian.imaging.volume import Volume
 from steradian.imaging.windows import Shape, Window
 from steradian.progress import IsCancelled, Progress
+from steradian.ranges import real
 
 Method: TypeAlias = Literal["nedner", "ner", "linear", "nearest", "interpolated"]
 _PAD = 24  # cells repeated at either end of a spectrum (columns.PAD, which needs Numba to import)
-_SINGLE_FLOOR = 5e-6  # below this tolerance float32 does not suffice
+_COLUMN_BYTES, _SAMPLE_BYTES = 290, 900  # of tables while a plan is made, for a lateral mode and for a sample, at least
 
 
 class ReconstructionPlan:
@@ -47,17 +50,17 @@ class ReconstructionPlan:
     Raises
     ------
     InvalidInput
-        If a parameter is out of range, or the memory needed exceeds ``memory_limit``.
+        If a parameter is out of range, or the memory needed exceeds ``memory_limit``, or what is available.
     """
 
     def __init__(
         self,
-        positions: ArrayLike,
+        positions: ArrayLike | Sensors,
         *,
         samples: int,
         sampling_interval: float,
         sound_speed: float,
-        aperture: float | Sequence[float],
+        aperture: float | Sequence[float] | None = None,
         modes: int | Sequence[int],
         weights: ArrayLike | Literal["voronoi"] | None = None,
         upsampling: int = 1,
@@ -70,18 +73,18 @@ class ReconstructionPlan:
         lateral_padding: float = 1.0,
         wrap: bool = False,
         correction: Correction | None = None,
-        dtype: Literal["float32", "float64"] | None = None,
+        dtype: DTypeLike | None = None,
         memory_limit: int | None = None,
         threads: int | None = None,
     ) -> None:
-        if method not in get_args(Method):
-            raise InvalidInput("method", method, ", ".join(get_args(Method)))
-        if not isinstance(window, Window) and window not in get_args(Shape):
-            raise InvalidInput("window", window, ", ".join(get_args(Shape)) + ", or a Window")
-        if dtype not in (None, "float32", "float64"):
-            raise InvalidInput("dtype", dtype, "float32, float64 or None")
-        if not 1e-12 <= tolerance <= 1e-1:
-            raise InvalidInput("tolerance", tolerance, "a relative error from 1e-12 to 0.1")
+        checks.choice("method", method, get_args(Method), "; iterative is for reconstruct()")
+        if not isinstance(window, Window):
+            checks.choice("window", window, get_args(Shape), ", or a Window")
+        if not isinstance(correction, Correction | None):
+            raise InvalidInput("correction", type(correction).__name__, "a Correction, or None")
+        self.tolerance = checks.within("tolerance", tolerance, 1e-12, 0.1, "a relative error")
+        self.dtype: str = checks.working_precision(dtype, self.tolerance)
+        self.threads = checks.thread_count(threads)
         self.geometry: Geometry = geometry(
             positions,
             samples=samples,
@@ -97,12 +100,10 @@ class ReconstructionPlan:
             lateral_padding=lateral_padding,
             wrap=wrap,
         )
-        self.tolerance = float(tolerance)
-        self.dtype: str = dtype or ("float32" if tolerance >= _SINGLE_FLOOR else "float64")
-        self.threads = threads or workers.available()
         g = self.geometry
         flat = len(g.modes) == 1
         self._modes = (1, g.padded_modes[0]) if flat else (g.padded_modes[0], g.padded_modes[1])
+        memory.require(self._least_bytes(), memory_limit, g.shape)
         places = g.places()
         if flat:
             places = np.concatenate([np.zeros_like(places), places], axis=1)
@@ -114,10 +115,18 @@ class ReconstructionPlan:
         scales = [g.record * g.depth_step / X for X in g.period]
         both = (0.0, scales[0]) if flat else (scales[0], scales[1])
         norm = 0.5 / (float(np.prod(g.padded_modes)) * g.record)
-        self._blocks = blocks(self._lateral, self._modes, both, norm, self.dtype)
         self._prepare_memory()
-        if memory_limit is not None and self.memory_bytes > memory_limit:
-            raise InvalidInput("memory_limit", memory_limit, f"at least {self.memory_bytes} bytes for this volume")
+        memory.require(self.memory_bytes, memory_limit, g.shape)
+        self._blocks = blocks(self._lateral, self._modes, both, norm, self.dtype)
+
+    def _least_bytes(self) -> int:
+        """Lower bound of what plan and run take, from numbers alone: nothing large has been made yet."""
+        g = self.geometry
+        columns = self._modes[0] * (self._modes[1] // 2 + 1)
+        tables = columns * _COLUMN_BYTES + g.samples * _SAMPLE_BYTES
+        tables += sum(table_bytes(n) for n in {g.record, *self._inverse_size()})
+        image = max(2 * columns, prod(g.shape[:-1])) * g.shape[-1] * np.dtype(self.dtype).itemsize
+        return max(tables, image)
 
     def _prepare_lateral(self, places: NDArray[np.float64], method: Method, window: Shape | Window) -> None:
         g = self.geometry
@@ -158,7 +167,7 @@ class ReconstructionPlan:
     def _prepare_memory(self) -> None:
         g = self.geometry
         item = np.dtype(self.dtype).itemsize
-        self._out_rows = int(np.prod(g.shape[:-1]))
+        self._out_rows = prod(g.shape[:-1])
         depth = g.shape[-1]
         mode_rows = 2 * self._modes[0] * (self._modes[1] // 2 + 1)
         # where the modes' depths go: over their own times, or (replicated) to a place of their own
@@ -230,8 +239,7 @@ class ReconstructionPlan:
         wanted = f"shape ({len(g.positions)}, {g.samples}): one row a sensor, one column a sample"
         if data.ndim not in (2, 3) or data.shape[-2:] != (len(g.positions), g.samples):
             raise InvalidInput("traces", f"an array of shape {data.shape}", wanted)
-        if not np.isfinite(scale):
-            raise InvalidInput("scale", scale, "a finite factor")
+        scale = real("scale", scale, "a finite factor")
         if data.ndim == 3:
             return [self._one(execute, frame, scale, progress, cancelled) for frame in data]
         return self._one(execute, data, scale, progress, cancelled)

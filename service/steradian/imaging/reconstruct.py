@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, DTypeLike
 
 from steradian.errors import InvalidInput
+from steradian.imaging import checks
+from steradian.imaging.checks import Sensors
 from steradian.imaging.iterative_options import Iterative
 from steradian.imaging.plan import Method as DirectMethod
 from steradian.imaging.plan import ReconstructionPlan
@@ -22,11 +24,11 @@ Method: TypeAlias = DirectMethod | Literal["iterative"]
 
 def reconstruct(
     traces: ArrayLike,
-    positions: ArrayLike,
+    positions: ArrayLike | Sensors,
     *,
     sampling_interval: float,
     sound_speed: float,
-    aperture: float | Sequence[float],
+    aperture: float | Sequence[float] | None = None,
     modes: int | Sequence[int],
     weights: ArrayLike | Literal["voronoi"] | None = None,
     upsampling: int = 1,
@@ -36,12 +38,12 @@ def reconstruct(
     window: Shape | Window = "kaiser-bessel",
     time_zero: float = 0.0,
     time_padding: float = 1.0,
-    lateral_padding: float = 1.0,
+    lateral_padding: float | None = None,
     wrap: bool = False,
     correction: Correction | None = None,
     iterative: Iterative | None = None,
     scale: float = 1.0,
-    dtype: Literal["float32", "float64"] | None = None,
+    dtype: DTypeLike | None = None,
     memory_limit: int | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
@@ -54,19 +56,21 @@ def reconstruct(
     traces
         A-lines, shape (M, N_t), floating or integer; column n was recorded at ``time_zero`` + n·dt.
     positions
-        Sensors in metres, shape (M, 2), or (M,) in 2-D; the origin is the middle of the aperture.
+        Sensors in metres, shape (M, 2), or (M,) in 2-D; the origin is the middle of the aperture. Or a
+        :class:`steradian.Mask`, which has weights and aperture of its own.
     sampling_interval
         dt in seconds.
     sound_speed
         c in m/s. The depth step is c·dt.
     aperture
-        Lateral period X in metres, one number or (X, Y).
+        Lateral period X in metres, one number or (X, Y); None: the mask's.
     modes
         Lateral image points N over the aperture, one number or (Nx, Ny). More than the sensors' own sampling sharpens
         the image: the spectrum repeats, and κ sorts it.
     weights
         h_m in m² (m in 2-D), shape (M,), with the aperture's area as their sum; "voronoi": areas of the sensors' cells;
-        None: equal. Sensors at the same place are allowed, their contributions add up.
+        None: the mask's, else equal. Sensors at the same place are allowed, their contributions add up. None may be
+        negative, and a sum above twice the aperture's area, or below a thousandth of it, is refused.
     upsampling
         Lateral image points per mode: sinc interpolation of the finished image, for looks.
     depth_range
@@ -77,8 +81,8 @@ def reconstruct(
         "interpolated": the grid (the sensors', or that of the modes) is filled linearly from the sensors first, and
         ``weights`` play no part.
         "iterative": the image that fits the A-lines best among those a regulariser prefers
-        (:mod:`steradian.imaging.iterative`, whose function also tells how it was found); ``weights``, ``window`` and
-        ``time_padding`` play no part, and the lateral padding is chosen if it is 1.
+        (:mod:`steradian.imaging.iterative`, whose function also tells how it was found); ``weights`` play no part, and
+        it takes no ``window``, ``time_padding`` or ``max_gain`` of a correction.
     tolerance
         Relative l2 error of the image's spectrum against the direct sums; chooses window and grids.
     window
@@ -88,19 +92,21 @@ def reconstruct(
         Time of the first sample after the laser pulse, in s.
     time_padding, lateral_padding
         Factors from 1 by which record and aperture are extended with zeros: against deep reflectors that fold back, and
-        sources outside the aperture. The image's points stay where they are.
+        sources outside the aperture. The image's points stay where they are. Lateral None: 1, and as much as it needs
+        for "iterative".
     wrap
         Allow sensors outside the aperture; they count where the periodic aperture has them.
     correction
         Of the film's response over frequency and angle: a regularised filter, or for "iterative" part of the model.
     iterative
-        Regulariser and stopping rule of that method.
+        Regulariser and stopping rule of that method, and of no other.
     scale
         Factor of the traces (pressure per count).
     dtype
-        Working precision and that of the image; None: float32, float64 where the tolerance is below 5e-6.
+        Working precision and that of the image, float32 or float64; None: float32, float64 where the tolerance is below
+        5e-6.
     memory_limit
-        Refuse to start if more bytes than this are needed, image included.
+        Refuse to start if more bytes than this are needed, image included; None: more than are available.
     threads
         None: all processors this process may use.
     progress, cancelled
@@ -118,10 +124,12 @@ def reconstruct(
     Cancelled
         If ``cancelled`` said so.
     """
+    checks.choice("method", method, (*get_args(DirectMethod), "iterative"))
     data = np.asarray(traces)
     if data.ndim != 2:
         raise InvalidInput("traces", f"an array of shape {data.shape}", "shape (M, N_t): one row a sensor")
     if method == "iterative":
+        _refuse_unused(window, time_padding, correction)
         from steradian.imaging.iterative import reconstruct_iteratively
 
         return reconstruct_iteratively(
@@ -136,7 +144,7 @@ def reconstruct(
             depth_range=depth_range,
             tolerance=tolerance,
             time_zero=time_zero,
-            lateral_padding=lateral_padding if lateral_padding > 1 else None,
+            lateral_padding=lateral_padding,
             wrap=wrap,
             scale=scale,
             response=correction.response if correction else None,
@@ -146,6 +154,10 @@ def reconstruct(
             progress=progress,
             cancelled=cancelled,
         ).volume
+    if iterative is not None:
+        raise InvalidInput(
+            "iterative", "given", f"None with the method {method}; these options are of 'iterative' alone"
+        )
     plan = ReconstructionPlan(
         positions,
         samples=data.shape[1],
@@ -161,7 +173,7 @@ def reconstruct(
         window=window,
         time_zero=time_zero,
         time_padding=time_padding,
-        lateral_padding=lateral_padding,
+        lateral_padding=1.0 if lateral_padding is None else lateral_padding,
         wrap=wrap,
         correction=correction,
         dtype=dtype,
@@ -171,3 +183,17 @@ def reconstruct(
     volume = plan.run(data, scale=scale, progress=progress, cancelled=cancelled)
     assert isinstance(volume, Volume)  # noqa: S101
     return volume
+
+
+def _refuse_unused(window: Shape | Window, time_padding: float, correction: Correction | None) -> None:
+    """Refuse what the method iterative would not use, if it is not the default."""
+    allowed = "{} with the method iterative, which has no use for another"
+    if window != "kaiser-bessel":
+        raise InvalidInput("window", window, allowed.format("kaiser-bessel"))
+    if time_padding != 1:
+        raise InvalidInput("time_padding", time_padding, allowed.format("1"))
+    if not isinstance(correction, Correction | None):
+        raise InvalidInput("correction", type(correction).__name__, "a Correction, or None")
+    usual = Correction.__dataclass_fields__["max_gain"].default
+    if correction is not None and correction.max_gain != usual:
+        raise InvalidInput("correction.max_gain", correction.max_gain, allowed.format(f"{usual:g}"))

@@ -8,12 +8,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from steradian.imaging.checks import choice, whole, within
+
 Shape: TypeAlias = Literal["semicircle", "kaiser-bessel"]
+MOST_TAPS = 48
+"""Both ends of a spectrum are repeated that far, half of it at either."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +40,11 @@ class Window:
     width: int
     oversampling: float
     beta: float
+
+    def __post_init__(self) -> None:
+        choice("shape", self.shape, get_args(Shape))
+        whole("width", self.width, 2, MOST_TAPS)
+        within("oversampling", self.oversampling, 1, 16, "grid points per mode")
 
     def __call__(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """φ(x), x in grid cells, any shape; zero beyond half the width."""

@@ -13,6 +13,7 @@ from steradian.masks.equi_steradian import EquiSteradian, Pattern
 from steradian.masks.mask import Mask
 from steradian.masks.snapping import ScannerGrid
 from steradian.masks.weights import Weighting, weights_for
+from steradian.ranges import LENGTH
 from steradian.validation import Value, quantity
 
 CLOSEST = 0.6
@@ -22,7 +23,7 @@ CLOSEST = 0.6
 class PointOfInterest(Value):
     """Where a mask should see well, and by how many points."""
 
-    depth: float = quantity("m", "Distance r0 from the sensor plane", gt=0, le=1)
+    depth: float = quantity("m", "Distance r0 from the sensor plane", **LENGTH.limits)
     count: int = quantity("points", "Points that an equi-steradian mask for it alone would have", ge=5, le=1_000_000)
     offset: tuple[float, float] = Field(default=(0.0, 0.0), description="x and y, centred on the aperture (m)")
 
@@ -34,7 +35,7 @@ class Combined(Value):
     """
 
     arrangement: Literal["combined"] = "combined"
-    aperture: float = quantity("m", "Side X of the square aperture", gt=0, le=1)
+    aperture: float = quantity("m", "Side X of the square aperture", **LENGTH.limits)
     points_of_interest: tuple[PointOfInterest, ...] = Field(
         min_length=1, max_length=64, description="1 to 64 points of interest"
     )

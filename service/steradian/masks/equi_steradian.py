@@ -16,6 +16,7 @@ from steradian.masks.mask import Mask
 from steradian.masks.slices import Slices, convenient_below, convenient_slices
 from steradian.masks.snapping import ScannerGrid
 from steradian.masks.weights import Weighting, weights_for
+from steradian.ranges import LENGTH
 from steradian.validation import Value, quantity
 
 
@@ -23,8 +24,8 @@ class EquiSteradian(Value):
     """Parameters of an equi-steradian mask around a point of interest anywhere over the aperture."""
 
     arrangement: Literal["equi-steradian"] = "equi-steradian"
-    aperture: float = quantity("m", "Side X of the square aperture", gt=0, le=1)
-    depth: float = quantity("m", "Distance r0 of the point of interest from the sensor plane", gt=0, le=1)
+    aperture: float = quantity("m", "Side X of the square aperture", **LENGTH.limits)
+    depth: float = quantity("m", "Distance r0 of the point of interest from the sensor plane", **LENGTH.limits)
     count: int = quantity(
         "points", "Wanted number of points; rounded up to the next that ends on the rim", ge=5, le=1_000_000
     )

@@ -12,6 +12,7 @@ from steradian.masks.equi_steradian import check_offset
 from steradian.masks.mask import Mask
 from steradian.masks.snapping import ScannerGrid
 from steradian.masks.weights import Weighting, weights_for
+from steradian.ranges import LENGTH
 from steradian.validation import Value, quantity
 
 
@@ -19,8 +20,8 @@ class Equiangular(Value):
     """Parameters of a line of sensors at equal angles seen from the point of interest."""
 
     arrangement: Literal["equiangular"] = "equiangular"
-    aperture: float = quantity("m", "Length X of the line", gt=0, le=1)
-    depth: float = quantity("m", "Distance r0 of the point of interest from the line", gt=0, le=1)
+    aperture: float = quantity("m", "Length X of the line", **LENGTH.limits)
+    depth: float = quantity("m", "Distance r0 of the point of interest from the line", **LENGTH.limits)
     count: int = quantity("points", "Number of sensors", ge=2, le=1_000_000)
     offset: float = Field(default=0.0, description="x of the point of interest, centred on the line (m)")
     grid: ScannerGrid | None = Field(default=None, description="Places where the scanner can stop, if not anywhere")

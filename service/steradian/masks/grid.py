@@ -9,6 +9,7 @@ import numpy as np
 from steradian.errors import InvalidInput
 from steradian.masks.mask import Mask
 from steradian.masks.weights import Weighting, weights_for
+from steradian.ranges import LENGTH
 from steradian.validation import Value, quantity
 
 
@@ -16,9 +17,9 @@ class Grid(Value):
     """Parameters of a square grid of points."""
 
     arrangement: Literal["grid"] = "grid"
-    aperture: float = quantity("m", "Side X of the square aperture", gt=0, le=1)
+    aperture: float = quantity("m", "Side X of the square aperture", **LENGTH.limits)
     count: int = quantity("points", "Points on each axis", ge=1, le=4096)
-    interval: float = quantity("m", "Distance between neighbours", gt=0, le=1)
+    interval: float = quantity("m", "Distance between neighbours", **LENGTH.limits)
     centred: bool = False
     """Whether an even grid is symmetric to the centre too; else it lies on −n/2 … n/2−1 intervals, like FFT modes."""
     weighting: Weighting = "analytic"

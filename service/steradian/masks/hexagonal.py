@@ -9,6 +9,7 @@ import numpy as np
 
 from steradian.masks.mask import Mask
 from steradian.masks.weights import Weighting, weights_for
+from steradian.ranges import LENGTH
 from steradian.validation import Value, quantity
 
 
@@ -16,8 +17,8 @@ class Hexagonal(Value):
     """Parameters of a lattice of equilateral triangles that fills the aperture, with a point at the centre."""
 
     arrangement: Literal["hexagonal"] = "hexagonal"
-    aperture: float = quantity("m", "Side X of the square aperture", gt=0, le=1)
-    interval: float = quantity("m", "Distance between neighbours", gt=0, le=1)
+    aperture: float = quantity("m", "Side X of the square aperture", **LENGTH.limits)
+    interval: float = quantity("m", "Distance between neighbours", **LENGTH.limits)
     weighting: Weighting = "analytic"
 
     @property

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from steradian.errors import InvalidInput
+from steradian.ranges import LENGTH
 from steradian.validation import FloatArray, Value, content_hash, quantity
 
 AREA_TOLERANCE = 1e-9
@@ -23,12 +24,16 @@ class Mask(Value):
     sensors for 2-D images has positions (M, 1) along x and the aperture [−X/2, X/2].
     """
 
-    aperture: float = quantity("m", "Side X of the square aperture, the lateral period of a reconstruction", gt=0, le=1)
+    aperture: float = quantity(
+        "m", "Side X of the square aperture, the lateral period of a reconstruction", **LENGTH.limits
+    )
     positions: FloatArray = Field(
         description="(M, 2) sensor positions x, y in metres, centred on the aperture; (M, 1) for a line"
     )
     weights: FloatArray = Field(description="(M,) areas h in m², sum X² (lengths in m, sum X, for a line)")
-    depth: float | None = quantity("m", "Distance r0 of the point of interest from the plane", default=None, gt=0, le=1)
+    depth: float | None = quantity(
+        "m", "Distance r0 of the point of interest from the plane", default=None, **LENGTH.limits
+    )
     offset: tuple[float, float] = Field(
         default=(0.0, 0.0), description="x and y of the point of interest, centred on the aperture (m)"
     )

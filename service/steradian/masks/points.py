@@ -11,6 +11,7 @@ from pydantic import Field
 from steradian.errors import InvalidInput
 from steradian.masks.mask import Mask
 from steradian.masks.weights import Weighting, weights_for
+from steradian.ranges import LENGTH
 from steradian.validation import FloatArray, Value, quantity
 
 
@@ -18,7 +19,7 @@ class Points(Value):
     """Explicit positions, with weights, with the areas of their Voronoi cells, or equally weighted."""
 
     arrangement: Literal["points"] = "points"
-    aperture: float = quantity("m", "Side X of the square aperture", gt=0, le=1)
+    aperture: float = quantity("m", "Side X of the square aperture", **LENGTH.limits)
     positions: FloatArray = Field(
         description="(M, 2) sensor positions x, y in metres, centred on the aperture; (M, 1) for a line"
     )

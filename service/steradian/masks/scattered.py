@@ -9,6 +9,7 @@ import numpy as np
 from steradian.errors import InvalidInput
 from steradian.masks.mask import Mask
 from steradian.masks.weights import Weighting, weights_for
+from steradian.ranges import LENGTH
 from steradian.validation import Value, quantity
 
 MOST_POINTS = 1_000_000
@@ -18,7 +19,7 @@ class Random(Value):
     """Parameters of independent, uniformly distributed points."""
 
     arrangement: Literal["random"] = "random"
-    aperture: float = quantity("m", "Side X of the square aperture", gt=0, le=1)
+    aperture: float = quantity("m", "Side X of the square aperture", **LENGTH.limits)
     count: int = quantity("points", "Number of points", ge=1, le=MOST_POINTS)
     seed: int = quantity("any", "The same seed gives the same points", ge=0, lt=2**63, default=0)
     weighting: Weighting = "analytic"
@@ -43,8 +44,8 @@ class PoissonDisc(Value):
     """Parameters of points by chance of which no two are closer than ``spacing`` and no gap takes another."""
 
     arrangement: Literal["poisson-disc"] = "poisson-disc"
-    aperture: float = quantity("m", "Side X of the square aperture", gt=0, le=1)
-    spacing: float = quantity("m", "Least distance between two points", gt=0, le=1)
+    aperture: float = quantity("m", "Side X of the square aperture", **LENGTH.limits)
+    spacing: float = quantity("m", "Least distance between two points", **LENGTH.limits)
     seed: int = quantity("any", "The same seed gives the same points", ge=0, lt=2**63, default=0)
     weighting: Weighting = "analytic"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from steradian.ranges import LENGTH
 from steradian.validation import Value, quantity
 
 
@@ -12,7 +13,7 @@ class ScannerGrid(Value):
     """The places where a scanner can stop: a square grid on −n/2 … n/2−1 intervals (symmetric for odd n)."""
 
     count: int = quantity("points", "Places on each axis", ge=1, le=65_536)
-    interval: float = quantity("m", "Distance between neighbours", gt=0, le=1)
+    interval: float = quantity("m", "Distance between neighbours", **LENGTH.limits)
 
     def snap(
         self, positions: NDArray[np.float64], weights: NDArray[np.float64]

@@ -14,6 +14,7 @@ from steradian.masks import Mask, subset_mask
 from steradian.plans.order import VisitOrder, visit_order
 from steradian.plans.progressive import progressive
 from steradian.plans.scanner import Link, Motion, ScannerLimits, Tuning
+from steradian.ranges import SAMPLING_INTERVAL, SOUND_SPEED
 from steradian.validation import FloatArray, Value, content_hash, quantity
 
 EXCITATION = (200e-9, 3e-6)
@@ -27,8 +28,8 @@ class ScanPlan(Value):
     pulse_rate: float = quantity("Hz", "Laser pulses per second", ge=0.1, le=10_000, default=50.0)
     averages: int = quantity("pulses", "Pulses averaged into one A-line", ge=1, le=65_535, default=1)
     samples: int = quantity("samples", "Samples of an A-line, N_t", ge=16, le=65_536, default=1024)
-    sampling_interval: float = quantity("s", "Time between samples, dt", ge=1e-10, le=1e-5, default=8e-9)
-    sound_speed: float = quantity("m/s", "Assumed speed of sound", ge=300, le=6000, default=1500.0)
+    sampling_interval: float = quantity("s", "Time between samples, dt", default=8e-9, **SAMPLING_INTERVAL.limits)
+    sound_speed: float = quantity("m/s", "Assumed speed of sound", default=1500.0, **SOUND_SPEED.limits)
     order: VisitOrder = VisitOrder.SNAKE
     wavelengths: FloatArray | None = Field(
         default=None, description="(M,) bias wavelength of each point of the mask (m); none: one for all"

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, Self, TypeAlias
 from pydantic import ConfigDict, Field, StringConstraints, model_validator
 
 from steradian.errors import InvalidInput
+from steradian.ranges import LENGTH, SOUND_SPEED
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.validation import Value, quantity
 
@@ -28,7 +29,6 @@ SUFFIXES: dict[str, str] = {
     "png": ".projections",
     "ipasc": ".hdf5",
 }
-SPEED = {"ge": 300, "le": 6000}
 EXAMPLES: dict[str, Any] = {
     "sound-speed": {"kind": "sound-speed", "scan_id": "s01jz0000000000000000000000", "first": 1450, "last": 1550},
     "quality": {
@@ -77,8 +77,8 @@ class SoundSpeed(Value):
 
     kind: Literal["sound-speed"] = "sound-speed"
     scan_id: Identifier = Field(description="Identifier of the scan")
-    first: float = quantity("m/s", "Lowest speed tried", **SPEED)
-    last: float = quantity("m/s", "Highest speed tried", **SPEED)
+    first: float = quantity("m/s", "Lowest speed tried", **SOUND_SPEED.limits)
+    last: float = quantity("m/s", "Highest speed tried", **SOUND_SPEED.limits)
     steps: int = quantity("speeds", "How many are tried, evenly spaced", ge=3, le=200, default=21)
     parameters: ReconstructionParameters = ReconstructionParameters()
 
@@ -98,7 +98,7 @@ class Quality(Value):
     reconstruction_id: Identifier = Field(description="Identifier of the reconstruction that is judged")
     reference_id: Identifier = Field(description="Identifier of the one it is compared with, of the same voxels")
     diameter: float | None = quantity(
-        "m", "Of the disc around the axis that counts; none: everything", gt=0, le=1, default=None
+        "m", "Of the disc around the axis that counts; none: everything", default=None, **LENGTH.limits
     )
     threshold: float = quantity(
         "share", "Of the reference's maximum, from which a voxel is of interest", ge=0, lt=1, default=0.04

@@ -17,6 +17,7 @@ from steradian.errors import InvalidInput
 from steradian.imaging import Volume, reconstruct
 from steradian.imaging.conditioning import Conditioning
 from steradian.progress import IsCancelled, Progress
+from steradian.ranges import SOUND_SPEED
 from steradian.reconstructions.kept_plans import KeptPlans
 from steradian.reconstructions.near_field import from_depth, near_field
 from steradian.reconstructions.parameters import DEFAULT_SPACING, ReconstructionParameters
@@ -161,13 +162,16 @@ def reconstruct_recording(
     traces = conditioned(recording, parameters)
     options = plan_options(recording, parameters)
     correction = parameters.film.correction()
-    if plans is None or correction is not None or parameters.method == "iterative":
+    fitted = parameters.method == "iterative"
+    if fitted and options["lateral_padding"] == 1:
+        options["lateral_padding"] = None  # as much as it needs
+    if plans is None or correction is not None or fitted:
         return reconstruct(
             traces,
             recording.positions,
             **options,
             correction=correction,
-            iterative=parameters.iterative,
+            iterative=parameters.iterative if fitted else None,
             progress=progress,
             cancelled=cancelled,
         )
@@ -216,7 +220,7 @@ def plan_options(recording: Recording, parameters: ReconstructionParameters) -> 
 def _sound_speed(recording: Recording, parameters: ReconstructionParameters) -> float:
     speed = parameters.sound_speed or recording.sound_speed
     if speed is None:
-        raise InvalidInput("sound_speed", "missing", "300 to 6000 (m/s); the recording states none")
+        raise InvalidInput("sound_speed", "missing", f"{SOUND_SPEED}; the recording states none")
     return speed
 
 

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from steradian.errors import InvalidInput
 from steradian.imaging.conditioning import Conditioning, Display
 from steradian.imaging.iterative_options import Iterative
+from steradian.ranges import SOUND_SPEED
 from steradian.reconstructions.film import Film
 from steradian.validation import Value, quantity
 
@@ -33,7 +34,7 @@ class ReconstructionParameters(Value):
     weights: Weights = Field(
         default="mask", description="Areas h of the sensors: the mask's own, equal, or Voronoi cells"
     )
-    sound_speed: float | None = quantity("m/s", "Speed of sound; none: the scan's", ge=300, le=6000, default=None)
+    sound_speed: float | None = quantity("m/s", "Speed of sound; none: the scan's", default=None, **SOUND_SPEED.limits)
     tolerance: float = quantity("relative", "Wanted l2 error of the transforms", ge=1e-9, le=1e-2, default=1e-4)
     window: Literal["kaiser-bessel", "semicircle"] = Field(
         default="kaiser-bessel", description="Shape of the interpolation window"

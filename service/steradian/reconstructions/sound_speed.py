@@ -20,13 +20,13 @@ from steradian.imaging import reconstruct
 from steradian.imaging.band import signal_band, thinned, thinning
 from steradian.progress import IsCancelled, Progress
 from steradian.quality import tenenbaum
+from steradian.ranges import SOUND_SPEED
 from steradian.reconstructions.job import conditioned, plan_options, write_json
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.scans.recording import open_recording
 
 SPACING = 120e-6
 """Lateral spacing of the images compared, in m, unless fewer modes are asked for."""
-SLOWEST, FASTEST = 300.0, 6000.0
 FINE = (-1.0, -0.5, 0.0, 0.5, 1.0)
 """Speeds around the best of the first round, in its steps, through which a parabola is laid."""
 GROUPS = 6
@@ -258,8 +258,8 @@ def _vertex(x: Sequence[float], y: Sequence[float]) -> float:
 
 
 def _checked(first: float, last: float, steps: int) -> tuple[float, float, int]:
-    if not (np.isfinite([first, last]).all() and SLOWEST <= first < last <= FASTEST):
-        raise InvalidInput("first, last", (first, last), f"rising, within {SLOWEST:g} to {FASTEST:g} (m/s)")
+    if not (first in SOUND_SPEED and last in SOUND_SPEED and first < last):
+        raise InvalidInput("first, last", (first, last), f"rising, each {SOUND_SPEED}")
     if steps != int(steps) or not 3 <= steps <= 1001:
         raise InvalidInput("steps", steps, "a whole number from 3 to 1001")
     return float(first), float(last), int(steps)

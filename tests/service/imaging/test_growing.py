@@ -51,6 +51,7 @@ def test_after_each_batch_it_is_the_image_of_a_plan_made_for_the_sensors_so_far(
     count = len(positions)
     random = np.random.default_rng(5)
     traces, weights = random.standard_normal((count, 70)).astype(np.float32), 0.1 + random.random(count)
+    weights *= SIDE ** (1 if "line" in kind else 2) / weights.sum()
     options = COMMON | {"modes": 32 if "line" in kind else 16}
     plan = ReconstructionPlan(positions, weights=weights, **options)
     growing = GrowingReconstruction(plan, fitted=fitted)

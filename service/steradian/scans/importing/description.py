@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from steradian.errors import DamagedFile, InvalidInput, NotFound
+from steradian.ranges import SOUND_SPEED
 from steradian.scans.importing.geometry import MOST_POINTS
 from steradian.validation import FloatArray, Value, quantity
 
@@ -52,7 +53,7 @@ class Description(Value):
 
     sampling_interval: float | None = quantity("times", "Time between samples", gt=0, default=None)
     time_zero: float | None = quantity("times", "From the laser pulse to the first sample", default=None)
-    sound_speed: float | None = quantity("m/s", "Speed of sound", ge=300, le=6000, default=None)
+    sound_speed: float | None = quantity("m/s", "Speed of sound", default=None, **SOUND_SPEED.limits)
     positions: FloatArray | str | None = Field(
         default=None,
         description="(M, 1 to 3) positions (lengths), or the name of a .csv or .npy file of them or of a k-Wave input "

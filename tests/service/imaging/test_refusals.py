@@ -1,0 +1,196 @@
+"""What the library refuses: numbers in other units, nonsense, and images that do not fit into the memory."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from steradian.errors import InvalidInput
+from steradian.imaging import Correction, ElasticFilm, Iterative, ReconstructionPlan, Window, kaiser_bessel, reconstruct
+from steradian.imaging.iterative import reconstruct_iteratively
+from steradian.imaging.memory import available
+from steradian.imaging.operators import ForwardOperator
+from steradian.masks import equi_steradian_mask, equiangular_mask
+
+MASK = equi_steradian_mask(13.56e-3, 3.6e-3, 100)
+TRACES = np.random.default_rng(0).standard_normal((MASK.count, 64)).astype(np.float32)
+COMMON: dict[str, Any] = {"sampling_interval": 8e-9, "sound_speed": 1500.0, "aperture": MASK.aperture, "modes": 16}
+OFF_UNIT: dict[str, Any] = {
+    "positions": 1e3 * MASK.positions,
+    "aperture": 1e3 * MASK.aperture,
+    "sampling_interval": 8,
+    "sound_speed": 1.5,
+    "modes": "64",
+    "threads": -3,
+}
+
+
+@pytest.mark.parametrize(
+    ("field", "change", "says"),
+    [
+        ("aperture", {"aperture": 13.56}, r"aperture is 13\.56; allowed: > 0, at most 1 \(m\)"),
+        ("aperture", {"aperture": "13.56e-3"}, "at most 1"),
+        ("aperture", {"aperture": None}, "at most 1"),
+        ("sampling_interval", {"sampling_interval": 8}, r"is 8; allowed: at least 1e-10, at most 1e-05 \(s\)"),
+        ("sampling_interval", {"sampling_interval": 125e6}, r"at most 1e-05 \(s\)"),
+        ("sound_speed", {"sound_speed": 1.5}, r"is 1\.5; allowed: at least 300, at most 6000 \(m/s\)"),
+        ("sound_speed", {"sound_speed": "1500"}, "is '1500'"),
+        ("weights[0]", {"weights": -MASK.weights[0] + 0 * MASK.weights}, r"at least 0 \(m²\)"),
+        ("weights[7]", {"weights": np.where(np.arange(MASK.count) == 7, np.nan, MASK.weights)}, "is nan"),
+        (
+            "weights",
+            {"weights": 1e6 * MASK.weights},
+            r"a sum of 183.* 0\.001 to 2 times the aperture's 0\.000183874 m²",
+        ),
+        ("weights", {"weights": MASK.weights / MASK.weights.sum()}, "a sum of 1;"),
+        ("weights", {"weights": ["a"] * MASK.count}, "one weight a sensor"),
+        ("modes", {"modes": "64"}, "is '64'; allowed: a whole number from 2"),
+        ("modes", {"modes": np.inf}, "a whole number from 2"),
+        ("method", {"method": "magic"}, "nedner, ner, linear, nearest, interpolated, iterative"),
+        ("threads", {"threads": -3}, "from 1"),
+        ("threads", {"threads": "two"}, "from 1"),
+        ("tolerance", {"tolerance": "high"}, "from 1e-12 to 0.1"),
+        ("time_zero", {"time_zero": "0"}, "a finite time in s"),
+        ("depth_range", {"depth_range": 5e-3}, "two depths in metres"),
+        ("depth_range", {"depth_range": (0.0, 5.0)}, "two depths in metres"),
+        ("scale", {"scale": "2"}, "a finite factor"),
+        ("dtype", {"dtype": "float32", "tolerance": 1e-9}, "float64 or None for a tolerance below 5e-06"),
+        ("iterative", {"iterative": Iterative()}, "None with the method nedner"),
+        ("iterative", {"method": "iterative", "iterative": {"iterations": 3}}, "is dict"),
+        ("window", {"method": "iterative", "window": "semicircle"}, "no use for another"),
+        ("time_padding", {"method": "iterative", "time_padding": 2.0}, "no use for another"),
+        (
+            "correction.max_gain",
+            {"method": "iterative", "correction": Correction(ElasticFilm(), 20.0)},
+            "no use for another",
+        ),
+        ("correction", {"correction": ElasticFilm()}, "is ElasticFilm; allowed: a Correction"),
+    ],
+)
+def test_nonsense_is_refused_with_its_name_and_what_is_allowed(field: str, change: dict[str, Any], says: str) -> None:
+    with pytest.raises(InvalidInput, match=says) as caught:
+        reconstruct(TRACES, MASK.positions, **{**COMMON, **change})
+    assert caught.value.field == field
+
+
+def test_positions_in_millimetres_are_refused_also_beside_an_aperture_in_millimetres() -> None:
+    for aperture in (13.56, 13.56e-3):
+        with pytest.raises(InvalidInput, match=r"positions\[\d+\] is .*±0\.5 m about the middle, in metres"):
+            reconstruct(TRACES, 1e3 * MASK.positions, **{**COMMON, "aperture": aperture})
+
+
+@pytest.mark.parametrize("field", OFF_UNIT)
+@pytest.mark.parametrize("way", ["plan", "operator", "fit"])
+def test_plan_operator_and_fit_refuse_the_same(way: str, field: str) -> None:
+    given = {"positions": MASK.positions, **COMMON, field: OFF_UNIT[field]}
+    ways: dict[str, Callable[[], object]] = {
+        "plan": lambda: ReconstructionPlan(samples=64, **given),
+        "operator": lambda: ForwardOperator(samples=64, **given),
+        "fit": lambda: reconstruct_iteratively(TRACES, **given),
+    }
+    with pytest.raises(InvalidInput) as caught:
+        ways[way]()
+    assert caught.value.field.partition("[")[0] == field
+
+
+def test_what_is_right_is_taken_in_every_form() -> None:
+    image = reconstruct(TRACES, MASK.positions, weights=MASK.weights, **COMMON).values
+    forms: list[dict[str, Any]] = [
+        {"dtype": np.float32},
+        {"dtype": np.dtype("float32")},
+        {"modes": np.int64(16)},
+        {"modes": (16.0, 16)},
+        {"sampling_interval": np.float32(8e-9)},
+        {"aperture": np.array([MASK.aperture] * 2)},
+        {"threads": np.int32(1)},
+        {"weights": MASK.weights.tolist()},
+    ]
+    for form in forms:
+        same = reconstruct(TRACES, MASK.positions, **{"weights": MASK.weights, **COMMON, **form}).values
+        np.testing.assert_allclose(same, image, atol=1e-4 * np.abs(image).max())
+
+
+@pytest.mark.parametrize("method", ["nedner", "iterative"])
+def test_a_mask_stands_for_its_positions_weights_and_aperture(method: Any) -> None:
+    common = {name: value for name, value in COMMON.items() if name != "aperture"}
+    whole = reconstruct(
+        TRACES, MASK.positions, aperture=MASK.aperture, weights=MASK.weights, method=method, **common
+    ).values
+    np.testing.assert_array_equal(reconstruct(TRACES, MASK, method=method, **common).values, whole)
+    line = equiangular_mask(13.56e-3, 3.6e-3, 50)
+    image = reconstruct(TRACES[: line.count], line, method=method, **common)
+    assert image.names == ("x", "z")
+
+
+def test_weights_that_miss_the_rim_or_reach_beyond_it_are_areas() -> None:
+    axis = (np.arange(4) - 1.5) * 1e-3  # an aperture that ends at the sensors: cells reach half a pitch beyond it
+    grid = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    common = {"sampling_interval": 8e-9, "sound_speed": 1500.0, "modes": 16}
+    for aperture in (3e-3, 4e-3, 40e-3):
+        reconstruct(TRACES[:16], grid, aperture=aperture, weights=np.full(16, 1e-6), **common)
+
+
+def test_a_window_wider_than_a_spectrums_repeated_ends_is_refused() -> None:
+    with pytest.raises(InvalidInput, match="width is 60; allowed: a whole number from 2 to 48"):
+        kaiser_bessel(30, 2.0)
+    with pytest.raises(InvalidInput, match="oversampling"):
+        Window("kaiser-bessel", 6, 0.9, 10.0)
+
+
+CHILD = """
+import resource, numpy as np
+resource.setrlimit(resource.RLIMIT_AS, (6 << 30, 6 << 30))
+from steradian import InvalidInput, reconstruct
+from steradian.imaging import ReconstructionPlan
+from steradian.imaging.iterative import reconstruct_iteratively
+from steradian.imaging.operators import ForwardOperator
+rng = np.random.default_rng(0)
+positions, traces = (rng.random((40, 2)) - 0.5) * 0.01, rng.standard_normal((40, 64)).astype(np.float32)
+common = dict(sampling_interval=8e-9, sound_speed=1500.0, aperture=0.01)
+ways = {
+    "reconstruct": lambda **c: reconstruct(traces, positions, **common, **c),
+    "plan": lambda **c: ReconstructionPlan(positions, samples=64, **common, **c),
+    "operator": lambda **c: ForwardOperator(positions, samples=64, **common, **c),
+    "fit": lambda **c: reconstruct_iteratively(traces, positions, **common, **c),
+}
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+for name, way in ways.items():
+    for change in ({"modes": 20000}, {"modes": 20000, "depth_range": (0.0, 0.0)}):
+        try:
+            way(**change)
+        except InvalidInput as error:
+            print(name, error)
+print("grown by", (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) >> 10, "MiB")
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the limit of an address space is Linux's")
+def test_an_image_that_the_memory_cannot_hold_is_refused_with_both_numbers_before_anything_is_taken() -> None:
+    done = subprocess.run([sys.executable, "-c", CHILD], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    *refusals, grown = done.stdout.splitlines()
+    assert [line.split()[0] for line in refusals] == [
+        w for w in ("reconstruct", "plan", "operator", "fit") for _ in "ab"
+    ]
+    for line in refusals:
+        assert "modes is 20000 × 20000; allowed: what the available" in line
+        there, needed = (int(part.split()[0]) for part in (line.split("the available ")[1], line.split("at least ")[1]))
+        assert there < 6 << 30 < needed
+    assert int(grown.split()[2]) < 64
+
+
+def test_a_prime_record_whose_tables_the_limit_cannot_hold_is_refused() -> None:
+    with pytest.raises(InvalidInput, match="memory_limit"):
+        ReconstructionPlan(MASK.positions, samples=65_521, memory_limit=4 << 30, **COMMON)
+    ReconstructionPlan(MASK.positions, samples=65_536, memory_limit=4 << 30, **COMMON)
+
+
+def test_what_is_available_is_less_than_the_machine_has() -> None:
+    there = available()
+    assert there is not None
+    assert 1 << 20 < there < 1 << 50
