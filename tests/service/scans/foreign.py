@@ -130,16 +130,48 @@ def matlab_binary_mask(folder):
     return _matlab(folder / "a.mat", sensor_data=traces, mask=mask.astype("u1"), dt=DT, c=SPEED, **steps), None
 
 
-def octave(folder):
-    """Octave's own ``save -hdf5``; None where there is no Octave."""
+def _octave(folder, option, more="0"):
+    """What Octave itself saves; None where there is no Octave."""
     program = shutil.which("octave")
     if program is None:
         return None
     np.savetxt(folder / "traces.txt", expected(grid()))
     np.savetxt(folder / "where.txt", grid())
-    code = f"sensor_data=load('traces.txt'); positions=load('where.txt'); dt={DT}; c={SPEED}; save -hdf5 out.h5"
+    known = f"sensor_data=load('traces.txt'); positions=load('where.txt'); dt={DT}; c={SPEED}"
+    code = f"{known}; {more}; save {option} out.x"
     subprocess.run([program, "--no-gui", "--quiet", "--eval", code], cwd=folder, check=True, capture_output=True)
-    return folder / "out.h5", None
+    return folder / "out.x", None
+
+
+def octave(folder):
+    return _octave(folder, "-hdf5")
+
+
+def octave_6(folder):
+    """MATLAB's format of versions 5 and 6, beside a cell, a text and a structure of the user's own."""
+    return _octave(folder, "-v6", "notes={1, 'a'}; name='film'; about.when=3")
+
+
+def octave_7(folder):
+    """The same, compressed: what MATLAB's ``save`` writes by default."""
+    return _octave(folder, "-v7", "notes={1, 'a'}; sensor_data=single(sensor_data)")
+
+
+def octave_7_grid(folder):
+    """(x, y, time) with the pitches only."""
+    fold = (
+        f"sensor_data=permute(reshape(sensor_data.', [{SAMPLES} {COUNTS[1]} {COUNTS[0]}]), [3 2 1]); clear positions;"
+    )
+    return _octave(folder, "-v7", f"{fold} dx={PITCH[0]}; dy={PITCH[1]};")
+
+
+def matlab_5(folder):
+    """By SciPy, where Octave is not at hand."""
+    from scipy.io import savemat
+
+    about = {"sensor_data": expected(grid()), "positions": grid(), "dt": DT, "sound_speed": SPEED}
+    savemat(folder / "a.mat", about, do_compression=True)
+    return folder / "a.mat", None
 
 
 def _kwave_mask():
@@ -253,7 +285,11 @@ WRITERS = [
     matlab_cartesian_mask,
     matlab_grid,
     matlab_binary_mask,
+    matlab_5,
     octave,
+    octave_6,
+    octave_7,
+    octave_7_grid,
     kwave_index_mask,
     kwave_with_input_file,
     kwave_cuboid,

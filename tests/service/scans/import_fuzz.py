@@ -59,6 +59,15 @@ def npz_stored(folder):
     return source, description
 
 
+def matlab_5_stored(folder):
+    """Without compression, so that changes reach the numbers and what is said of them."""
+    from scipy.io import loadmat, savemat
+
+    source, description = foreign.matlab_5(folder)
+    savemat(source, {name: value for name, value in loadmat(source).items() if name[0] != "_"})
+    return source, description
+
+
 def with_secret(write, name):
     """Make the writer of a file one of whose datasets lies in a file beside it."""
 
@@ -83,6 +92,7 @@ HDF5 = {
     "matlab-7.3": (foreign.matlab_positions, "sensor_data"),
 }
 FORMATS = {name: (write, write, write, with_secret(write, secret)) for name, (write, secret) in HDF5.items()} | {
+    "matlab-5": (foreign.matlab_5, matlab_5_stored),
     "npy": (npy_plain, foreign.npy_fortran),
     "npz": (foreign.npz_with_positions, npz_stored),
     "csv": (foreign.csv, foreign.csv_time_first),

@@ -1,4 +1,4 @@
-"""MATLAB 7.3 files (HDF5 underneath) with ``sensor_data`` and ``dt``, and Octave's ``save -hdf5``.
+"""MATLAB files with ``sensor_data`` and ``dt``: 7.3 (HDF5 underneath) or older, and Octave's ``save -hdf5``.
 
 MATLAB's first axis runs fastest, so its arrays appear with their axes reversed. ``sensor_data`` is (sensor, time) or
 (x, y, time) as MATLAB shows it, or a structure with the field ``p``. The sensors come from ``positions`` (sensor,
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.errors import DamagedFile, InvalidInput
-from steradian.scans.importing import untrusted
+from steradian.scans.importing import mat5, untrusted
 from steradian.scans.importing.description import Description, grid_points
 from steradian.scans.importing.geometry import MOST_POINTS
 from steradian.scans.importing.kwave import mask_points
@@ -30,6 +30,8 @@ TRACES = ("sensor_data", "traces")
 INTERVAL = ("dt", "sampling_interval")
 SPEED = ("sound_speed", "c", "c0", "medium_sound_speed", "c_ref")
 POSITIONS, MASK = ("positions", "sensor_positions"), ("mask", "sensor_mask")
+APERTURE, TIME_ZERO, STEPS = ("aperture",), ("time_zero", "t0"), ("dx", "dy", "dz")
+VARIABLES = (*INTERVAL, *SPEED, *POSITIONS, *MASK, *APERTURE, *TIME_ZERO, *STEPS)
 
 
 @contextmanager
@@ -42,17 +44,29 @@ def open_matlab(path: Path, said: Description, folder: Path | None = None) -> It
         When it is damaged or refused, or lacks what is needed.
     """
     with untrusted.open_untrusted(path) as file, scratch(folder) as spare:
-        names = (said.array,) if said.array else TRACES
-        name = _find(file, names)
-        if name is None:
-            raise DamagedFile(f"{path.name} has no variable {names[0]!r}")
-        traces = untrusted.dataset(file, name, most_bytes=untrusted.TRACE_BYTES)
-        if traces.ndim not in (2, 3):
-            raise DamagedFile(f"{path.name}: {name} has {traces.ndim} axes; expected sensor, time or x, y, time")
-        stated, lateral = _stated(file), tuple(traces.shape[:0:-1])
-        if stated.points is None and len(lateral) == 2:
-            stated = _on_grid(file, stated, lateral)
-        yield make_source(FORMAT, _table(traces, stated, said, spare), stated, said, path.name, lateral)
+        yield _source(file, path.name, said, spare)
+
+
+@contextmanager
+def open_matlab_5(path: Path, said: Description, folder: Path | None = None) -> Iterator[Source]:
+    """Open a MATLAB file of version 5 to 7; raises like :func:`open_matlab`."""
+    names = (said.array,) if said.array else TRACES
+    with mat5.open_variables(path, VARIABLES, names) as file, scratch(folder) as spare:
+        yield _source(file, path.name, said, spare)
+
+
+def _source(file: h5py.File, called: str, said: Description, spare: Any) -> Source:
+    names = (said.array,) if said.array else TRACES
+    name = _find(file, names)
+    if name is None:
+        raise DamagedFile(f"{called} has no variable {names[0]!r}")
+    traces = untrusted.dataset(file, name, most_bytes=untrusted.TRACE_BYTES)
+    if traces.ndim not in (2, 3):
+        raise DamagedFile(f"{called}: {name} has {traces.ndim} axes; expected sensor, time or x, y, time")
+    stated, lateral = _stated(file), tuple(traces.shape[:0:-1])
+    if stated.points is None and len(lateral) == 2:
+        stated = _on_grid(file, stated, lateral)
+    return make_source(FORMAT, _table(traces, stated, said, spare), stated, said, called, lateral)
 
 
 def _find(file: h5py.File, names: tuple[str, ...]) -> str | None:
@@ -87,10 +101,10 @@ def _stated(file: h5py.File) -> Stated:
     interval, speed = (_number(file, names) for names in (INTERVAL, SPEED))
     return Stated(
         points=_points(file),
-        aperture=_number(file, ("aperture",)),
+        aperture=_number(file, APERTURE),
         sampling_interval=interval,
         sound_speed=speed,
-        time_zero=_number(file, ("time_zero", "t0")) or 0.0,
+        time_zero=_number(file, TIME_ZERO) or 0.0,
     )
 
 
@@ -141,7 +155,7 @@ def _steps(file: h5py.File, axes: int) -> tuple[float, ...]:
     first = _number(file, ("dx", "kgrid/dx"))
     if first is None:
         raise InvalidInput("dx", "missing", "> 0 (m), the pitch of the mask's grid, as a variable beside it")
-    return (first, *(_number(file, (name,)) or first for name in ("dy", "dz")[: axes - 1]))
+    return (first, *(_number(file, (name,)) or first for name in STEPS[1:axes]))
 
 
 def _on_grid(file: h5py.File, stated: Stated, counts: tuple[int, ...]) -> Stated:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from steradian.errors import DamagedFile, InvalidInput, NotFound
 from steradian.progress import Progress
 from steradian.scans import schema
-from steradian.scans.importing import arrays, ipasc, kwave, matlab, untrusted
+from steradian.scans.importing import arrays, ipasc, kwave, mat5, matlab, untrusted
 from steradian.scans.importing.description import Description, read_description
 from steradian.scans.importing.source import Source
 
@@ -31,7 +31,7 @@ def open_source(
     Parameters
     ----------
     path
-        IPASC HDF5, k-Wave output HDF5, MATLAB 7.3, .npy, .npz or .csv.
+        IPASC HDF5, k-Wave output HDF5, MATLAB, .npy, .npz or .csv.
     description
         A JSON file that says what the file does not (:class:`~steradian.scans.importing.description.Description`).
     folder
@@ -73,13 +73,17 @@ def _opened(
     magic = _magic(path)
     if magic.startswith((HDF5, MATLAB)):
         return _opened_hdf5(path, said, companion, folder, note)
+    if magic.startswith(mat5.MAGIC):
+        return matlab.open_matlab_5(path, said, folder)
     if magic.startswith(ZIP):
         return arrays.open_npz(path, said, folder)
     if magic.startswith(NPY):
         return arrays.open_npy(path, said)
     if _is_table(path):
         return arrays.open_csv(path, said, folder)
-    raise DamagedFile(f"{path.name} is neither HDF5 (IPASC, k-Wave, MATLAB 7.3) nor .npy, .npz or .csv")
+    raise DamagedFile(
+        f"{path.name} is neither HDF5 (IPASC, k-Wave), MATLAB (save, from version 5), .npy, .npz nor .csv"
+    )
 
 
 def _opened_hdf5(
