@@ -22,6 +22,7 @@ from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.errors import DamagedFile, NotFound
 from steradian.scans import schema
+from steradian.scans.rows import RowTable
 
 router = APIRouter(prefix=f"{V1}/scans", tags=["scans"], route_class=GuardedRoute)
 
@@ -145,7 +146,9 @@ def _columns(services: Services, scan_id: str) -> dict[str, Any]:
     path = _file(services, scan_id)
     try:
         with h5py.File(path, "r") as file:
-            columns = {name: np.asarray(file["alines"][name]) for name in schema.COLUMNS}
-            return columns | {"weights": np.asarray(file["mask/weights"]), "fired": file["fired"][()]}
+            return RowTable.of_file(file).columns | {
+                "weights": np.asarray(file["mask/weights"]),
+                "fired": file["fired"][()],
+            }
     except (OSError, KeyError) as error:
         raise DamagedFile(f"the file of scan {scan_id} cannot be read: {error}") from error

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tempfile
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
@@ -22,6 +21,7 @@ from steradian.quality import correlation, of_interest
 from steradian.reconstructions.job import plan_options, reconstruct_recording
 from steradian.reconstructions.live import Detail, LiveView, draw
 from steradian.reconstructions.parameters import ReconstructionParameters
+from steradian.scans.importing.writing import ImportedAline
 from steradian.scans.reading import read_scan
 from steradian.scans.store import AlineStore, create_scan_file
 
@@ -29,20 +29,6 @@ Row: TypeAlias = dict[str, Any]
 Order = Literal["progressive", "snake"]
 REVISIONS, LIMIT = 16, 0.4
 NOISE = 10 ** (-30 / 20)  # of the largest sample
-
-
-@dataclass(frozen=True, slots=True)
-class _Aline:
-    """An A-line as the store takes it."""
-
-    point: int
-    samples: NDArray[np.int16]
-    scale: float = 1.0
-    energy: float = 1.0
-    wavelength_m: float = 1.55e-6
-    fire_time_s: float = 0.0
-    quality: int = 0
-    shot: int = 0
 
 
 def live(*, quick: bool = False, revisions: int = REVISIONS, progress: Progress | None = None) -> list[Row]:
@@ -96,7 +82,7 @@ def _follow(folder: Path, detail: Detail, order: Order, quick: bool, revisions: 
         view = LiveView(scan, folder / "live", parameters, detail)
         for done, arrived in enumerate(np.array_split(np.arange(plan.mask.count), revisions)):
             step(done)
-            store.append(_Aline(int(v), traces[plan.visit[v]], scale) for v in arrived)
+            store.append(ImportedAline(int(v), traces[plan.visit[v]], scale, shot=0) for v in arrived)
             begin = time.perf_counter()
             revision = view.revise()
             seconds.append(time.perf_counter() - begin)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import google_crc32c
 import h5py
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +13,7 @@ from steradian.errors import DamagedFile, NotFound
 from steradian.progress import Progress
 from steradian.scans import schema
 from steradian.scans.layout import geometry_checksum
+from steradian.scans.rows import RowTable
 from steradian.scans.store import AlineStore
 
 
@@ -28,11 +28,11 @@ class CheckReport:
     rows
         A-lines the scan is to have, of all frames.
     intact
-        A-lines in the file that match their checksum.
+        A-lines in the file that are proven by their checksum.
     damaged
         Rows that the table calls stored and that do not match: cut off by a power failure, or changed since.
     unlisted
-        Rows that are whole and that the table calls missing.
+        Rows that are proven, samples and columns, and that the table calls missing; none in files before version 3.
     repaired
         Whether the table was corrected.
     strength
@@ -56,8 +56,8 @@ class CheckReport:
 def check_scan_file(path: Path, *, repair: bool = True, progress: Progress | None = None) -> CheckReport:
     """Verify a scan file that no scan is writing; corrects the table of what is stored, never an A-line.
 
-    A damaged A-line becomes a missing one, which a resumed scan measures again; a whole one that the table does not
-    list is listed.
+    A damaged A-line becomes a missing one, which a resumed scan measures again; one that the table does not list is
+    listed where its checksum proves all of it.
 
     Parameters
     ----------
@@ -81,17 +81,17 @@ def check_scan_file(path: Path, *, repair: bool = True, progress: Progress | Non
     try:
         with h5py.File(path, "r") as file:
             _check_frame(path, file)
-            status = np.asarray(file["alines/status"])
-            whole, strength = _verify(file, progress)
+            table = RowTable.of_file(file)
+            whole, strength = _verify(file, table, progress)
     except (OSError, KeyError, RuntimeError) as error:
         raise DamagedFile(f"{path} cannot be read as a scan: {error}") from error
-    listed = status == schema.STORED
+    listed = table.stored
     damaged, unlisted = np.flatnonzero(listed & ~whole), np.flatnonzero(~listed & whole)
     if repair and (len(damaged) or len(unlisted)):
         with AlineStore(path) as store:
             store.set_status(damaged, schema.MISSING)
             store.set_status(unlisted, schema.STORED)
-    return CheckReport(path, len(status), int(whole.sum()), damaged, unlisted, repair, strength)
+    return CheckReport(path, len(listed), int(whole.sum()), damaged, unlisted, repair, strength)
 
 
 def _check_frame(path: Path, file: h5py.File) -> None:
@@ -103,18 +103,24 @@ def _check_frame(path: Path, file: h5py.File) -> None:
         raise DamagedFile(f"{path}: positions, weights or order of the points do not match their checksum")
 
 
-def _verify(file: h5py.File, progress: Progress | None) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
-    """Tell which rows (F·M,) match their checksum, and how strong they are; reads one chunk of the file at a time."""
-    samples, checksums = file["alines/samples"], np.asarray(file["alines/crc32c"])
+def _verify(
+    file: h5py.File, table: RowTable, progress: Progress | None
+) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
+    """Tell which rows (F·M,) are proven, and how strong they are; reads one chunk of the file at a time.
+
+    Where the checksum does not cover the columns, nothing proves those of a row that the table does not list.
+    """
+    samples, checksums = file["alines/samples"], table["crc32c"]
+    candidates = (checksums != 0) if table.proves_columns else table.stored
     count, step = len(checksums), samples.chunks[0] if samples.chunks else 64
     whole, strength = np.zeros(count, np.bool_), np.zeros(count, np.float32)
     for first in range(0, count, step):
-        if not checksums[first : first + step].any():
+        part = slice(first, first + step)
+        if not candidates[part].any():
             continue
-        rows = np.asarray(samples[first : first + step])
-        for place, row in enumerate(rows, first):
-            whole[place] = bool(checksums[place]) and google_crc32c.value(row.tobytes()) == checksums[place]
-        strength[first : first + step] = rows.std(axis=1, dtype=np.float32)
+        rows = np.asarray(samples[part])
+        whole[part] = candidates[part] & table.take(part).intact(rows)
+        strength[part] = rows.std(axis=1, dtype=np.float32)
         if progress is not None:
             progress("checking A-lines", min(first + step, count), count)
     strength[~whole] = 0

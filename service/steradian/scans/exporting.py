@@ -2,7 +2,8 @@
 
 ``binary_time_series_data`` [detector, sample, wavelength, frame] in the pressure unit as float32; every tag a dataset
 in SI units; a group for each detector. The standard has no tag for the time of the first sample nor for what a point
-stands for, so these go under names of our own (:mod:`steradian.scans.importing.ipasc`).
+stands for, so these go under names of our own (:mod:`steradian.scans.importing.ipasc`). A-lines that begin at different
+times after their pulses are put on one grid of times (:mod:`steradian.scans.aligning`).
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
-import google_crc32c
 import h5py
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,9 @@ from numpy.typing import NDArray
 from steradian.errors import Cancelled, DamagedFile, InvalidInput, NotFound
 from steradian.progress import IsCancelled, Progress
 from steradian.scans import schema
+from steradian.scans.aligning import align, common_grid
 from steradian.scans.importing import ipasc
+from steradian.scans.rows import RowTable
 
 ScanFormat = Literal["ipasc"]
 BLOCK_BYTES = 16 << 20
@@ -91,7 +93,7 @@ class _Export:
         self, scan: h5py.File, made: h5py.File, progress: Progress | None, cancelled: IsCancelled | None
     ) -> None:
         self._scan, self._made, self._progress, self._cancelled = scan, made, progress, cancelled
-        self._samples = scan["alines/samples"]
+        self._samples, self._table = scan["alines/samples"], RowTable.of_file(scan)
         self._points = len(scan["mask/weights"])
         self._frames = self._samples.shape[0] // self._points
         light = scan["plan/frame_excitation"][()] if "plan/frame_excitation" in scan else np.zeros(self._frames)
@@ -101,9 +103,13 @@ class _Export:
         kept = np.flatnonzero(self._intact().all(axis=0))
         if not len(kept):
             raise DamagedFile(f"{self._scan.filename} holds no point with an A-line in every frame")
-        shape = (len(kept), self._samples.shape[1], len(self._light), self._frames // len(self._light))
-        self._series(kept, shape)
-        self._acquisition(kept, shape)
+        starts = self._table["time_zero_s"].reshape(self._frames, self._points)[:, kept]
+        delays, samples = common_grid(
+            starts, float(self._scan["plan"].attrs["sampling_interval_s"]), self._samples.shape[1]
+        )
+        shape = (len(kept), samples, len(self._light), self._frames // len(self._light))
+        self._series(kept, shape, delays)
+        self._acquisition(kept, shape, float(starts.min()))
         self._device(kept)
 
     def _blocks(self, frame: int, stage: str) -> Iterator[tuple[int, NDArray[Any]]]:
@@ -118,29 +124,29 @@ class _Export:
 
     def _intact(self) -> NDArray[np.bool_]:
         """(F, M) which rows hold an A-line that matches its checksum."""
-        good: NDArray[np.bool_] = np.equal(self._scan["alines/status"][()], schema.STORED)
-        good = good.reshape(self._frames, self._points)
-        checksums = self._scan["alines/crc32c"][()].reshape(self._frames, self._points)
+        good = self._table.stored
         for frame in range(self._frames):
             for start, block in self._blocks(frame, "checked A-lines"):
-                for index in np.flatnonzero(good[frame, start : start + len(block)]):
-                    point = start + index
-                    good[frame, point] = google_crc32c.value(block[index].tobytes()) == checksums[frame, point]
-        return good
+                rows = slice(frame * self._points + start, frame * self._points + start + len(block))
+                good[rows] &= self._table.take(rows).intact(block)
+        return good.reshape(self._frames, self._points)
 
-    def _series(self, kept: NDArray[np.int64], shape: tuple[int, ...]) -> None:
+    def _series(self, kept: NDArray[np.int64], shape: tuple[int, ...], delays: NDArray[np.float64]) -> None:
         series = self._made.create_dataset(ipasc.SERIES, shape, np.float32)
-        scale = self._scan["alines/scale"][()].reshape(self._frames, self._points)
+        scale = self._table["scale"].reshape(self._frames, self._points)
         for frame in range(self._frames):
             light, repeat = divmod(frame, shape[3])
             for start, block in self._blocks(frame, "A-lines"):
                 wanted = kept[(kept >= start) & (kept < start + len(block))]
                 if len(wanted):
                     place = int(np.searchsorted(kept, wanted[0]))
-                    pressure = block[wanted - start] * scale[frame, wanted, None]
-                    series[place : place + len(wanted), :, light, repeat] = pressure.astype(np.float32)
+                    part = slice(place, place + len(wanted))
+                    pressure = (block[wanted - start] * scale[frame, wanted, None]).astype(np.float32)
+                    if delays.any():
+                        pressure = align(pressure, delays[frame, part], shape[1])
+                    series[part, :, light, repeat] = pressure
 
-    def _acquisition(self, kept: NDArray[np.int64], shape: tuple[int, ...]) -> None:
+    def _acquisition(self, kept: NDArray[np.int64], shape: tuple[int, ...], time_zero: float) -> None:
         plan, mask, origin = self._scan["plan"].attrs, self._scan["mask"], self._scan.attrs
         weights = mask["weights"][()][kept]
         identity = f"{origin['scan_id']}/{plan['id']}/{origin['created']}"
@@ -155,7 +161,7 @@ class _Export:
             "speed_of_sound": float(plan["sound_speed_m_s"]),
             "photoacoustic_imaging_device_reference": self._device_name(),
             "scanning_method": "one detection point of the list after the other",
-            ipasc.TIME_ZERO: float(plan["time_zero_s"]),
+            ipasc.TIME_ZERO: time_zero,
             ipasc.APERTURE: float(mask.attrs["aperture_m"]),
             ipasc.WEIGHTS: weights * (mask["weights"][()].sum() / weights.sum()),
             ipasc.SIMULATED: int(origin["simulated"]),

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from steradian.errors import DamagedFile, InvalidInput
 from steradian.scans import schema
-from steradian.scans.reading import _check_kind, _intact
-from steradian.scans.recording import Recording
+from steradian.scans.reading import _check_kind, shots_of
+from steradian.scans.recording import Recording, Shots
+from steradian.scans.rows import RowTable
 
 _GAP = 16  # rows not wanted that are rather read than skipped
 
@@ -30,6 +31,8 @@ class NewAlines:
         (K,) points of the mask, rising.
     traces
         (K, N_t) float32 pressures.
+    shots
+        What differed from A-line to A-line.
     replaced
         An A-line seen earlier has since been measured again: forget all; ``points`` are all that are stored.
     """
@@ -37,6 +40,7 @@ class NewAlines:
     points: NDArray[np.int64]
     traces: NDArray[np.float32]
     replaced: bool
+    shots: Shots
 
 
 class ScanFollower:
@@ -94,7 +98,7 @@ class ScanFollower:
         """
         try:
             with h5py.File(self.path, "r") as file:
-                return self._take(file["alines"], most)
+                return self._take(file, most)
         except (OSError, KeyError) as error:
             raise DamagedFile(f"{self.path} cannot be read as a scan: {error}") from error
 
@@ -102,21 +106,22 @@ class ScanFollower:
         """Take all A-lines again at the next call."""
         self._seen[:] = False
 
-    def _take(self, alines: h5py.Group, most: int | None) -> NewAlines:
+    def _take(self, file: h5py.File, most: int | None) -> NewAlines:
         rows = slice(self._first, self._first + self.whole.planned)
-        # the status is written after all else of a row, so it is read before
-        stored = alines["status"][rows] == schema.STORED
-        checksums, scale = alines["crc32c"][rows], alines["scale"][rows]
+        table = RowTable.of_file(file, rows)
+        stored, checksums = table.stored, table["crc32c"]
         replaced = bool((self._seen & (~stored | (checksums != self._checksums))).any())
         if replaced:
             self.forget()
         points = np.flatnonzero(stored & ~self._seen)[:most]
-        samples = _read_rows(alines["samples"], self._first + points)
-        whole = _intact(samples, checksums[points])
-        points, samples = points[whole], samples[whole]
+        samples = _read_rows(file["alines/samples"], self._first + points)
+        table = table.take(points)
+        whole = table.intact(samples)
+        points, samples, table = points[whole], samples[whole], table.take(whole)
         self._seen[points] = True
         self._checksums[points] = checksums[points]
-        return NewAlines(points, np.multiply(samples, scale[points, None], dtype=np.float32), replaced)
+        traces = np.multiply(samples, table["scale"][:, None], dtype=np.float32)
+        return NewAlines(points, traces, replaced, shots_of(table))
 
 
 class Quiet:

@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import google_crc32c
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from steradian.errors import DamagedFile, InvalidInput
 from steradian.scans import schema
 from steradian.scans.course import Course
-from steradian.scans.recording import Recording
+from steradian.scans.recording import Recording, Shots
+from steradian.scans.rows import RowTable
 
 
 @dataclass(frozen=True)
@@ -101,10 +100,11 @@ def _read(path: Path, file: h5py.File, frame: int) -> Recording:
     if not 0 <= frame < frames:
         raise InvalidInput("frame", frame, f"0 to {frames - 1}")
     rows = slice(frame * points, (frame + 1) * points)
-    stored = np.flatnonzero(np.asarray(alines["status"][rows]) == schema.STORED)
-    traces = np.asarray(alines["samples"][rows])[stored]
-    whole = _intact(traces, np.asarray(alines["crc32c"][rows])[stored])
-    stored, traces = stored[whole], traces[whole]
+    table = RowTable.of_file(file, rows)
+    stored = np.flatnonzero(table.stored)
+    traces, table = np.asarray(alines["samples"][rows])[stored], table.take(stored)
+    whole = table.intact(traces)  # a power cut may leave a row that was never acknowledged half written
+    stored, traces, table = stored[whole], traces[whole], table.take(whole)
     if not len(stored):
         raise DamagedFile(f"{path} holds no A-line yet")
     aperture = float(mask.attrs["aperture_m"])
@@ -112,13 +112,13 @@ def _read(path: Path, file: h5py.File, frame: int) -> Recording:
     area = weights.sum()
     return Recording(
         traces=traces,
-        scale=np.asarray(alines["scale"][rows])[stored],
+        scale=table["scale"],
         positions=np.asarray(mask["positions"], dtype=np.float64)[stored],
         weights=weights[stored] * (area / weights[stored].sum()),
         sampling_interval=float(plan.attrs["sampling_interval_s"]),
         sound_speed=float(plan.attrs["sound_speed_m_s"]),
         aperture=aperture,
-        time_zero=float(plan.attrs["time_zero_s"]),
+        time_zero=float(table["time_zero_s"].min()),
         grid=None,
         depth=float(mask.attrs["depth_m"]) if "depth_m" in mask.attrs else None,
         planned=points,
@@ -130,6 +130,19 @@ def _read(path: Path, file: h5py.File, frame: int) -> Recording:
             "simulated": str(bool(file.attrs["simulated"])),
             **_frame_provenance(file, frame, frames),
         },
+        shots=shots_of(table),
+    )
+
+
+def shots_of(table: RowTable) -> Shots:
+    """Return what a scan file's rows say about each A-line."""
+    return Shots(
+        energy=table["energy"].astype(np.float64),
+        time_zero=table["time_zero_s"].astype(np.float64),
+        quality=table["quality"],
+        averages=table["averages"],
+        level=table["dc_v"].astype(np.float64),
+        gain=table["gain_db"].astype(np.float64),
     )
 
 
@@ -139,10 +152,3 @@ def _frame_provenance(file: h5py.File, frame: int, frames: int) -> dict[str, str
     excitation = float(file["plan/frame_excitation"][frame])
     told = {"excitation": f"{1e9 * excitation:g} nm"} if excitation else {}
     return told | ({"frame": f"{frame} of {frames}"} if frames > 1 else {})
-
-
-def _intact(traces: NDArray[np.int16], checksums: NDArray[np.uint32]) -> NDArray[np.bool_]:
-    """Tell which rows match their checksum: a power cut may leave a row that was never acknowledged half written."""
-    return np.array(
-        [google_crc32c.value(row.tobytes()) == crc for row, crc in zip(traces, checksums, strict=True)], bool
-    )

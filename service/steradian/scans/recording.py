@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,38 @@ from numpy.typing import NDArray
 
 from steradian.errors import NotFound
 from steradian.validation import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Shots:
+    """What differed from A-line to A-line.
+
+    Attributes
+    ----------
+    energy
+        (M,) mean pulse energy relative to nominal.
+    time_zero
+        (M,) time in seconds of each A-line's first column after its laser pulse.
+    quality
+        (M,) flags: 1 saturated, 2 mistuned, 4 misfire, 8 partial average.
+    averages
+        (M,) shots really averaged.
+    level
+        (M,) DC level of the interferometer in V.
+    gain
+        (M,) gain of the receiver in dB over its usual one; ``scale`` has taken it into account.
+    """
+
+    energy: FloatArray
+    time_zero: FloatArray
+    quality: NDArray[np.uint32]
+    averages: NDArray[np.uint32]
+    level: FloatArray
+    gain: FloatArray
+
+    def take(self, index: NDArray[np.int64] | NDArray[np.bool_]) -> Shots:
+        """Return those of some A-lines."""
+        return Shots(**{each.name: getattr(self, each.name)[index] for each in fields(self)})
 
 
 @dataclass(frozen=True)
@@ -29,7 +61,8 @@ class Recording:
     weights
         (M,) areas in m² that sum to aperture², on a line lengths in m that sum to it; ``None`` when the file has none.
     sampling_interval, sound_speed, aperture, time_zero
-        Seconds, metres per second (``None`` when the file states none), metres, seconds.
+        Seconds, metres per second (``None`` when the file states none), metres, seconds. Where the A-lines differ in
+        their time zero, which ``shots`` tells, it is the earliest.
     grid
         Sensors per axis where they fill a grid, else ``None``.
     depth
@@ -38,6 +71,9 @@ class Recording:
         Number of points the plan asked for; more than M for a partial scan.
     provenance
         Identifiers of mask, plan, scan and scanner, for the volume's own record.
+    shots
+        What differed from A-line to A-line, where the file tells; ``None`` when nothing does any more
+        (:func:`steradian.reconstructions.evenness.even_out`).
     """
 
     traces: NDArray[np.number[Any]]
@@ -52,6 +88,7 @@ class Recording:
     depth: float | None
     planned: int
     provenance: dict[str, str]
+    shots: Shots | None = None
 
 
 def open_recording(path: Path, frame: int = 0) -> Recording:

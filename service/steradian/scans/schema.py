@@ -1,4 +1,4 @@
-"""Layout of a scan file, version 2; ``docs/scan-file.md`` describes it in full.
+"""Layout of a scan file, version 3; ``docs/scan-file.md`` describes it in full.
 
 ::
 
@@ -16,8 +16,8 @@
         samples   (F·M, N_t) i2 digitised pressure; multiply by scale for the pressure unit; f4 where an import was
                                 not of 16-bit integers
         status    (F·M,) u1     0 = missing, 1 = stored
-        crc32c    (F·M,) u4     of the row of samples, little-endian
-        scale, energy, wavelength_m, fire_time_s, quality, shot   (F·M,)
+        crc32c    (F·M,) u4     of the row: its samples and its columns
+        scale, energy, wavelength_m, fire_time_s, quality, shot, averages, time_zero_s, dc_v, gain_db   (F·M,)
     /run                        what the acquisition needs to continue
         queue     (F·M,) i8     rows last given to the scanner, in order
         upload    (5,)   i8     how many of them, tag of that upload, shots fired before it for this scan and by the
@@ -25,8 +25,8 @@
         reference (4,)   f8     point, bias wavelength (m), sensitivity (V/m), reflectivity (V) when the scan began
     /fired        scalar i8     shots the scanner has fired for this scan
 
-Version 1 had one frame and none of /run, wavelengths, frame_excitation, document and what else came later; it is read
-like version 2.
+Version 2 had no averages, time_zero_s, dc_v and gain_db, and checksums of the samples alone. Version 1 had one frame
+and none of /run, wavelengths, frame_excitation, document and what else came later. Both are read and continued.
 
 Every dataset has its full size, and its place in the file, from the start. A scan therefore only overwrites bytes
 inside existing datasets and never touches the file's own bookkeeping: whatever kills the scan leaves a valid file.
@@ -37,8 +37,8 @@ from __future__ import annotations
 import numpy as np
 
 FORMAT = "steradian-scan"
-VERSION = 2
-READABLE = (1, 2)
+VERSION = 3
+READABLE = (1, 2, 3)
 """Versions that this program reads."""
 CHUNK_BYTES = 1 << 18
 
@@ -52,9 +52,19 @@ COLUMNS: dict[str, np.dtype[np.generic]] = {
     "fire_time_s": np.dtype("<f8"),
     "quality": np.dtype("<u4"),
     "shot": np.dtype("<u4"),
+    "averages": np.dtype("<u4"),
+    "time_zero_s": np.dtype("<f8"),
+    "dc_v": np.dtype("<f4"),
+    "gain_db": np.dtype("<f4"),
     "status": np.dtype("<u1"),
 }
 """One value per A-line each; ``status`` is written last."""
+PROVEN_SINCE = 3
+"""First version whose checksums cover the columns."""
+PROVEN = np.dtype([(name, kind) for name, kind in COLUMNS.items() if name != "crc32c"])
+"""Columns that a row's checksum covers after its samples, packed."""
+_LATER = {"averages": 3, "time_zero_s": 3, "dc_v": 3, "gain_db": 3}
+"""Version that brought a column."""
 
 SAMPLES = np.dtype("<i2")
 EXACT_SAMPLES = np.dtype("<f4")
@@ -65,5 +75,17 @@ UPLOAD = np.dtype("<i8")
 UPLOAD_FIELDS = 5
 REFERENCE = np.dtype("<f8")
 
-UNITS = {"energy": "relative to nominal", "wavelength_m": "m", "fire_time_s": "s since the scanner's boot"}
+UNITS = {
+    "energy": "relative to nominal",
+    "wavelength_m": "m",
+    "fire_time_s": "s since the scanner's boot",
+    "time_zero_s": "s after the pulse",
+    "dc_v": "V",
+    "gain_db": "dB over the usual gain; scale has taken it into account",
+}
 """Units of columns, as attributes."""
+
+
+def columns_of(version: int) -> dict[str, np.dtype[np.generic]]:
+    """Return the columns that a file of this version has."""
+    return {name: kind for name, kind in COLUMNS.items() if _LATER.get(name, 0) <= version}

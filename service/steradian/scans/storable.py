@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -16,6 +16,8 @@ from steradian.scans import schema
 
 TABLE = tuple(name for name in schema.COLUMNS if name not in ("crc32c", "status"))
 """Columns that come with the A-lines."""
+ATTRIBUTE = {name: name for name in TABLE} | {"time_zero_s": "time_zero_offset_s"}
+"""What an A-line calls them."""
 
 
 class StorableAline(Protocol):
@@ -37,6 +39,14 @@ class StorableAline(Protocol):
     def quality(self) -> int: ...  # noqa: D102
     @property
     def shot(self) -> int: ...  # noqa: D102
+    @property
+    def averages(self) -> int: ...  # noqa: D102
+    @property
+    def time_zero_offset_s(self) -> float: ...  # noqa: D102
+    @property
+    def dc_v(self) -> float: ...  # noqa: D102
+    @property
+    def gain_db(self) -> float: ...  # noqa: D102
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +68,7 @@ class Columns:
     points: NDArray[np.int64]
     pieces: list[bytes]
     checksums: NDArray[np.uint32] | list[int]
-    values: dict[str, NDArray[Any] | list[Any]]
+    values: Mapping[str, NDArray[Any] | list[Any]]
 
 
 def columns_of(alines: Iterable[StorableAline], samples: int, kind: np.dtype[Any]) -> Columns:
@@ -70,7 +80,7 @@ def columns_of(alines: Iterable[StorableAline], samples: int, kind: np.dtype[Any
         pieces = alines.sample_bytes
         if pieces and len(pieces[0]) != samples * kind.itemsize:
             raise InvalidInput("samples", f"A-lines of {len(pieces[0]) // kind.itemsize} samples", f"{samples} samples")
-        values: dict[str, Any] = {name: alines.column(name) for name in TABLE}
+        values: dict[str, Any] = {name: alines.column(ATTRIBUTE[name]) for name in TABLE}
         return Columns(alines.column("point"), pieces, alines.column("crc32c"), values)
     each = list(alines)
     for aline in each:
@@ -79,4 +89,5 @@ def columns_of(alines: Iterable[StorableAline], samples: int, kind: np.dtype[Any
     pieces = [np.ascontiguousarray(aline.samples, kind).tobytes() for aline in each]
     checksums = [google_crc32c.value(piece) for piece in pieces]
     points = np.array([aline.point for aline in each], np.int64)
-    return Columns(points, pieces, checksums, {name: [getattr(aline, name) for aline in each] for name in TABLE})
+    table = {name: [getattr(aline, ATTRIBUTE[name]) for aline in each] for name in TABLE}
+    return Columns(points, pieces, checksums, table)

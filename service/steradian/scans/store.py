@@ -25,6 +25,7 @@ from steradian.scans import schema
 from steradian.scans.course import Course
 from steradian.scans.layout import create_scan_file, is_full
 from steradian.scans.locking import lock
+from steradian.scans.rows import pack, row_checksums
 from steradian.scans.storable import StorableAline, columns_of
 
 __all__ = ["AlineStore", "StorableAline", "create_scan_file"]
@@ -98,11 +99,12 @@ class AlineStore:
         self._chunks = [
             samples.id.get_chunk_info_by_coord((row, 0)).byte_offset for row in range(0, self.count, self._chunk_rows)
         ]
-        self._offsets = {name: alines[name].id.get_offset() for name in schema.COLUMNS}
+        self.version = int(file.attrs["schema_version"])
+        kinds = schema.columns_of(self.version)
+        self._offsets = {name: alines[name].id.get_offset() for name in kinds}
         # not through HDF5, which may answer a second opening of a file by one process from what it remembers
         self._columns = {
-            name: self._read(self._offsets[name], self.count, np.dtype(kind)).copy()
-            for name, kind in schema.COLUMNS.items()
+            name: self._read(self._offsets[name], self.count, np.dtype(kind)).copy() for name, kind in kinds.items()
         }
         self._stored: NDArray[np.bool_] = self._columns["status"] == schema.STORED
         self._fired_offset = file["fired"].id.get_offset()
@@ -153,7 +155,9 @@ class AlineStore:
         if beyond.size:
             raise InvalidInput("point", int(beyond[0]), f"0 to {len(given) - 1}")
         places = given[points]
-        new: dict[str, Any] = {"crc32c": columns.checksums, **columns.values, "status": schema.STORED}
+        packed = pack(columns.values)
+        new = {name: packed[name] for name in self._columns if name != "crc32c"}
+        new["crc32c"] = row_checksums(self.version, columns.checksums, packed)
         self._columns["status"][places] = schema.MISSING  # should a write fail, what lies there is neither old nor new
         self._stored[places] = False
         self._write_samples(places, columns.pieces)
@@ -224,7 +228,7 @@ class AlineStore:
         return self._read(start, self.samples, self.kind)
 
     def column(self, name: str) -> NDArray[Any]:
-        """Return a copy of one column of the shot table, (F·M,)."""
+        """Return a copy of one column of the shot table, (F·M,); KeyError where the file's version has none."""
         return self._columns[name].copy()
 
     def close(self) -> None:
@@ -253,7 +257,7 @@ class AlineStore:
             data = pieces[start] if end == start + 1 else b"".join(pieces[start:end])
             self._overwrite(chunks[place // rows] + place % rows * size, data)
 
-    def _write_columns(self, places: NDArray[np.int64], new: dict[str, Any]) -> None:
+    def _write_columns(self, places: NDArray[np.int64], new: dict[str, NDArray[Any]]) -> None:
         """Write ``new`` values at ``places``; what lies between them is what is proven to be there."""
         first, last = int(places.min()), int(places.max()) + 1
         for name, values in self._columns.items():
@@ -263,9 +267,7 @@ class AlineStore:
                 piece[places - first] = new[name]
                 self._overwrite(self._offsets[name] + first * size, piece.tobytes())
                 continue
-            each = np.empty(len(places), values.dtype)
-            each[:] = new[name]
-            for place, value in zip(places.tolist(), each, strict=True):
+            for place, value in zip(places.tolist(), new[name], strict=True):
                 self._overwrite(self._offsets[name] + place * size, value.tobytes())
 
     def _overwrite(self, offset: int, data: bytes) -> None:

@@ -124,4 +124,8 @@ class Aline:
     energy: float = 1.0
     wavelength_m: float = 1.55e-6
     fire_time_s: float = 0.0
+    averages: int = 1
+    time_zero_offset_s: float = 0.0
+    dc_v: float = 0.0
+    gain_db: float = 0.0
     quality: int = 0

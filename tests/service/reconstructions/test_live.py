@@ -38,6 +38,7 @@ class Aline:
     """An A-line as the store takes it."""
 
     energy, wavelength_m, fire_time_s, quality, shot = 1.0, 1.55e-6, 0.0, 0, 0
+    averages, time_zero_offset_s, dc_v, gain_db = 1, 0.0, 0.0, 0.0
 
     def __init__(self, point: int, samples: np.ndarray, scale: float) -> None:
         self.point, self.samples, self.scale = point, samples, scale

@@ -18,6 +18,10 @@ class Aline:
     fire_time_s: float = 0.0
     quality: int = 0
     shot: int = 0
+    averages: int = 1
+    time_zero_offset_s: float = 0.0
+    dc_v: float = 1.2
+    gain_db: float = 0.0
 
 
 @pytest.fixture(scope="session")

@@ -55,6 +55,16 @@ def test_it_is_checked_and_a_damaged_row_in_it_is_found(path):
     assert len(open_recording(path).traces) == 12
 
 
+def test_a_row_that_it_does_not_list_is_not_listed_by_the_check(path):
+    """Its checksums cover the samples alone: nothing would prove the scale and the energy of such a row."""
+    with h5py.File(path, "r+") as file:
+        file["alines/status"][5] = 0
+        file["alines/scale"][5] = 0.0
+    report = check_scan_file(path)
+    assert not len(report.unlisted)
+    assert len(open_recording(path).traces) == 12
+
+
 def test_it_is_exported(path, tmp_path):
     truth = raw(path)
     export_scan(path, tmp_path / "a.hdf5")

@@ -1,5 +1,6 @@
 """Scans as IPASC files, judged by the consortium's own library."""
 
+import dataclasses
 import shutil
 import subprocess
 
@@ -20,8 +21,33 @@ def scan(tmp_path, plan, alines):
     path = tmp_path / "scan.h5"
     create_scan_file(path, plan, scan_id="s1", scanner="SIM-1", simulated=True, time_zero=2.5e-7)
     with AlineStore(path) as store:
-        store.append(alines)
+        store.append(dataclasses.replace(aline, time_zero_offset_s=2.5e-7) for aline in alines)
     return path
+
+
+def test_a_lines_that_begin_at_different_times_come_out_at_their_times(tmp_path, plan, alines):
+    """A short pulse 1.2 µs after the laser's, recorded with another time zero at each point: one closed form."""
+    chance = np.random.default_rng(3)
+    starts = chance.integers(0, 8000, len(alines)) * 1e-10
+    times, height = np.arange(plan.samples) * plan.sampling_interval, 20_000
+
+    def pulse(times):
+        return np.exp(-(((times - 1.2e-6) / 40e-9) ** 2))
+
+    lines = [
+        dataclasses.replace(
+            aline, samples=np.rint(height * pulse(start + times)).astype(np.int16), time_zero_offset_s=start
+        )
+        for aline, start in zip(alines, starts, strict=True)
+    ]
+    create_scan_file(tmp_path / "scan.h5", plan)
+    with AlineStore(tmp_path / "scan.h5") as store:
+        store.append(lines)
+    again = open_recording(export_scan(tmp_path / "scan.h5", tmp_path / "out.hdf5"))
+    grid = again.time_zero + np.arange(again.traces.shape[1]) * plan.sampling_interval
+    assert again.time_zero == pytest.approx(starts.min(), abs=1e-15)
+    truth = np.broadcast_to(0.5 * height * pulse(grid), again.traces.shape)
+    np.testing.assert_allclose(again.traces, truth, atol=2)
 
 
 def test_pacfish_reads_every_mandatory_tag_and_finds_them_consistent(tmp_path, scan, plan):

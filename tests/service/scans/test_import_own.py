@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
+from earlier import as_version_1
 
 from steradian import ScanPlan, equi_steradian_mask
 from steradian.errors import DamagedFile, InvalidInput
@@ -218,11 +219,7 @@ def test_columns_in_chunks_come_out_in_their_places(tmp_path, own, alines):
 
 def test_a_file_of_version_1_becomes_one_of_today(tmp_path, own, plan):
     """It has no document, no frames and nothing to continue a session with."""
-    with h5py.File(own, "r+") as file:
-        file.attrs["schema_version"] = 1
-        del file["run"], file["plan/frame_excitation"], file["plan"].attrs["document"]
-        del file["plan"].attrs["frames"], file.attrs["scanner_model"], file.attrs["tuning_map"]
-        del file.attrs["geometry_crc32c"]
+    as_version_1(own)
     import_scan(own, tmp_path / "scan.h5")
     with h5py.File(tmp_path / "scan.h5") as file:
         assert file.attrs["schema_version"] == schema.VERSION

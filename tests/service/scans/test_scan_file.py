@@ -2,12 +2,16 @@
 
 import re
 import subprocess
+import sys
 from pathlib import Path
 from shutil import which
 
 import h5py
 import numpy as np
 import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+from earlier import as_version_1
 
 from fabry_perot.simulator import launch
 from steradian.scans.check import check_scan_file
@@ -70,18 +74,6 @@ def test_where_it_comes_from_is_in_it(path, plan):
         assert len(file.attrs["tuning_map"]) == 64
         assert f'"pulse_rate":{plan.pulse_rate}' in file["plan"].attrs["document"]
     assert list_frames(path)[0].excitation == 8e-7
-
-
-def as_version_1(path):
-    """Take out what the first version did not have."""
-    with h5py.File(path, "r+") as file:
-        for name in ("run", "plan/frame_excitation"):
-            del file[name]
-        for name in ("scanner_model", "tuning_map", "geometry_crc32c"):
-            del file.attrs[name]
-        for name in ("frames", "document"):
-            del file["plan"].attrs[name]
-        file.attrs["schema_version"] = 1
 
 
 def test_a_file_of_version_1_is_read_checked_and_continued(tmp_path, plan):

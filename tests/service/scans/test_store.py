@@ -16,6 +16,10 @@ sys.path.insert(0, str(Path(__file__).parent))
 from faulty_disk import FULL, FaultyDisk
 
 from steradian.errors import Conflict, DamagedFile, InvalidInput, NotFound
+from steradian.scans.check import check_scan_file
+from steradian.scans.exporting import export_scan
+from steradian.scans.following import ScanFollower
+from steradian.scans.importing import import_scan
 from steradian.scans.recording import open_recording
 from steradian.scans.store import AlineStore, create_scan_file
 
@@ -91,6 +95,40 @@ def test_a_half_written_row_is_left_out(path, plan, alines):
         row[100:] = 0
         file["alines/samples"][place] = row
     assert len(open_recording(path).traces) == plan.mask.count - 1
+
+
+COLUMNS = "scale energy wavelength_m fire_time_s quality shot averages time_zero_s dc_v gain_db".split()
+
+
+@pytest.mark.parametrize("column", COLUMNS)
+def test_a_row_with_a_wrong_column_is_not_passed_off_as_data(path, plan, alines, column, tmp_path):
+    """… to a reconstruction, a live view, an export, an import or a continued scan: it is found and measured again."""
+    with AlineStore(path) as store:
+        store.append(alines)
+    with h5py.File(path, "r+") as file:
+        file["alines"][column][5] += {"wavelength_m": 1e-9, "time_zero_s": 1e-9}.get(column, 1)
+    others = np.delete(np.arange(plan.mask.count), 5)
+    np.testing.assert_array_equal(open_recording(path).positions, plan.mask.positions[others])
+    assert ScanFollower(path).take().points.tolist() == others.tolist()
+    exported = open_recording(export_scan(path, tmp_path / "out.hdf5"))
+    assert len(exported.positions) == len(others)
+    with pytest.raises(DamagedFile, match="A-line 5"):
+        import_scan(path, tmp_path / "copy.h5")
+    assert check_scan_file(path).damaged.tolist() == [5]
+    with AlineStore(path) as store:
+        assert np.flatnonzero(store.missing).tolist() == [5]
+
+
+def test_a_row_whose_status_never_landed_is_listed_only_with_the_columns_it_was_stored_with(path, alines):
+    with AlineStore(path) as store:
+        store.append(alines)
+    with h5py.File(path, "r+") as file:
+        file["alines/status"][4:7] = 0
+        file["alines/energy"][5] = 0.0
+    report = check_scan_file(path)
+    assert (report.unlisted.tolist(), report.damaged.tolist()) == ([4, 6], [])
+    with AlineStore(path) as store:
+        assert np.flatnonzero(store.missing).tolist() == [5]
 
 
 def test_kill_9_loses_no_acknowledged_aline(path, plan, tmp_path):

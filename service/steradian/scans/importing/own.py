@@ -21,7 +21,8 @@ from steradian.scans.importing.planned import read_plan
 from steradian.scans.importing.tables import Hdf5Table
 from steradian.scans.importing.writing import MOST_SIZE, ImportedAline, pieces, require_sizes
 from steradian.scans.layout import geometry_checksum
-from steradian.scans.storable import TABLE
+from steradian.scans.rows import RowTable
+from steradian.scans.storable import ATTRIBUTE
 from steradian.scans.store import AlineStore, Upload, create_scan_file
 
 FORMAT = "steradian"
@@ -34,10 +35,19 @@ DATASETS = {
     *(f"run/{name}" for name in ("queue", "upload", "reference")),
 }
 """All that a scan file may hold."""
-MOST = {"scale": MOST_SIZE, "energy": 1e6, "wavelength_m": 1e-4, "fire_time_s": 1e12}
-"""Most that a column may say of a stored A-line; the least is 0."""
 TIME_ZERO = 1.0
 """Seconds from the pulse to the first sample, either way."""
+LIMITS = {
+    "scale": (0.0, MOST_SIZE),
+    "energy": (0.0, 1e6),
+    "wavelength_m": (0.0, 1e-4),
+    "fire_time_s": (0.0, 1e12),
+    "averages": (0.0, 1e6),
+    "time_zero_s": (-TIME_ZERO, TIME_ZERO),
+    "dc_v": (-1e3, 1e3),
+    "gain_db": (-1e3, 1e3),
+}
+"""Least and most that a column may say of a stored A-line."""
 NAME = 1000
 """Characters of a name."""
 
@@ -49,7 +59,7 @@ class _Scan:
     plan: ScanPlan
     visit: NDArray[np.int64]
     table: Hdf5Table
-    columns: dict[str, NDArray[Any]]
+    rows: RowTable
     stored: NDArray[np.bool_]
     fired: int
 
@@ -106,22 +116,24 @@ def _read(file: h5py.File) -> _Scan:
             f"{name}: alines/samples is {samples.dtype} of the shape {samples.shape}; expected int16 or float32"
             f" of ({plan.aline_count}, {plan.samples})"
         )
-    columns = {column: untrusted.array(file, f"alines/{column}") for column in schema.COLUMNS}
-    for column, kind in schema.COLUMNS.items():
+    columns = {column: untrusted.array(file, f"alines/{column}") for column in schema.columns_of(int(version))}
+    for column, kind in schema.columns_of(int(version)).items():
         if columns[column].shape != (plan.aline_count,) or columns[column].dtype.newbyteorder("<") != kind:
             raise DamagedFile(f"{name}: alines/{column} is not {kind} of ({plan.aline_count},)")
     if not np.isin(columns["status"], (schema.MISSING, schema.STORED)).all():
         raise DamagedFile(f"{name}: alines/status has values other than {schema.MISSING} and {schema.STORED}")
     stored = columns["status"] == schema.STORED
-    for column, most in MOST.items():
-        _require_range(column, columns[column], stored, most)
+    for column, (least, most) in LIMITS.items():
+        if column in columns:
+            _require_range(column, columns[column], stored, least, most)
     light = untrusted.array(file, "plan/frame_excitation") if "plan/frame_excitation" in file else None
     if light is not None and not np.array_equal(light, plan.frame_excitation):
         raise DamagedFile(f"{name}: plan/frame_excitation is not what the plan says")
     visit = _visit(file, plan)
     if untrusted.figure(file, "/", "geometry_crc32c") not in (None, geometry_checksum(file)):
         raise DamagedFile(f"{name}: positions, weights or order of the points do not match their checksum")
-    return _Scan(plan, visit, Hdf5Table(samples), columns, stored, _fired(file))
+    rows = RowTable.of_columns(int(version), columns, plan.averages, _time_zero(file))
+    return _Scan(plan, visit, Hdf5Table(samples), rows, stored, _fired(file))
 
 
 def _refuse_unknown(file: h5py.File) -> None:
@@ -173,7 +185,7 @@ def _write(scan: _Scan, store: AlineStore, progress: Progress | None, cancelled:
             raise Cancelled(f"the import was stopped after {start} of {total} A-lines")
         for first, piece in pieces(start, block):
             kept = scan.stored[first : first + len(piece)]
-            require_sizes(piece[kept], scan.columns["scale"][first : first + len(piece)][kept], rows[first:][kept])
+            require_sizes(piece[kept], scan.rows["scale"][first : first + len(piece)][kept], rows[first:][kept])
             store.append(_alines(scan, first, piece), rows)
         if progress:
             progress("A-lines", min(start + len(block), total), total)
@@ -181,20 +193,21 @@ def _write(scan: _Scan, store: AlineStore, progress: Progress | None, cancelled:
 
 def _alines(scan: _Scan, first: int, block: NDArray[Any]) -> Iterator[ImportedAline]:
     """Give the stored A-lines of some rows, each proven by its checksum."""
-    columns, rows = scan.columns, np.flatnonzero(scan.stored[first : first + len(block)])
+    rows = np.flatnonzero(scan.stored[first : first + len(block)])
+    proven = scan.rows.take(first + rows).intact(block[rows])
+    if not proven.all():
+        raise DamagedFile(f"A-line {first + rows[~proven][0]} does not match its checksum")
     for within in rows.tolist():
         row = first + within
-        if google_crc32c.value(block[within].tobytes()) != columns["crc32c"][row]:
-            raise DamagedFile(f"A-line {row} does not match its checksum")
-        said = {name: columns[name][row].item() for name in TABLE}
+        said = {attribute: scan.rows[name][row].item() for name, attribute in ATTRIBUTE.items()}
         yield ImportedAline(row, block[within], **said)
 
 
-def _require_range(column: str, values: NDArray[Any], stored: NDArray[np.bool_], most: float) -> None:
-    wrong = np.flatnonzero(stored & ~((values >= 0) & (values <= most)))
+def _require_range(column: str, values: NDArray[Any], stored: NDArray[np.bool_], least: float, most: float) -> None:
+    wrong = np.flatnonzero(stored & ~((values >= least) & (values <= most)))
     if wrong.size:
         row = int(wrong[0])
-        raise InvalidInput(f"alines/{column}[{row}]", values[row], f"0 to {most:g}")
+        raise InvalidInput(f"alines/{column}[{row}]", values[row], f"{least:g} to {most:g}")
 
 
 def _take_over(file: h5py.File, scan: _Scan, store: AlineStore) -> None:

@@ -40,6 +40,10 @@ class ImportedAline:
     wavelength_m: float = 0.0
     fire_time_s: float = 0.0
     quality: int = 0
+    averages: int = 1
+    time_zero_offset_s: float = 0.0
+    dc_v: float = 0.0
+    gain_db: float = 0.0
 
 
 def plan_of(source: Source) -> ScanPlan:
@@ -104,7 +108,7 @@ def write_scan(source: Source, path: Path, *, progress: Progress | None, cancell
             if cancelled and cancelled():
                 raise Cancelled(f"the import was stopped after {start} of {total} A-lines")
             for first, piece in pieces(start, block):
-                store.append(_alines(first, piece, kind, source.scale), rows)
+                store.append(_alines(first, piece, kind, source), rows)
             if progress:
                 progress("A-lines", start + len(block), total)
         store.set_fired(total)
@@ -143,9 +147,9 @@ def require_sizes(
         )
 
 
-def _alines(start: int, block: NDArray[Any], kind: np.dtype[Any], scale: float) -> Iterator[ImportedAline]:
+def _alines(start: int, block: NDArray[Any], kind: np.dtype[Any], source: Source) -> Iterator[ImportedAline]:
     with np.errstate(over="ignore", invalid="ignore"):  # what float32 cannot hold becomes infinite and is refused
         samples = block.astype(kind)
-    require_sizes(samples, scale, np.arange(start, start + len(block)), block)
+    require_sizes(samples, source.scale, np.arange(start, start + len(block)), block)
     for index, row in enumerate(samples, start):
-        yield ImportedAline(index, row, scale, shot=index + 1)
+        yield ImportedAline(index, row, source.scale, shot=index + 1, time_zero_offset_s=source.time_zero)

@@ -1,0 +1,66 @@
+"""Ways to break the scan file, done to a running program: ``python scan_mutants.py NAME TEST …`` tests one."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from steradian.scans import rows, schema, session, store
+
+
+def acknowledges_beyond():
+    """What could not be stored is forgotten, and the next A-lines are acknowledged."""
+
+    def keep(self, batch=()):
+        if not batch:
+            return True
+        if not self._store_patiently(lambda: self._store.append(batch, self._rows)):
+            return False
+        self._scanner.acknowledge(batch[-1])
+        self._note_fired()
+        self._control.progress(self._store.stored, self._store.count)
+        return True
+
+    session.ScanSession._keep = keep
+
+
+def acknowledges_unsynchronised():
+    """A batch counts as stored once it is written."""
+    store.sync_data = lambda handle: None
+
+
+def stored_before_written():
+    """The table in memory says that rows are stored before they are written."""
+    write = store.AlineStore._write_samples
+
+    def write_samples(self, places, pieces):
+        self._columns["status"][places] = schema.STORED
+        write(self, places, pieces)
+
+    store.AlineStore._write_samples = write_samples
+
+
+def checksum_of_samples_only():
+    """The row's checksum proves its samples and nothing of its columns."""
+    rows.row_checksums = store.row_checksums = lambda version, samples, packed: np.asarray(samples, np.uint32)
+
+
+def lists_what_nothing_proves():
+    """The check takes checksums of samples for proofs of rows."""
+    rows.RowTable.proves_columns = True
+
+
+MUTANTS = {
+    each.__name__: each
+    for each in (
+        acknowledges_beyond,
+        acknowledges_unsynchronised,
+        stored_before_written,
+        checksum_of_samples_only,
+        lists_what_nothing_proves,
+    )
+}
+
+if __name__ == "__main__":
+    MUTANTS[sys.argv[1]]()
+    sys.exit(pytest.main(["-q", "-rA", "-p", "no:cacheprovider", *sys.argv[2:]]))
