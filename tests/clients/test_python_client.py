@@ -20,7 +20,7 @@ def url(tmp_path_factory):
         yield process.stdout.readline().partition(" at ")[2].split()[0].removesuffix("/api/v1/")
     finally:
         process.terminate()
-        process.wait(20)
+        process.wait(60)
         process.stdout.close()
 
 

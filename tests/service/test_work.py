@@ -71,7 +71,7 @@ class Service:
     def close(self):
         self.http.close()
         self.process.terminate()
-        self.process.wait(15)
+        self.process.wait(60)
         self.process.stdout.close()
         self.log.close()
 
@@ -230,7 +230,7 @@ def wait_for(condition, seconds=60.0):
 
 
 @pytest.mark.skipif(not Path("/proc").exists(), reason="memory of processes is read from /proc")
-def test_cancelling_a_running_reconstruction_frees_its_memory_and_core_within_a_second(tmp_path, capsys):
+def test_cancelling_a_running_reconstruction_frees_its_memory_and_core_within_a_second(tmp_path, capsys, slowed):
     settings = Settings.create(data=tmp_path)
     queue = JobQueue(settings)
     mask = equi_steradian_mask(13.56e-3, 3.6e-3, 200)
@@ -253,8 +253,8 @@ def test_cancelling_a_running_reconstruction_frees_its_memory_and_core_within_a_
             begun = time.monotonic()
             queue.cancel("large", "ada", "no longer wanted")
             wait_for(lambda: resident(child) == 0)
-            took = time.monotonic() - begun
-            assert queue.wait("large", timeout=10).state is ReconstructionState.CANCELLED
+            took, slow = time.monotonic() - begun, slowed()
+            assert queue.wait("large", timeout=60).state is ReconstructionState.CANCELLED
             left = {file.name for file in (tmp_path / "reconstructions" / "large").iterdir()}
             assert "volume.h5" not in left
             queue.submit(reconstruction_job("after", settings, path, small))
@@ -263,7 +263,7 @@ def test_cancelling_a_running_reconstruction_frees_its_memory_and_core_within_a_
         queue.close()
     with capsys.disabled():
         print(f"\n  {held / 1e6:.0f} MB and the process of a cancelled reconstruction were free after {took:.2f} s")
-    assert took < 1.0
+    assert took < 1.0 * slow
 
 
 def json_pid(path):
@@ -272,7 +272,7 @@ def json_pid(path):
     return json.loads(path.read_text())["pid"]
 
 
-def test_a_service_that_is_asked_to_end_puts_jobs_back_and_makes_the_scan_safe(tmp_path, capsys):
+def test_a_service_that_is_asked_to_end_puts_jobs_back_and_makes_the_scan_safe(tmp_path, capsys, slowed):
     service = Service(tmp_path, simulator_speed=20.0)
     done = service.make("/scans", plan_id=service.plan())
     slow = service.start_scan(service.plan(pulse_rate=1, averages=10))
@@ -282,15 +282,15 @@ def test_a_service_that_is_asked_to_end_puts_jobs_back_and_makes_the_scan_safe(t
     wait_for(lambda: service.get(f"/reconstructions/{large['id']}").json()["state"] == "running")
     begun = time.monotonic()
     service.process.send_signal(signal.SIGTERM)
-    assert service.process.wait(12) == 0
-    took = time.monotonic() - begun
+    assert service.process.wait(60) == 0
+    took, slow = time.monotonic() - begun, slowed()
     database = Database(metadata_url(service.settings))
     job, scan = JobLedger(database).get(large["id"]), ScanRepository(database).get(slow["id"])
     database.close()
     service.close()
     with capsys.disabled():
         print(f"\n  SIGTERM with a running job and scan: all ended after {took:.1f} s")
-    assert took < 10
+    assert took < 10 * slow
     assert (job.state, job.attempt) == (ReconstructionState.QUEUED, 0)
     assert job.attempts[0]["outcome"] == "put back"
     assert scan.state is ScanState.INTERRUPTED
@@ -331,5 +331,5 @@ def test_reconstructions_run_on_the_service_and_on_a_worker_started_elsewhere(tm
             assert who == {"worker-0", "elsewhere-0"}
         finally:
             worker.terminate()
-            assert worker.wait(15) == 0
+            assert worker.wait(60) == 0
             service.close()

@@ -42,10 +42,10 @@ class Server:
             )
 
     def wait(self):
-        deadline = time.monotonic() + 30
+        deadline = time.monotonic() + 60
         while True:
             try:
-                return httpx.get(f"{self.url}/healthz", timeout=1).raise_for_status()
+                return httpx.get(f"{self.url}/healthz", timeout=10).raise_for_status()
             except httpx.HTTPError:
                 assert time.monotonic() < deadline, "the API did not start"
                 time.sleep(0.05)
@@ -53,7 +53,7 @@ class Server:
     def close(self):
         self.process.stdin.close()
         try:
-            self.process.wait(10)
+            self.process.wait(60)
         finally:
             self.process.kill()
             self.log = self.process.stderr.read().decode()
@@ -71,7 +71,7 @@ def server(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def http(server):
-    with httpx.Client(base_url=f"{server.url}/api/v1", timeout=30) as client:
+    with httpx.Client(base_url=f"{server.url}/api/v1", timeout=90) as client:
         yield client
 
 

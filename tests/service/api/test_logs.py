@@ -34,7 +34,7 @@ def talk(tmp_path_factory):
             stderr=log,
             pass_fds=[listener.fileno()],
         )
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + 60
     while True:
         try:
             httpx.get(f"{url}/healthz")
@@ -48,7 +48,7 @@ def talk(tmp_path_factory):
         httpx.get(f"{url}/healthz"),
     ]
     process.stdin.close()
-    process.wait(10)
+    process.wait(60)
     return answers, [json.loads(line) for line in (folder / "api.log").read_text().splitlines()]
 
 

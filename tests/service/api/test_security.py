@@ -66,7 +66,7 @@ class Guarded:
 
     def close(self):
         self.process.stdin.close()
-        self.process.wait(10)
+        self.process.wait(60)
         self.log = self.process.stderr.read().decode()
         self.process.stderr.close()
         self.database.close()
@@ -80,7 +80,7 @@ def secret_of(key):
 @pytest.fixture(scope="module")
 def guarded(tmp_path_factory):
     guarded = Guarded(tmp_path_factory.mktemp("guarded"))
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + 60
     while True:
         try:
             httpx.get(f"{guarded.url}/healthz")
@@ -96,7 +96,7 @@ def guarded(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def client():
-    with httpx.Client(timeout=30) as client:
+    with httpx.Client(timeout=90) as client:
         yield client
 
 

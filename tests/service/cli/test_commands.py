@@ -115,7 +115,7 @@ def test_ctrl_c_ends_a_scan_with_its_file_kept(walk, tmp_path):
     signal.signal(signal.SIGINT, heard)
     _wait_for_alines(tmp_path / "scan.h5", 5)
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=20)
+    _, errors = process.communicate(timeout=100)
     assert process.returncode == 130
     assert "Traceback" not in errors
     assert len(open_recording(tmp_path / "scan.h5").traces) >= 5

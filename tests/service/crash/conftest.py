@@ -48,7 +48,7 @@ class Service:
         log.close()
         self.processes.append(process)
         if kind == "serve":
-            self.until(lambda: self.url is not None and self.answers, 30)
+            self.until(lambda: self.url is not None and self.answers, 60)
         return process
 
     @property
@@ -61,7 +61,7 @@ class Service:
     @property
     def answers(self):
         try:
-            return httpx.get(f"{self.url}/healthz", timeout=1).status_code == 200
+            return httpx.get(f"{self.url}/healthz", timeout=10).status_code == 200
         except httpx.HTTPError:
             return False
 
@@ -97,7 +97,7 @@ class Service:
         for process in self.processes:
             process.terminate()
         for process in self.processes:
-            process.wait(15)
+            process.wait(60)
         if self._queue is not None:
             self._queue.close()
 

@@ -61,7 +61,7 @@ class Bench:
 
     def until(self, identifier, *states):
         """Wait for one of some states."""
-        deadline = time.monotonic() + 20
+        deadline = time.monotonic() + 60
         while self.scans.get(identifier).state not in states:
             assert time.monotonic() < deadline, self.states(identifier)
             threading.Event().wait(0.01)

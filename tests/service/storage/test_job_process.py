@@ -28,7 +28,7 @@ def test_a_job_that_is_given_up_while_its_process_starts_leaves_none_behind(tmp_
         job = asyncio.ensure_future(process.run(payload, log=tmp_path / "log.txt", report=_nothing, timeout=60))
         await there.wait()
         job.cancel()
-        await asyncio.wait({job}, timeout=10)
+        await asyncio.wait({job}, timeout=60)
         assert job.cancelled()
         assert started[0].returncode is not None, "it has been killed and waited for"
 

@@ -51,11 +51,11 @@ class Bench:
 
     def close(self):
         self.worker.terminate()
-        self.worker.wait(10)
+        self.worker.wait(60)
         self.queue.close()
 
 
-def wait_for(condition, seconds=20.0):
+def wait_for(condition, seconds=60.0):
     deadline = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < deadline, "it did not happen in time"
@@ -81,7 +81,7 @@ def test_a_job_runs_once_and_leaves_its_result(bench):
     bench.submit("good", "succeed", answer=42)
     bench.submit("good", "succeed", answer=43)
     seen = []
-    status = bench.queue.wait("good", timeout=20, progress=lambda *progress: seen.append(progress))
+    status = bench.queue.wait("good", timeout=60, progress=lambda *progress: seen.append(progress))
     assert (status.state, status.attempt, status.result) == (R.SUCCEEDED, 1, {"answer": 42})
     assert seen[-1] == ("working", 1, 4)
     assert len(bench.starts("good")) == 1
@@ -90,14 +90,14 @@ def test_a_job_runs_once_and_leaves_its_result(bench):
 
 def test_a_job_that_states_its_error_fails_at_once_with_it(bench):
     bench.submit("bad", "fail")
-    status = bench.queue.wait("bad", timeout=20)
+    status = bench.queue.wait("bad", timeout=60)
     assert (status.state, status.attempt) == (R.FAILED, 1)
     assert (status.error_code, status.error) == ("invalid-input", "depth is -1; allowed: > 0 (m)")
 
 
 def test_a_job_that_crashes_fails_at_once_and_its_log_has_the_traceback(bench):
     bench.submit("crash", "crash")
-    status = bench.queue.wait("crash", timeout=20)
+    status = bench.queue.wait("crash", timeout=60)
     assert (status.state, status.attempt, status.error) == (R.FAILED, 1, "ZeroDivisionError: oh")
     log = (bench.settings.data / "reconstructions" / "crash" / "log.txt").read_text()
     assert "ZeroDivisionError: oh" in log
@@ -106,23 +106,24 @@ def test_a_job_that_crashes_fails_at_once_and_its_log_has_the_traceback(bench):
 
 def test_a_job_whose_process_is_killed_is_started_three_times_then_fails(bench):
     bench.submit("poison", "die")
-    status = bench.queue.wait("poison", timeout=20)
+    status = bench.queue.wait("poison", timeout=60)
     assert (status.state, status.attempt, status.error_code) == (R.FAILED, 3, "died")
     assert "SIGKILL" in status.error
     assert len(bench.starts("poison")) == 3
 
 
-def test_cancelling_a_running_job_kills_its_process_within_a_second(bench):
+def test_cancelling_a_running_job_kills_its_process_within_a_second(bench, slowed):
     bench.submit("long", "hang")
     pid = bench.until_working("long")
     start = time.monotonic()
     assert bench.queue.cancel("long").state in {R.CANCELLING, R.CANCELLED}
     wait_for(lambda: not is_running(pid))
-    assert time.monotonic() - start < 1
-    assert bench.queue.wait("long", timeout=5).state is R.CANCELLED
+    took = time.monotonic() - start
+    assert took < 1 * slowed()
+    assert bench.queue.wait("long", timeout=60).state is R.CANCELLED
     assert bench.queue.cancel("long").state is R.CANCELLED
     bench.submit("after", "succeed", answer=1)
-    assert bench.queue.wait("after", timeout=20).state is R.SUCCEEDED
+    assert bench.queue.wait("after", timeout=60).state is R.SUCCEEDED
 
 
 def test_a_job_cancelled_before_its_turn_never_starts(bench):
@@ -132,7 +133,7 @@ def test_a_job_cancelled_before_its_turn_never_starts(bench):
     assert bench.queue.status("waiting").state is R.QUEUED
     assert bench.queue.cancel("waiting").state is R.CANCELLED
     bench.queue.cancel("front")
-    assert bench.queue.wait("front", timeout=5).state is R.CANCELLED
+    assert bench.queue.wait("front", timeout=60).state is R.CANCELLED
     assert bench.starts("waiting") == []
 
 
@@ -144,7 +145,7 @@ def test_smaller_priorities_run_first_and_a_waiting_job_can_be_moved(bench):
         bench.queue.submit(JobRequest(name, "echo", payload, priority=priority))
     assert bench.queue.set_priority("moved", 1).priority == 1
     bench.queue.cancel("busy")
-    jobs = [bench.queue.wait(name, timeout=20) for name in ("moved", "early", "usual", "late")]
+    jobs = [bench.queue.wait(name, timeout=60) for name in ("moved", "early", "usual", "late")]
     assert [job.started for job in jobs] == sorted(job.started for job in jobs)
     with pytest.raises(Conflict, match="only a queued one"):
         bench.queue.set_priority("moved", 7)
@@ -153,7 +154,7 @@ def test_smaller_priorities_run_first_and_a_waiting_job_can_be_moved(bench):
 def test_a_process_is_kept_while_its_jobs_succeed_and_replaced_after_a_failure(bench):
     for name, do in (("first", "succeed"), ("second", "succeed"), ("third", "crash"), ("fourth", "succeed")):
         bench.submit(name, do, answer=1)
-        bench.queue.wait(name, timeout=20)
+        bench.queue.wait(name, timeout=60)
     first, second, third, fourth = (bench.starts(name)[0] for name in ("first", "second", "third", "fourth"))
     assert first == second == third != fourth
 
@@ -161,14 +162,14 @@ def test_a_process_is_kept_while_its_jobs_succeed_and_replaced_after_a_failure(b
 def test_a_job_that_takes_too_long_is_killed_and_has_failed(bench):
     payload = {"do": "hang", "diary": str(bench.settings.data / "slow")}
     bench.queue.submit(JobRequest("slow", "echo", payload, timeout=0.5))
-    status = bench.queue.wait("slow", timeout=20)
+    status = bench.queue.wait("slow", timeout=60)
     assert (status.state, status.error_code, status.attempt) == (R.FAILED, "timeout", 1)
     assert not is_running(bench.starts("slow")[0])
 
 
 def test_every_attempt_and_change_is_kept_with_who_when_and_why(bench):
     bench.submit("mortal", "die")
-    status = bench.queue.wait("mortal", timeout=20)
+    status = bench.queue.wait("mortal", timeout=60)
     assert [(a["number"], a["worker"], a["outcome"]) for a in status.attempts] == [
         (number, "worker-0", "died") for number in (1, 2, 3)
     ]
@@ -181,7 +182,7 @@ def test_every_attempt_and_change_is_kept_with_who_when_and_why(bench):
 
 def test_a_finished_job_cannot_be_cancelled_and_an_unknown_one_is_named(bench):
     bench.submit("done", "succeed", answer=1)
-    bench.queue.wait("done", timeout=20)
+    bench.queue.wait("done", timeout=60)
     with pytest.raises(Conflict, match="done has succeeded"):
         bench.queue.cancel("done")
     with pytest.raises(NotFound, match="no job 'nope'"):
@@ -193,21 +194,22 @@ def test_a_killed_workers_job_ends_with_it_and_is_started_again(bench):
     pid = bench.until_working("orphan")
     bench.worker.kill()
     bench.worker.wait()
-    wait_for(lambda: not is_running(pid), 3)
+    wait_for(lambda: not is_running(pid))
     bench.start()
     bench.until_working("orphan", attempt=2)
     assert bench.queue.status("orphan").attempt == 2
 
 
-def test_a_worker_that_is_asked_to_end_puts_its_job_back_without_counting_it(bench):
+def test_a_worker_that_is_asked_to_end_puts_its_job_back_without_counting_it(bench, slowed):
     bench.submit("back", "hang")
     if bench.queue.status("orphan").state is R.RUNNING:
         bench.queue.cancel("orphan")
     pid = bench.until_working("back")
     start = time.monotonic()
     bench.worker.terminate()
-    assert bench.worker.wait(10) == 0
-    assert time.monotonic() - start < 5
+    assert bench.worker.wait(60) == 0
+    took = time.monotonic() - start
+    assert took < 5 * slowed()
     assert not is_running(pid)
     bench.start()
     bench.until_working("back", attempt=2)
@@ -229,7 +231,7 @@ def test_a_queue_made_by_any_python_is_used_by_this_one(tmp_path, expression):
     try:
         before = time.time()
         bench.submit("timed", "succeed", answer=1)
-        assert bench.queue.wait("timed", timeout=20).state is R.SUCCEEDED
+        assert bench.queue.wait("timed", timeout=60).state is R.SUCCEEDED
         after = time.time()
     finally:
         bench.close()

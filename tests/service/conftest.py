@@ -1,0 +1,18 @@
+"""How busy the machine is, for what is claimed in seconds."""
+
+import time
+
+import pytest
+
+
+@pytest.fixture
+def slowed():
+    """Tell how many times longer than on an idle machine things take just now, from 1 on."""
+
+    def slowed():
+        begun, worked = time.perf_counter(), time.process_time()
+        while (spent := time.process_time() - worked) < 0.1:
+            pass
+        return max(1.0, (time.perf_counter() - begun) / spent)
+
+    return slowed
