@@ -111,7 +111,8 @@ def _frozen_finite(value: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 FloatArray = Annotated[
-    NDArray[np.float64],
+    # NDArray has a name of its own from NumPy 2.5 on, which would change the schema.
+    np.ndarray[Any, np.dtype[np.float64]],
     BeforeValidator(_as_float64),
     AfterValidator(_frozen_finite),
     PlainSerializer(lambda array: array.tolist(), return_type=list, when_used="json"),
