@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from steradian.cli import mask_compare
 from steradian.cli.console import length, show_figures
 from steradian.errors import InvalidInput
 from steradian.masks import (
@@ -15,14 +16,18 @@ from steradian.masks import (
     PointOfInterest,
     ScannerGrid,
     Weighting,
+    aimed,
     combined_mask,
     convenient_counts,
     equi_steradian_mask,
     equiangular_mask,
     grid_mask,
+    hexagonal_interval,
     hexagonal_mask,
     nearest_points,
+    nearest_square,
     poisson_disc_mask,
+    poisson_spacing,
     random_mask,
     read_mask,
     reweighted,
@@ -44,6 +49,11 @@ Depth = Annotated[
 ]
 OffsetX = Annotated[float, typer.Option(parser=length, help="Point of interest along x from the centre, e.g. 2mm.")]
 OffsetY = Annotated[float, typer.Option(parser=length, help="The same along y.")]
+AnyDepth = Annotated[
+    float | None,
+    typer.Option(parser=length, help="Distance of a point of interest, to be told what the mask promises for it."),
+]
+Count = Annotated[int, typer.Option(help="Wanted number of points; the nearest possible is taken.")]
 Output = Annotated[Path, typer.Option("--output", "-o", help="The mask file to write (.json, .csv or .npy).")]
 Plot = Annotated[Path | None, typer.Option(help="Also draw points, spacing, view and sharpness, e.g. mask.png.")]
 Weights = Annotated[
@@ -62,7 +72,7 @@ FILE = Path("mask.json")
 def equi_steradian(
     aperture: Aperture,
     depth: Depth,
-    count: Annotated[int, typer.Option(help="Wanted number of points; rounded up to a convenient one.")],
+    count: Count,
     offset_x: OffsetX = 0.0,
     offset_y: OffsetY = 0.0,
     snap_interval: SnapInterval = None,
@@ -78,8 +88,7 @@ def equi_steradian(
     offset, grid = (offset_x, offset_y), _grid(snap_interval, snap_count)
     mask = equi_steradian_mask(aperture, depth, count, offset=offset, grid=grid, weighting=weights)
     below, above = convenient_counts(aperture, depth, count, offset)
-    note = "as asked" if above == count else f"asked {count}; convenient are {below} and {above}"
-    _keep(mask, output, plot, f"{mask.count} ({note})")
+    _keep(mask, output, plot, _asked(mask.count, count, f"slices end on the rim with {below} and {above}"))
 
 
 @app.command("equiangular")
@@ -102,54 +111,95 @@ def equiangular(
 @app.command("grid")
 def grid(
     aperture: Aperture,
-    count: Annotated[int, typer.Option(help="Points on each axis.")],
-    interval: Annotated[float, typer.Option(parser=length, help="Distance between neighbours, e.g. 300um.")],
+    count: Annotated[
+        int | None, typer.Option(help="Wanted number of points in all; the nearest square is taken.")
+    ] = None,
+    per_axis: Annotated[int | None, typer.Option(help="Points on each axis, instead of --count.")] = None,
+    interval: Annotated[
+        float | None,
+        typer.Option(parser=length, help="Distance between neighbours, e.g. 300um; default: fills the aperture."),
+    ] = None,
+    depth: AnyDepth = None,
+    offset_x: OffsetX = 0.0,
+    offset_y: OffsetY = 0.0,
     centred: Annotated[bool, typer.Option(help="Make an even grid symmetric to the centre.")] = False,
     weights: Weights = "analytic",
     output: Output = FILE,
     plot: Plot = None,
 ) -> None:
     """Points on a square grid."""
-    mask = grid_mask(aperture, count, interval, centred=centred, weighting=weights)
-    _keep(mask, output, plot, f"{mask.count} ({count} × {count})")
+    if (count is None) == (per_axis is None):
+        raise InvalidInput("count", "both or neither of --count and --per-axis", "one of them")
+    side = nearest_square(count) if count else per_axis or 0
+    # what fills the aperture is symmetric to it; intervals of a scanner lie on its own places
+    mask = grid_mask(aperture, side, interval or aperture / side, centred=centred or not interval, weighting=weights)
+    square = f"{side} × {side}"
+    told = _asked(mask.count, count, f"squares near it: {(side - 1) ** 2}, {side**2} and {(side + 1) ** 2}")
+    _keep(_aimed(mask, depth, offset_x, offset_y), output, plot, told if count else f"{mask.count} ({square})")
 
 
 @app.command("hexagonal")
 def hexagonal(
     aperture: Aperture,
-    interval: Annotated[float, typer.Option(parser=length, help="Distance between neighbours, e.g. 300um.")],
+    count: Annotated[int | None, typer.Option(help="Wanted number of points; the nearest possible is taken.")] = None,
+    interval: Annotated[
+        float | None, typer.Option(parser=length, help="Distance between neighbours, e.g. 300um, instead of --count.")
+    ] = None,
+    depth: AnyDepth = None,
+    offset_x: OffsetX = 0.0,
+    offset_y: OffsetY = 0.0,
     weights: Weights = "analytic",
     output: Output = FILE,
     plot: Plot = None,
 ) -> None:
     """Points on a hexagonal lattice over the whole aperture: the fewest for an even spacing."""
-    _keep(hexagonal_mask(aperture, interval, weighting=weights), output, plot)
+    if (count is None) == (interval is None):
+        raise InvalidInput("count", "both or neither of --count and --interval", "one of them")
+    mask = hexagonal_mask(aperture, hexagonal_interval(aperture, count) if count else interval or 0, weighting=weights)
+    told = _asked(mask.count, count, "rows fit in steps")
+    _keep(_aimed(mask, depth, offset_x, offset_y), output, plot, told)
 
 
 @app.command("random")
 def random(
     aperture: Aperture,
     count: Annotated[int, typer.Option(help="Number of points.")],
+    depth: AnyDepth = None,
+    offset_x: OffsetX = 0.0,
+    offset_y: OffsetY = 0.0,
     seed: Seed = 0,
     weights: Weights = "voronoi",
     output: Output = FILE,
     plot: Plot = None,
 ) -> None:
     """Independent random points over the whole aperture."""
-    _keep(random_mask(aperture, count, seed=seed, weighting=weights), output, plot)
+    mask = random_mask(aperture, count, seed=seed, weighting=weights)
+    _keep(_aimed(mask, depth, offset_x, offset_y), output, plot)
 
 
 @app.command("poisson-disc")
 def poisson_disc(
     aperture: Aperture,
-    spacing: Annotated[float, typer.Option(parser=length, help="Least distance between points, e.g. 250um.")],
+    count: Annotated[int | None, typer.Option(help="Wanted number of points; as near to it as a search comes.")] = None,
+    spacing: Annotated[
+        float | None,
+        typer.Option(parser=length, help="Least distance between points, e.g. 250um, instead of --count."),
+    ] = None,
+    depth: AnyDepth = None,
+    offset_x: OffsetX = 0.0,
+    offset_y: OffsetY = 0.0,
     seed: Seed = 0,
     weights: Weights = "analytic",
     output: Output = FILE,
     plot: Plot = None,
 ) -> None:
     """Random points that keep a distance from each other, as many as fit."""
-    _keep(poisson_disc_mask(aperture, spacing, seed=seed, weighting=weights), output, plot)
+    if (count is None) == (spacing is None):
+        raise InvalidInput("count", "both or neither of --count and --spacing", "one of them")
+    least = poisson_spacing(aperture, count, seed) if count else spacing or 0.0
+    mask = poisson_disc_mask(aperture, least, seed=seed, weighting=weights)
+    told = _asked(mask.count, count, "their number jumps with the spacing")
+    _keep(_aimed(mask, depth, offset_x, offset_y), output, plot, told)
 
 
 @app.command("combined")
@@ -218,6 +268,9 @@ def show(
     show_figures("Mask", _figures(mask, f"{mask.count}") | ({"picture": plot} if plot else {}))
 
 
+app.command("compare")(mask_compare.compare)
+
+
 def _grid(interval: float | None, count: int | None) -> ScannerGrid | None:
     if (interval is None) != (count is None):
         raise InvalidInput("snap", "only one of --snap-interval and --snap-count", "both or neither")
@@ -230,6 +283,15 @@ def _point_of_interest(text: str) -> PointOfInterest:
         raise InvalidInput("point", text, "x,y,depth,count such as 2mm,-1mm,3.6mm,800")
     x, y, depth = (length(part) for part in parts[:3])
     return PointOfInterest.create(offset=(x, y), depth=depth, count=int(parts[3]))
+
+
+def _aimed(mask: Mask, depth: float | None, offset_x: float, offset_y: float) -> Mask:
+    return mask if depth is None else aimed(mask, depth, (offset_x, offset_y))
+
+
+def _asked(found: int, wanted: int | None, why: str) -> str:
+    """Say how many points there are, and why not as many as wanted."""
+    return f"{found}" if wanted in (None, found) else f"{found} (asked {wanted}; {why})"
 
 
 def _keep(mask: Mask, output: Path, plot: Path | None, points: str = "") -> None:

@@ -19,12 +19,15 @@ LEAST = 1100
 """Narrower pages are this wide and shrunk, letters and all."""
 
 
-def page(width: int, shape: float) -> Figure:
-    """Return an empty figure ``width`` pixels wide and ``shape`` times as high, laid out when it is drawn."""
+def page(width: int, shape: float, least: int = LEAST) -> Figure:
+    """Return an empty figure ``width`` pixels wide and ``shape`` times as high, laid out when it is drawn.
+
+    Below ``least`` pixels everything on it shrinks.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    inches = max(width, LEAST) / RESOLUTION
+    inches = max(width, least) / RESOLUTION
     dpi = width / inches
     figure = Figure(figsize=(inches, shape * inches), dpi=dpi, layout="constrained", facecolor=PAPER)
     FigureCanvasAgg(figure)

@@ -7,6 +7,7 @@ from typing import Annotated, TypeAlias
 from pydantic import Field
 
 from steradian.masks.combined import Combined, PointOfInterest, combined_mask
+from steradian.masks.counted import Counted, aimed, counted_mask, hexagonal_interval, nearest_square, poisson_spacing
 from steradian.masks.equi_steradian import EquiSteradian, convenient_counts, equi_steradian_mask
 from steradian.masks.equiangular import Equiangular, equiangular_mask
 from steradian.masks.files import read_mask, write_mask
@@ -30,6 +31,7 @@ beforehand about how many points it will have."""
 __all__ = [
     "Arrangement",
     "Combined",
+    "Counted",
     "EquiSteradian",
     "Equiangular",
     "Grid",
@@ -42,15 +44,20 @@ __all__ = [
     "ScannerGrid",
     "Subset",
     "Weighting",
+    "aimed",
     "combined_mask",
     "convenient_counts",
+    "counted_mask",
     "custom_mask",
     "equi_steradian_mask",
     "equiangular_mask",
     "grid_mask",
+    "hexagonal_interval",
     "hexagonal_mask",
     "nearest_points",
+    "nearest_square",
     "poisson_disc_mask",
+    "poisson_spacing",
     "random_mask",
     "read_mask",
     "reweighted",

@@ -27,7 +27,7 @@ class EquiSteradian(Value):
     aperture: float = quantity("m", "Side X of the square aperture", **LENGTH.limits)
     depth: float = quantity("m", "Distance r0 of the point of interest from the sensor plane", **LENGTH.limits)
     count: int = quantity(
-        "points", "Wanted number of points; rounded up to the next that ends on the rim", ge=5, le=1_000_000
+        "points", "Wanted number of points; the nearest is taken whose last slice ends on the rim", ge=5, le=1_000_000
     )
     offset: tuple[float, float] = Field(
         default=(0.0, 0.0), description="x and y of the point of interest, centred on the aperture (m)"
@@ -67,7 +67,14 @@ class EquiSteradian(Value):
         )
 
     def pattern(self) -> Pattern:
-        """Points before they are snapped: the smallest convenient pattern of at least ``count`` points."""
+        """Points before they are snapped: the convenient pattern whose number is nearest to ``count``."""
+        above, below = self._at_least(), self._below()
+        if below is not None and self.count - self._kept(below) < self._kept(above) - self.count:
+            return self._pattern(below)
+        return self._pattern(above)
+
+    def _at_least(self) -> Slices:
+        """Find the smallest convenient pattern of at least ``count`` points."""
         slices = convenient_slices(self._rim, self.count)
         while (kept := self._kept(slices)) < self.count:  # part of the cap lies beyond the aperture
             lacking = (self.count - kept) * slices.total / max(kept, 1)
@@ -77,14 +84,19 @@ class EquiSteradian(Value):
             if smaller is None or self._kept(smaller) < self.count:
                 break
             slices = smaller
-        return self._pattern(slices)
+        return slices
 
-    def smaller_count(self) -> int | None:
-        """Count the points of the next smaller convenient pattern, if there is one."""
-        slices = self.pattern().slices
+    def counts_around(self) -> tuple[int | None, int]:
+        """Numbers of points around ``count``: the largest below it, if there is one, and the next."""
+        below = self._below()
+        return None if below is None else self._kept(below), self._kept(self._at_least())
+
+    def _below(self) -> Slices | None:
+        """Find the largest convenient pattern of fewer than ``count`` points."""
+        slices = self._at_least()
         while (smaller := convenient_below(self._rim, slices.total)) is not None:
-            if (count := self._kept(smaller)) < self.count:
-                return count
+            if self._kept(smaller) < self.count:
+                return smaller
             slices = smaller
         return None
 
@@ -177,8 +189,8 @@ def equi_steradian_mask(
     depth
         Distance r0 of the point of interest from the sensor plane in metres.
     count
-        Wanted number of points. Slices hold powers of two and the last one ends on the rim, so the count is
-        rounded up to the next convenient value (1,600 becomes 1,605; see :func:`convenient_counts`).
+        Wanted number of points. Slices hold powers of two and the last one ends on the rim, so the nearest
+        convenient number is taken (1,600 becomes 1,605; see :func:`convenient_counts`).
     offset
         x and y of the point of interest in metres. Away from the centre the slices go on to the farthest edge of the
         aperture, and points beyond another edge are left out.
@@ -220,4 +232,4 @@ def convenient_counts(
     The second is ``count`` itself where that is convenient.
     """
     wanted = EquiSteradian.create(aperture=aperture, depth=depth, count=count, offset=offset)
-    return wanted.smaller_count(), wanted.pattern().count
+    return wanted.counts_around()

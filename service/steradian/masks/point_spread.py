@@ -51,6 +51,7 @@ def point_spread(
     width: float = 150e-6,
     sound_speed: float = 1500.0,
     sampling_interval: float = 8e-9,
+    noise: float | None = None,
 ) -> PointSpread:
     """Simulate and reconstruct a Gaussian ball.
 
@@ -64,6 +65,8 @@ def point_spread(
         Full width at half maximum of the ball in metres.
     sound_speed, sampling_interval
         Metres per second, seconds.
+    noise
+        Peak of the strongest A-line over the standard deviation of white noise in dB; ``None``: no noise.
 
     Raises
     ------
@@ -81,8 +84,12 @@ def point_spread(
     sigma = width / np.sqrt(8 * np.log(2))
     across = np.linalg.norm(mask.film_positions - np.array(point[:2]), axis=1)
     distance = np.hypot(across, point[2])
-    samples = ceil((distance.max() + 6 * sigma) / sound_speed / sampling_interval)
+    farthest = max(distance.max() + 6 * sigma, point[2] + 10 * width)  # of the sound, and of what is shown
+    samples = ceil(farthest / sound_speed / sampling_interval) + 1
     traces = _pressure(distance, sigma, np.arange(samples) * sampling_interval * sound_speed)
+    if noise is not None:
+        level = float(np.abs(traces).max()) * 10 ** (-noise / 20)
+        traces = traces + level * np.random.default_rng(0).standard_normal(traces.shape)
     return _measure(mask, point, width, _image(mask, point, width, traces, sound_speed, sampling_interval))
 
 

@@ -1,13 +1,16 @@
 """No label of any picture is cut or meets another, whatever the picture's size."""
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import pytest
 from matplotlib.text import Text
 
+from steradian.comparisons import compare_masks, phantom
+from steradian.comparisons.picture import comparison_page
 from steradian.imaging import Axes, Display, Volume
-from steradian.masks import equi_steradian_mask, equiangular_mask, grid_mask
+from steradian.masks import counted_mask, equi_steradian_mask, equiangular_mask, grid_mask
 from steradian.masks.picture import mask_page
 from steradian.plans import ScanPlan, VisitOrder
 from steradian.plans.picture import plan_page
@@ -89,6 +92,20 @@ def test_labels_of_masks(width, name, with_point_spread):
 def test_labels_of_plans(width, name, order):
     figure = plan_page(ScanPlan.create(mask=MASKS[name], order=order), width=width)
     assert not overlapping(labels_of(figure), figure.canvas.get_width_height())
+
+
+@pytest.fixture(scope="module")
+def comparison():
+    names = ("equi-steradian", "grid", "poisson-disc", "random")
+    masks = {name: counted_mask(name, 4e-3, 120, depth=1e-3) for name in names}
+    return compare_masks(masks, phantom=phantom("vessels", (0.0, 0.0, 1e-3)), modes=40, iterations=1)
+
+
+@pytest.mark.parametrize("width", [700, 1320, 2600])
+def test_labels_of_comparisons(width, comparison):
+    for compared in (comparison, replace(comparison, simulation=None, simulated={})):
+        figure = comparison_page(compared, width=width)
+        assert not overlapping(labels_of(figure), figure.canvas.get_width_height())
 
 
 def test_titles_describe_and_hold_no_identifier():

@@ -1,5 +1,7 @@
 """``steradian mask`` makes any arrangement and tells what it promises."""
 
+import re
+
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -11,10 +13,13 @@ from steradian.masks import read_mask
 COMMANDS = [
     ["equi-steradian", "--aperture", "10mm", "--depth", "3mm", "--count", "100", "--offset-x", "1mm"],
     ["equiangular", "--aperture", "10mm", "--depth", "3mm", "--count", "20"],
-    ["grid", "--aperture", "10mm", "--count", "8", "--interval", "1mm", "--centred"],
+    ["grid", "--aperture", "10mm", "--per-axis", "8", "--interval", "1mm", "--centred"],
+    ["grid", "--aperture", "10mm", "--count", "60", "--depth", "3mm"],
     ["hexagonal", "--aperture", "10mm", "--interval", "1mm"],
+    ["hexagonal", "--aperture", "10mm", "--count", "60", "--depth", "3mm", "--offset-x", "1mm"],
     ["random", "--aperture", "10mm", "--count", "30", "--seed", "4"],
     ["poisson-disc", "--aperture", "10mm", "--spacing", "1mm"],
+    ["poisson-disc", "--aperture", "10mm", "--count", "60", "--depth", "3mm"],
     ["combined", "--aperture", "10mm", "--point", "2mm,0,3mm,80", "--point=-2mm,0,2mm,60"],
 ]
 
@@ -24,7 +29,7 @@ def run(*words):
     return CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False)
 
 
-@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command[0])
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command[0] + command[3])
 def test_each_arrangement_has_a_command(command, tmp_path):
     """Each writes a mask file of its kind and tells the weight ratio."""
     result = run(*command, "-o", tmp_path / "mask.json")
@@ -34,10 +39,25 @@ def test_each_arrangement_has_a_command(command, tmp_path):
 
 
 def test_counts_beside_the_wanted_one_are_told(tmp_path):
-    """Asking 1,625 tells 1,605 and 1,669."""
-    words = ("--aperture", "13.56mm", "--depth", "3.6mm", "--count", "1625", "-o", tmp_path / "mask.npy")
-    assert "1605 and 1669" in run("equi-steradian", *words).output
-    assert np.load(tmp_path / "mask.npy").shape == (1669, 3)
+    """Asking 1,625 gives 1,605, the nearer of 1,605 and 1,669; asking a grid for 2,000 gives 2,025."""
+    words = ("--aperture", "13.56mm", "--depth", "3.6mm", "-o", tmp_path / "mask.npy", "--count")
+    assert "1605 and 1669" in run("equi-steradian", *words, 1625).output
+    assert np.load(tmp_path / "mask.npy").shape == (1605, 3)
+    assert "2025 (asked 2000; squares near it: 1936, 2025 and 2116)" in run("grid", *words, 2000).output
+    assert np.load(tmp_path / "mask.npy").shape == (2025, 3)
+    assert "asked" not in run("random", *words, 2000).output
+
+
+def test_spacing_is_one_thing_in_table_and_picture(tmp_path):
+    """The least and the greatest distance to the nearest sensor."""
+    from steradian.masks.promises import spacing_map
+
+    told = run(
+        "equi-steradian", "--aperture", "10mm", "--depth", "3mm", "--count", 300, "-o", tmp_path / "a.json"
+    ).output
+    low, high = re.search(r"spacing +(\d+) to (\d+) µm", told).groups()
+    shown = 1e6 * spacing_map(read_mask(tmp_path / "a.json"))
+    assert (round(shown.min()), round(shown.max())) == (int(low), int(high))
 
 
 def test_points_subset_and_show_work_on_files(tmp_path):
@@ -52,7 +72,10 @@ def test_points_subset_and_show_work_on_files(tmp_path):
 @pytest.mark.parametrize(
     ("command", "field"),
     [
-        (["grid", "--aperture", "1mm", "--count", "8", "--interval", "1mm"], "interval"),
+        (["grid", "--aperture", "1mm", "--per-axis", "8", "--interval", "1mm"], "interval"),
+        (["grid", "--aperture", "1mm"], "count"),
+        (["hexagonal", "--aperture", "1mm", "--count", "9", "--interval", "1mm"], "count"),
+        (["poisson-disc", "--aperture", "1mm"], "count"),
         (["combined", "--aperture", "10mm", "--point", "2mm,0"], "point"),
         (["hexagonal", "--aperture", "10mm", "--interval", "0"], "interval"),
         (["equiangular", "--aperture", "1cm", "--depth", "1mm", "--count", "9", "--snap-count", "8"], "snap"),

@@ -90,6 +90,12 @@ def test_a_tiny_ball_shows_at_its_place_with_about_its_size(offset):
     assert spread.background < 0.1
 
 
+def test_a_small_aperture_shows_as_much_around_the_ball_as_any():
+    """Ten widths below the ball, though no sensor is so far from it."""
+    spread = point_spread(grid_mask(2e-3, 11, 180e-6), (0.0, 0.0, 1e-3))
+    assert spread.z[-1] == pytest.approx(2.5e-3, abs=20e-6)
+
+
 def test_a_point_spread_needs_a_point():
     """Without a point of interest it has to be given."""
     with pytest.raises(InvalidInput, match="point"):

@@ -1,0 +1,150 @@
+"""Masks on equal terms: figures against closed forms, and who wins where."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import steradian
+from steradian import InvalidInput
+from steradian.cli.mask import app
+from steradian.comparisons import Simulation, compare_masks, phantom, promised
+from steradian.errors import Cancelled
+from steradian.imaging import Axes, Volume
+from steradian.masks import counted_mask, equiangular_mask, write_mask
+from steradian.phantoms import Balls, sampled
+
+APERTURE, DEPTH = 6e-3, 1.5e-3
+POINT = (0.0, 0.0, DEPTH)
+STERADIAN, GRID = (counted_mask(name, APERTURE, 300, depth=DEPTH) for name in ("equi-steradian", "grid"))
+
+
+@pytest.fixture(scope="module")
+def vessels():
+    """A tree of vessels that fills a field four times as wide as it is deep, through both masks."""
+    return compare_masks(
+        {"steradian": STERADIAN, "grid": GRID}, phantom=phantom("vessels", POINT), modes=60, iterations=3
+    )
+
+
+def test_an_equi_steradian_mask_wins_around_its_point_and_loses_the_wide_field(vessels):
+    """Directly reconstructed; correlations of the volumes."""
+    near, wide = (dict(vessels.ranking(region, "direct")) for region in ("around", "field"))
+    assert near["steradian"] > near["grid"] + 0.03
+    assert wide["grid"] > wide["steradian"] + 0.03
+    assert vessels.as_json()["winners"]["direct"] == {"around": "steradian", "field": "grid"}
+
+
+def test_iterations_bring_both_closer_to_the_object(vessels):
+    for region in ("around", "field"):
+        direct, iterative = (dict(vessels.ranking(region, method)) for method in ("direct", "iterative"))
+        assert all(iterative[name] > direct[name] + 0.05 for name in direct)
+
+
+def test_figures_are_those_of_closed_forms(vessels):
+    """Directions: the solid angle of a square plate over its middle; time: a pulse a point; distances of a grid."""
+    grid, steradian_ = vessels.promised["grid"], vessels.promised["steradian"]
+    half = APERTURE / 2
+    assert grid.view == pytest.approx(4 * np.arcsin(half**2 / (half**2 + DEPTH**2)) / (2 * np.pi), rel=0.02)
+    assert grid.seconds == pytest.approx(GRID.count / 50)
+    assert grid.finest_m == pytest.approx(APERTURE / 17)
+    corner = 8 * APERTURE / 17
+    assert grid.steepest_deg == pytest.approx(np.degrees(np.arctan(np.sqrt(2) * corner / DEPTH)))
+    # in solid angle cells of one size differ as cos³ of the angle of incidence does
+    cosine = DEPTH / np.hypot(np.linalg.norm(GRID.positions, axis=1), DEPTH)
+    assert grid.solid_angle_spread == pytest.approx((cosine**3).std() / (cosine**3).mean(), rel=1e-6)
+    assert steradian_.solid_angle_spread < grid.solid_angle_spread / 2
+    assert steradian_.travel_m > 0.9 * STERADIAN.count * steradian_.finest_m
+
+
+def test_noise_takes_contrast_from_the_ball_and_likeness_from_the_object():
+    quiet, loud = (promised(GRID, POINT, noise=noise)[0] for noise in (80.0, 5.0))
+    assert quiet.contrast_db > loud.contrast_db + 3
+    thing = phantom("vessels", POINT)
+    silent, some, much = (
+        Simulation(thing, (0.0, 0.0), 3e-3, noise, 40, iterations=0).through(GRID).by["direct"].field
+        for noise in (None, 30.0, 0.0)
+    )
+    assert silent > some > much + 0.05
+
+
+def test_a_volume_is_seen_like_the_balls_it_shows():
+    """Balls have a closed form, a volume goes through the forward model: both make the same of a mask."""
+    balls = Balls(np.array([[0.4e-3, 0.0, 1.4e-3], [-1e-3, 0.8e-3, 1.7e-3]]), np.full(2, 150e-6), np.ones(2))
+    step, x = 24e-6, (np.arange(60) - 30) * (APERTURE / 60)
+    frame = Volume(
+        np.zeros((60, 60, 120), np.float32), Axes(x, x, step * np.arange(120)), (APERTURE / 60,) * 2 + (step,)
+    )
+    outcomes = []
+    for thing in (balls, sampled(balls, frame)):
+        simulation = Simulation(thing, (0.0, 0.0), 3e-3, None, 60, iterations=0)
+        outcomes.append(simulation.through(GRID).by["direct"])
+    assert outcomes[0].field_mip == pytest.approx(outcomes[1].field_mip, abs=0.01)
+    assert outcomes[0].around_mip == pytest.approx(outcomes[1].around_mip, abs=0.01)
+    with pytest.raises(InvalidInput, match="of the aperture"):
+        Simulation(sampled(balls, frame), (0.0, 0.0), 3e-3).through(counted_mask("grid", 2 * APERTURE, 100))
+
+
+def test_it_tells_how_far_it_is_and_can_be_stopped():
+    told = []
+    masks = {"a": GRID, "b": STERADIAN}
+    compare_masks(masks, progress=lambda *words: told.append(words))
+    assert [words for words in told if words[0] == "masks"] == [("masks", 0, 2), ("masks", 1, 2), ("masks", 2, 2)]
+    with pytest.raises(Cancelled):
+        compare_masks(masks, phantom=phantom("yarn", POINT), cancelled=lambda: len(told) > 0)
+
+
+@pytest.mark.parametrize(
+    ("masks", "options", "field"),
+    [
+        ({"a": GRID}, {}, "masks"),
+        ({"a": GRID, "b": equiangular_mask(1e-2, 1e-3, 9)}, {}, "masks[b]"),
+        ({"a": steradian.grid_mask(1e-2, 3, 1e-3), "b": steradian.grid_mask(1e-2, 4, 1e-3)}, {}, "point_of_interest"),
+        ({"a": GRID, "b": GRID}, {"point_of_interest": (0.0, 0.0, -1e-3)}, "point_of_interest"),
+        ({"a": GRID, "b": GRID}, {"phantom": phantom("yarn", POINT), "region": -1.0}, "region"),
+        ({"a": GRID, "b": GRID}, {"phantom": phantom("yarn", POINT), "iterations": -1}, "iterations"),
+    ],
+)
+def test_nonsense_is_refused(masks, options, field):
+    with pytest.raises(InvalidInput) as refused:
+        compare_masks(masks, **options)
+    assert refused.value.field == field
+
+
+@pytest.mark.parametrize(("name", "radius", "field"), [("cat", None, "phantom"), ("yarn", 9e-3, "phantom_radius")])
+def test_phantoms_stay_off_the_film(name, radius, field):
+    with pytest.raises(InvalidInput) as refused:
+        phantom(name, POINT, radius)
+    assert refused.value.field == field
+    assert phantom("vessels", POINT).centres[:, 2].min() > 0
+
+
+def run(*words):
+    return CliRunner().invoke(app, ["compare", *map(str, words)], catch_exceptions=False)
+
+
+def test_the_command_takes_files_and_arrangements_and_prints_table_or_json(tmp_path):
+    write_mask(STERADIAN, tmp_path / "mine.json")
+    words = (tmp_path / "mine.json", "grid:289", "random", "--aperture", "6mm", "--depth", "1.5mm", "--count", 200)
+    done = run(*words, "--plot", tmp_path / "c.png")
+    assert done.exit_code == 0
+    for text in ("mine", "grid:289", "random", "solid angles vary by", "expected contrast", "time at 50 Hz", "c.png"):
+        assert text in done.output
+    assert (tmp_path / "c.png").read_bytes()[:4] == b"\x89PNG"
+    told = json.loads(run(*words, "--json").output)
+    assert {name: row["points"] for name, row in told["masks"].items()} == {"mine": 309, "grid:289": 289, "random": 200}
+    assert told["point_of_interest_m"] == [0, 0, DEPTH]
+
+
+def test_the_command_says_who_wins_where():
+    words = ("equi-steradian", "grid", "--aperture", "6mm", "--depth", "1.5mm", "--count", 300)
+    done = run(*words, "--phantom", "vessels", "--modes", 60, "--iterations", 0)
+    assert "direct, around the point of interest: equi-steradian wins" in done.output
+    assert "direct, whole field: grid wins" in done.output
+
+
+@pytest.mark.parametrize("wrong", [["spiral"], ["grid:many"], ["grid", "absent.json"]])
+def test_what_is_no_mask_is_named(wrong):
+    with pytest.raises(InvalidInput, match="masks"):
+        run(*wrong)
