@@ -9,8 +9,10 @@ PROTOCOL = 2
 
 LASER_ARMED, LASER_EMITTING, SHUTTER_OPEN, INTERLOCK_CLOSED, KEY_ON = 1, 2, 4, 8, 16
 """Bits of ``Status.laser``."""
-FAULT_INTERLOCK = 1
-"""Fault code: the interlock opened while the laser was armed."""
+SECURED = INTERLOCK_CLOSED | KEY_ON
+"""Without these two no laser may be armed."""
+FAULT_INTERLOCK, FAULT_KEY, FAULT_SHUTTER = 1, 2, 3
+"""Fault codes: interlock opened, or key turned off, while the laser was armed; light past a shutter told to close."""
 SATURATED, MISTUNED, MISFIRE, PARTIAL_AVERAGE = 1, 2, 4, 8
 """Bits of ``ALineMeta.quality``."""
 ALL_FRAGMENTS = 0xFF
@@ -75,6 +77,7 @@ class Result(IntEnum):
     MALFORMED = 7
     RING_NOT_EMPTY = 8
     NOT_SUPPORTED = 9
+    HARDWARE_FAULT = 10
 
 
 class AbortLevel(IntEnum):

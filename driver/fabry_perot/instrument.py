@@ -77,7 +77,11 @@ class Recording:
 
 
 class Instrument(Protocol):
-    """Galvo, laser and digitiser. All times are device time in µs."""
+    """Galvo, laser and digitiser. All times are device time in µs.
+
+    Any call may raise :class:`InstrumentError`; the device latches it as a fault. What a read-back cannot tell counts
+    as the worse of both: open, emitting, key off, interlock open.
+    """
 
     def capabilities(self) -> dict[str, Any]:
         """Return the limits, as documented in :mod:`fabry_perot.capabilities`."""
@@ -111,8 +115,24 @@ class Instrument(Protocol):
         """Forget the shots fired since the last read."""
         ...
 
+    def open(self) -> None:
+        """Open the shutter; called by START alone."""
+        ...
+
+    def close(self) -> None:
+        """Close the shutter and stop emission, without waiting for either; harmless where they are closed and off."""
+        ...
+
+    def shutter_open(self) -> bool:
+        """Return whether the shutter is not wholly closed, by its own sensor."""
+        ...
+
+    def emitting(self) -> bool:
+        """Return whether light may leave the aperture, by the laser's own monitor."""
+        ...
+
     def park(self) -> None:
-        """Close the shutter and go to the rest position."""
+        """Go to the rest position; the shutter is closed."""
         ...
 
     def position(self) -> tuple[int, int]:
@@ -121,6 +141,10 @@ class Instrument(Protocol):
 
     def interlock_closed(self) -> bool:
         """Return whether the enclosure's interlock is closed; open, the laser cannot emit."""
+        ...
+
+    def key_on(self) -> bool:
+        """Return whether the key switch is on; off, the laser cannot emit."""
         ...
 
     def parameters(self) -> dict[str, int]:

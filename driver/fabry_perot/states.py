@@ -68,7 +68,7 @@ class HoldCause(IntEnum):
     REQUEST = 3
     CLEARED = 4
     INTERLOCK = 5
-    """Whatever it was before, the interlock has been opened since."""
+    """Whatever it was before, the interlock has been opened or the key turned off since."""
 
 
 S, E = DeviceState, Event
@@ -87,6 +87,7 @@ def _build() -> dict[tuple[DeviceState, Event], DeviceState]:
         (S.ARMED, E.ARM): S.ARMED,
         (S.ARMED, E.ARM_EXPIRED): S.READY,
         (S.ARMED, E.START): S.SCANNING,
+        (S.ARMED, E.PAUSE): S.READY,
         (S.SCANNING, E.POINTS_SHORT): S.STARVED,
         (S.STARVED, E.POINTS_AT_HAND): S.SCANNING,
         (S.SCANNING, E.RING_FULL): S.BLOCKED,

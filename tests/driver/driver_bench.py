@@ -13,7 +13,7 @@ from fabry_perot.device import Device
 from fabry_perot.errors import NoAnswer, Refused
 from fabry_perot.faults import Chain, Filter
 from fabry_perot.host import Host, Plan
-from fabry_perot.instrument import Acquisition, Recording
+from fabry_perot.instrument import Acquisition, InstrumentError, Recording
 from fabry_perot.messages import POINT
 from fabry_perot.states import DeviceState
 
@@ -40,10 +40,17 @@ CAPABILITIES = {
 }
 
 
+class NotReached(AssertionError):
+    """What was waited for did not come."""
+
+
 class CountingInstrument:
-    """Records a pattern that depends on the point alone, and logs every shot."""
+    """Records a pattern that depends on the point alone, and logs every shot and every move of the shutter."""
 
     def __init__(self) -> None:
+        self.open_now, self.stuck, self.key = False, False, True
+        self.shutter: list[str] = []
+        self.broken: str | None = None
         self.log: list[tuple[int, int, int]] = []
         self.on_fire: Callable[[int], None] = lambda now: None
         self.period = 5_000
@@ -71,7 +78,33 @@ class CountingInstrument:
     def next_pulse(self, after: int) -> int:
         return -(-after // self.period) * self.period
 
+    def open(self) -> None:
+        self.shutter.append("open")
+        self.open_now = True
+
+    def close(self) -> None:
+        self.shutter.append("close")
+        self.open_now = self.stuck and self.open_now
+
+    def shutter_open(self) -> bool:
+        return self.open_now
+
+    def emitting(self) -> bool:
+        return self.open_now and self.key and self.closed
+
+    def key_on(self) -> bool:
+        return self.key
+
+    def __getattribute__(self, name: str):
+        if name == object.__getattribute__(self, "__dict__").get("broken"):
+            return self.fail
+        return object.__getattribute__(self, name)
+
+    def fail(self, *given: object) -> None:
+        raise InstrumentError(9, f"{self.__dict__['broken']} failed")
+
     def fire(self, index: int, shot: int, now: int) -> None:
+        assert self.open_now, "a shot against a closed shutter"
         self.log.append((now, index, shot))
         self.on_fire(now)
 
@@ -174,7 +207,7 @@ class Bench:
             if ready():
                 return count
             self.turn()
-        raise AssertionError(f"not reached in {limit_ms} ms: {self.host.state}, {self.device.state}")
+        raise NotReached(f"not reached in {limit_ms} ms: {self.host.state}, {self.device.state}")
 
     def run(self, milliseconds: int) -> None:
         for _ in range(milliseconds):

@@ -12,8 +12,8 @@ from fabry_perot.codes import AbortLevel, Operation, Type
 from fabry_perot.errors import Refused
 from fabry_perot.framing import CRC, HEADER, VERSION, Deframer, Frame, crc32c, encode_frame
 from fabry_perot.host import Host
-from fabry_perot.messages import REQUEST_HEAD
-from fabry_perot.states import DeviceState
+from fabry_perot.messages import REQUEST_HEAD, Lease, pack
+from fabry_perot.states import RUNNING, TRANSITIONS, DeviceState
 
 
 def stall_released_after_the_hosts_death() -> None:
@@ -237,6 +237,68 @@ def an_abort_on_a_dead_line_still_ends_emission_by_the_lease() -> None:
     assert asked < world.instrument.log[-1][0] < asked + 500_000
 
 
+def every_way_out_of_a_running_scan_closes_the_shutter() -> None:
+    exits = [pair for pair, after in TRANSITIONS.items() if pair[0] is DeviceState.SCANNING and after not in RUNNING]
+    for _, event in exits:
+        bench = Bench()
+        bench.scan(500)
+        bench.run(60)
+        bench.device.must(event)
+        assert not bench.instrument.open_now, f"the shutter is open after {event.name}"
+
+
+def an_opened_interlock_ends_emission_for_good() -> None:
+    bench = Bench()
+    bench.scan(500)
+    bench.run(60)
+    bench.instrument.closed = False
+    bench.run(20)
+    assert bench.device.state is DeviceState.FAULT
+    bench.instrument.closed = True
+    shots = len(bench.instrument.log)
+    bench.run(500)
+    assert len(bench.instrument.log) == shots
+
+
+def an_arm_token_starts_one_scan_only() -> None:
+    bench = Bench()
+    bench.connect()
+    bench.upload(500)
+    token = bench.call(Operation.ARM)["token"]
+    bench.call(Operation.START, token=token, **bench.host.lease_fields())
+    bench.call(Operation.PAUSE)
+    bench.call(Operation.ARM)
+    try:
+        bench.call(Operation.START, token=token, **bench.host.lease_fields())
+    except Refused:
+        return
+    raise AssertionError("a spent token started the laser")
+
+
+def an_echo_of_the_future_keeps_no_laser_on() -> None:
+    bench = Bench(ring=5000)
+    bench.scan(5000)
+    bench.run(100)
+    ahead = pack(Lease(bench.device.boot, bench.device_now + 100_000_000, 500_000))
+    bench.host_alive, ended = False, bench.device_now
+    for _ in range(50):
+        bench.device.receive(encode_frame(Frame(Type.LEASE, 0, 7, bench.host.session, 0, ahead)), bench.device_now)
+        bench.run(30)
+    assert bench.instrument.log[-1][0] < ended + 500_000
+
+
+def a_laser_that_was_off_for_seconds_waits_for_a_person() -> None:
+    world = World(400, ring=100)
+    world.begin()
+    world.run(60)
+    world.hung = True
+    world.run(4_000)
+    world.hung = False
+    shots = len(world.instrument.log)
+    world.run(1_000)
+    assert len(world.instrument.log) == shots
+
+
 SCENARIOS = {
     function.__name__: function
     for function in (
@@ -259,5 +321,10 @@ SCENARIOS = {
         a_length_that_lies_under_a_valid_checksum,
         an_abort_ends_emission_within_its_bound,
         an_abort_on_a_dead_line_still_ends_emission_by_the_lease,
+        every_way_out_of_a_running_scan_closes_the_shutter,
+        an_opened_interlock_ends_emission_for_good,
+        an_arm_token_starts_one_scan_only,
+        an_echo_of_the_future_keeps_no_laser_on,
+        a_laser_that_was_off_for_seconds_waits_for_a_person,
     )
 }

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
+import driver_scenarios as tests
 import pytest
 from driver_scenarios import SCENARIOS
 
 from fabry_perot import framing
 from fabry_perot.device import core as device_core
+from fabry_perot.device.core import Device
 from fabry_perot.device.lease import LaserLease
 from fabry_perot.device.planbuffer import PlanBuffer
 from fabry_perot.device.ring import ALineRing
 from fabry_perot.framing import CRC, HEADER, Frame
 from fabry_perot.host.assembly import Assembly
 from fabry_perot.host.core import Host
+from fabry_perot.host.recovery import Keeper
 from fabry_perot.host.uploader import Uploader
 
 Patch = Callable[[pytest.MonkeyPatch], None]
+Scenario = Callable[[], None]
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
@@ -108,18 +113,106 @@ def _by_arrival_time(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(LaserLease, "renew", renew)
 
 
-MUTANTS: dict[str, Patch] = {
-    "no CRC check": _deframer(crc=False, length=True),
-    "no length check": _deframer(crc=True, length=False),
-    "no tail-loss repair": lambda patch: patch.setattr(Assembly, "sent", lambda self, number: None),
-    "no plan time-out": lambda patch: patch.setattr(Uploader, "__init__", _with_period(Uploader.__init__, 1 << 60)),
-    "ring overwrites": _overwrites,
-    "plan gaps accepted": _accepts_gaps,
-    "session not checked": _unchecked("session"),
-    "boot id not checked": _unchecked("boot"),
-    "lease kept over a new session": lambda patch: patch.setattr(LaserLease, "revoke", lambda self, now: None),
-    "lease by arrival time": _by_arrival_time,
-    "no credit check": _no_credit_check,
+def _future_echoes(patch: pytest.MonkeyPatch) -> None:
+    def renew(self, echo: int, ttl: int, now: int) -> bool:
+        if echo >= self._not_before:
+            self.until = max(self.until, min(echo, now) + min(ttl, self.cap))
+        return self.permits(now)
+
+    patch.setattr(LaserLease, "renew", renew)
+
+
+def _one_abort(patch: pytest.MonkeyPatch) -> None:
+    poll = Host.poll
+
+    def once(self, now: int) -> None:
+        poll(self, now)
+        self._abort_due = 1 << 62 if self.aborting else 0
+
+    patch.setattr(Host, "poll", once)
+
+
+def _same_token(patch: pytest.MonkeyPatch) -> None:
+    def new_token(self) -> int:
+        self._armed_at, self.token = self.now, 77
+        return self.token
+
+    patch.setattr(Device, "new_token", new_token)
+
+
+def _no_shutter(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Device, "close", lambda self: None)
+
+
+class Mutant(NamedTuple):
+    """A defect, the directed test that was made to kill it, and those that notice it besides."""
+
+    apply: Patch
+    killer: Scenario
+    also: tuple[Scenario, ...] = ()
+
+
+MUTANTS = {
+    "no CRC check": Mutant(_deframer(crc=False, length=True), tests.noise_that_only_a_checksum_finds),
+    "no length check": Mutant(_deframer(crc=True, length=False), tests.a_length_that_lies_under_a_valid_checksum),
+    "no tail-loss repair": Mutant(
+        lambda patch: patch.setattr(Assembly, "sent", lambda self, number: None), tests.the_last_a_line_is_lost
+    ),
+    "no plan time-out": Mutant(
+        lambda patch: patch.setattr(Uploader, "__init__", _with_period(Uploader.__init__, 1 << 60)),
+        tests.the_last_points_are_lost,
+        (tests.points_are_lost_on_the_way, tests.replay_from_an_earlier_session),
+    ),
+    "ring overwrites": Mutant(
+        _overwrites,
+        tests.a_full_disk_fills_the_ring_and_stops_the_laser,
+        (tests.reboot_in_mid_plan, tests.lost_acknowledgements),
+    ),
+    "plan gaps accepted": Mutant(_accepts_gaps, tests.points_are_lost_on_the_way),
+    "session not checked": Mutant(
+        _unchecked("session"), tests.frames_of_another_session, (tests.replay_from_an_earlier_session,)
+    ),
+    "boot id not checked": Mutant(
+        _unchecked("boot"), tests.frames_of_another_boot, (tests.replay_from_an_earlier_session,)
+    ),
+    "lease kept over a new session": Mutant(
+        lambda patch: patch.setattr(LaserLease, "revoke", lambda self, now: None), tests.an_old_echo_in_a_new_session
+    ),
+    "lease by arrival time": Mutant(
+        _by_arrival_time,
+        tests.an_abort_on_a_dead_line_still_ends_emission_by_the_lease,
+        (
+            tests.an_old_echo_in_a_new_session,
+            tests.an_echo_of_the_future_keeps_no_laser_on,
+            tests.a_laser_that_was_off_for_seconds_waits_for_a_person,
+        ),
+    ),
+    "no credit check": Mutant(_no_credit_check, tests.nothing_is_sent_without_credit),
+    "shutter left open": Mutant(
+        _no_shutter,
+        tests.every_way_out_of_a_running_scan_closes_the_shutter,
+        (  # its read-back then says that light leaves the aperture, which is a fault that ends these
+            tests.stall_released_after_the_hosts_death,
+            tests.long_stall_with_a_living_host,
+            tests.replay_from_an_earlier_session,
+            tests.reboot_in_mid_plan,
+            tests.unplugged_and_plugged_in_again,
+            tests.host_killed_and_started_again,
+            tests.the_last_a_line_is_lost,
+            tests.an_abort_ends_emission_within_its_bound,
+        ),
+    ),
+    "interlock not watched": Mutant(
+        lambda patch: patch.setattr(Device, "watch", lambda self: True),
+        tests.an_opened_interlock_ends_emission_for_good,
+    ),
+    "abort not repeated": Mutant(_one_abort, tests.an_abort_ends_emission_within_its_bound),
+    "token used again": Mutant(_same_token, tests.an_arm_token_starts_one_scan_only),
+    "echoes of the future": Mutant(_future_echoes, tests.an_echo_of_the_future_keeps_no_laser_on),
+    "laser comes back at any time": Mutant(
+        lambda patch: patch.setattr(Keeper, "_permitted", lambda self: True),
+        tests.a_laser_that_was_off_for_seconds_waits_for_a_person,
+    ),
 }
 
 
@@ -132,13 +225,15 @@ def _with_period(original: Callable[..., None], period: int) -> Callable[..., No
 
 @pytest.mark.mutants
 @pytest.mark.parametrize("name", MUTANTS)
-def test_a_mutant_is_found_by_a_directed_test(name, monkeypatch):
-    MUTANTS[name](monkeypatch)
-    killers = []
+def test_a_mutant_is_killed_by_the_test_made_for_it_and_the_others_pass(name, monkeypatch):
+    """A failed assertion is a find; a mutant that stumbles over its own code fails this test."""
+    mutant = MUTANTS[name]
+    mutant.apply(monkeypatch)
+    killed = set()
     for scenario, run in SCENARIOS.items():
         try:
             run()
-        except Exception:  # whatever a broken driver does is a find
-            killers.append(scenario)
-            break
-    assert killers, f"{name}: no directed test notices"
+        except AssertionError:
+            killed.add(scenario)
+    assert mutant.killer.__name__ in killed, f"{name}: the test made for it does not notice"
+    assert killed == {test.__name__ for test in (mutant.killer, *mutant.also)}

@@ -52,6 +52,19 @@ class NullInstrument:
 
     def park(self) -> None: ...
 
+    def open(self) -> None: ...
+
+    def close(self) -> None: ...
+
+    def shutter_open(self) -> bool:
+        return False
+
+    def emitting(self) -> bool:
+        return False
+
+    def key_on(self) -> bool:
+        return True
+
     def position(self) -> tuple[int, int]:
         return 0, 0
 

@@ -3,9 +3,21 @@
 from __future__ import annotations
 
 import random
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
-from fabry_perot.codes import FAULT_INTERLOCK, INTERLOCK_CLOSED, KEY_ON, LASER_ARMED, LASER_EMITTING, SHUTTER_OPEN, Type
+from fabry_perot.codes import (
+    FAULT_INTERLOCK,
+    FAULT_KEY,
+    FAULT_SHUTTER,
+    INTERLOCK_CLOSED,
+    KEY_ON,
+    LASER_ARMED,
+    LASER_EMITTING,
+    SECURED,
+    SHUTTER_OPEN,
+    Type,
+)
 from fabry_perot.device.acquisition import Scan
 from fabry_perot.device.handlers import HANDLERS
 from fabry_perot.device.lease import LaserLease
@@ -26,6 +38,7 @@ _CAUSES = {
     Event.LASER_OFF: HoldCause.REQUEST,
     Event.CLEAR_FAULT: HoldCause.CLEARED,
 }
+T = TypeVar("T")
 _SESSIONLESS = frozenset({Type.HELLO, Type.ABORT})
 
 
@@ -90,7 +103,9 @@ class Device:
         self._armed_at = self._status_at = self._fault_at = now
         self._status_due = False
         self._fault_number = 0
-        self.must(Event.SELF_TEST_PASSED)
+        self._shut_at = now
+        self.close()
+        self.step(Event.SELF_TEST_PASSED)
 
     def receive(self, data: bytes, now: int) -> None:
         """Take bytes from the line at device time ``now``."""
@@ -104,6 +119,8 @@ class Device:
                 handler(self, frame)
             except FrameError:
                 self.deframer.counters.bad_length += 1
+            except InstrumentError as error:
+                self.raise_fault(error.fault)
         self.poll(now)
 
     def poll(self, now: int) -> None:
@@ -116,11 +133,8 @@ class Device:
         if self.delayed is not None and self.now >= self.delayed[0]:
             self.outbox.put(Type.RSP, self.delayed[1])
             self.delayed = None
-        self._watch_interlock()
-        try:
-            self.scan.advance(self.now)
-        except InstrumentError as error:
-            self.raise_fault(error.fault)
+        self.watch()
+        self.hardware(lambda: self.scan.advance(self.now), None)
         if self.state is DeviceState.DRAINING and not self.ring.fill:
             self.step(Event.RING_EMPTY)
         if self.now >= self._status_at:
@@ -130,14 +144,32 @@ class Device:
             self._fault_at = self.now + self.timing.fault_period
             self.outbox.put(Type.FAULT, pack(Fault(self.fault, self._fault_number)), urgent=True)
 
-    def _watch_interlock(self) -> None:
-        """Switch a laser that may fire off for good, and have one in SAFE_HOLD not come back without a person."""
-        if self.instrument.interlock_closed():
-            return
-        if self.state in RUNNING or self.state is DeviceState.ARMED:
-            self.raise_fault(FAULT_INTERLOCK)
-        elif self.state is DeviceState.SAFE_HOLD and self.cause is not HoldCause.INTERLOCK:
-            self.cause, self._status_due = HoldCause.INTERLOCK, True
+    def watch(self) -> bool:
+        """Look at interlock, key and shutter, and act on what should not be; return whether the laser may fire."""
+        bits = self.hardware_bits()
+        if bits & SECURED != SECURED:
+            if self.state in RUNNING or self.state is DeviceState.ARMED:
+                self.raise_fault(FAULT_KEY if bits & INTERLOCK_CLOSED else FAULT_INTERLOCK)
+            elif self.state is DeviceState.SAFE_HOLD and self.cause is not HoldCause.INTERLOCK:
+                self.cause, self._status_due = HoldCause.INTERLOCK, True
+        light = bits & (SHUTTER_OPEN | LASER_EMITTING)
+        if light and self.state not in RUNNING and self.now - self._shut_at >= self.timing.shutter:
+            self.raise_fault(FAULT_SHUTTER)
+            self.close()
+        return bits & SECURED == SECURED and not self.fault
+
+    def hardware(self, call: Callable[[], T], otherwise: T) -> T:
+        """Return what a call to the hardware returns; a fault it reports is latched, and ``otherwise`` returned."""
+        try:
+            return call()
+        except InstrumentError as error:
+            self.raise_fault(error.fault)
+            return otherwise
+
+    def close(self) -> None:
+        """Close the shutter."""
+        self._shut_at = self.now
+        self.hardware(self.instrument.close, None)
 
     def next_due(self) -> int:
         """Return the device time at which :meth:`poll` has something to do next."""
@@ -191,10 +223,9 @@ class Device:
         if after is before:
             return True
         self._status_due = True
-        if before in RUNNING and after not in RUNNING:
-            self.scan.reset()
-            if after is not DeviceState.DRAINING:
-                self.lease.revoke(self.now)
+        left = before in RUNNING and after not in RUNNING
+        if left and after is not DeviceState.DRAINING:
+            self.lease.revoke(self.now)
         if after is DeviceState.SAFE_HOLD:
             self.cause = _CAUSES[event]
         elif after is not DeviceState.ARMED:
@@ -203,8 +234,10 @@ class Device:
             self.token = None
         if event is Event.CLEAR_FAULT:
             self.fault = 0
-        if after in LATCHED or after is DeviceState.SAFE_HOLD:
-            self.instrument.park()
+        if left or after in LATCHED or after is DeviceState.SAFE_HOLD:
+            self.close()
+        if left:
+            self.hardware(self.scan.reset, None)
         return True
 
     def must(self, event: Event) -> None:
@@ -238,8 +271,8 @@ class Device:
         self.plan_status_due, self.plan_refused = True, False
 
     def raise_fault(self, code: int) -> None:
-        """Latch a hardware fault and repeat it until the host acknowledges."""
-        if self.step(Event.HARDWARE_FAULT):
+        """Latch a hardware fault and repeat it until the host acknowledges; the first one counts."""
+        if self.step(Event.HARDWARE_FAULT) or (self.state in LATCHED and not self.fault):
             self.fault, self._fault_at = code, self.now
             self._fault_number += 1
 
@@ -252,22 +285,30 @@ class Device:
         """Return the present PLAN_STATUS."""
         return PlanStatus(self.plan.plan, self.plan.expected, self.plan.limit, int(self.plan_refused) << 1)
 
+    def hardware_bits(self) -> int:
+        """Return what the hardware says of itself, as STATUS' laser bits; of what it does not say, the worse."""
+        asked = (
+            (LASER_EMITTING, self.instrument.emitting, True),
+            (SHUTTER_OPEN, self.instrument.shutter_open, True),
+            (INTERLOCK_CLOSED, self.instrument.interlock_closed, False),
+            (KEY_ON, self.instrument.key_on, False),
+        )
+        return sum(bit for bit, read, worse in asked if self.hardware(read, worse))
+
     def laser_bits(self) -> int:
         """Return STATUS' laser bits."""
-        running = self.state in RUNNING
-        bits = KEY_ON | (INTERLOCK_CLOSED if self.instrument.interlock_closed() else 0)
-        bits |= LASER_ARMED if running or self.state is DeviceState.ARMED else 0
-        bits |= SHUTTER_OPEN if running else 0
-        return bits | (LASER_EMITTING if self.state is DeviceState.SCANNING else 0)
+        bits = self.hardware_bits()
+        return bits | (LASER_ARMED if self.state in RUNNING or self.state is DeviceState.ARMED else 0)
 
     def status(self) -> Status:
         """Return the present STATUS."""
-        x, y = self.instrument.position()
+        x, y = self.hardware(self.instrument.position, (0, 0))
+        laser = self.laser_bits()  # first: what these calls may latch belongs into what follows
         return Status(
             device_time=self.now,
             boot=self.boot,
             state=self.state,
-            laser=self.laser_bits(),
+            laser=laser,
             cause=self.cause,
             fault=min(self.fault, 0xFF),
             lease_left=min(self.lease.left(self.now) // 1000, 0xFFFF),

@@ -11,6 +11,7 @@ from fabry_perot.codes import PROTOCOL, AbortLevel, Result, Type
 from fabry_perot.device.operations import carry_out
 from fabry_perot.errors import FrameError
 from fabry_perot.framing import Frame
+from fabry_perot.instrument import InstrumentError
 from fabry_perot.messages import (
     CAPS_HEAD,
     CAPS_REQUEST,
@@ -111,7 +112,11 @@ def _plan_data(device: Device, frame: Frame) -> None:
         return
     new = device.plan.accept(first, points)
     if len(new):
-        device.instrument.load(device.plan.expected - len(new), new)
+        try:
+            device.instrument.load(device.plan.expected - len(new), new)
+        except InstrumentError:
+            device.plan.begin(0, 0)  # half a plan is none
+            raise
     if device.plan.loaded and device.state is DeviceState.LINKED:
         device.step(Event.PLAN_LOADED)
 
@@ -121,6 +126,10 @@ def _allowed(device: Device, points: np.ndarray[tuple[int], np.dtype[np.void]]) 
         low, high = device.limits[f"{name}_nm"]
         if not np.all((points[name] >= low) & (points[name] <= high)):
             return False
+    low, high = device.limits["wavelength_pm"]
+    bias = points["wavelength"]
+    if not np.all((bias == 0) | ((bias >= low) & (bias <= high))):
+        return False
     low, high = device.limits["averages"]
     return bool(np.all((points["averages"] >= low) & (points["averages"] <= high)))
 

@@ -8,15 +8,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fabry_perot.codes import MAX_GROUP, Operation, Result, Type
-from fabry_perot.instrument import Acquisition
+from fabry_perot.instrument import Acquisition, InstrumentError
 from fabry_perot.messages import ALineGone, pack
-from fabry_perot.states import RUNNING, DeviceState, Event
+from fabry_perot.states import LATCHED, RUNNING, DeviceState, Event
 
 if TYPE_CHECKING:
     from fabry_perot.device.core import Device
 
 MAX_STEPS = 256
 """Longest wavelength sweep."""
+_AT_REST = frozenset(DeviceState) - RUNNING - LATCHED - {DeviceState.ARMED}
+"""States in which something may be moved, tuned or changed."""
 Body = dict[str, Any]
 Outcome = tuple[Result, Body]
 
@@ -29,6 +31,9 @@ def carry_out(device: Device, operation: int, body: Body) -> Outcome:
         return Result.UNKNOWN_OPERATION, {}
     try:
         return function(device, body)
+    except InstrumentError as error:
+        device.raise_fault(error.fault)
+        return Result.HARDWARE_FAULT, {}
     except (KeyError, TypeError, ValueError):
         return Result.MALFORMED, {}
 
@@ -88,13 +93,18 @@ def _start(device: Device, body: Body) -> Outcome:
     device.lease.clear(device.now)  # what a scan before this one was granted is not this one's
     if not device.lease.renew(echo, ttl, device.now):
         return Result.NO_LEASE, {}
+    if not device.watch():
+        return Result.HARDWARE_FAULT, {}
+    before = device.instrument.laser_shots()
+    device.instrument.open()
     device.must(Event.START)
-    return Result.OK, {"laser_shots": device.instrument.laser_shots()}
+    return Result.OK, {"laser_shots": before}
 
 
 def _park(device: Device, body: Body) -> Outcome:
-    if device.state in RUNNING or device.state is DeviceState.ARMED:
+    if device.state not in _AT_REST:
         return Result.WRONG_STATE, {}
+    device.close()
     device.instrument.park()
     return Result.OK, {}
 
@@ -104,7 +114,7 @@ def _release(device: Device, body: Body) -> Outcome:
 
 
 def _set(device: Device, body: Body) -> Outcome:
-    if device.state in RUNNING or device.state is DeviceState.ARMED:
+    if device.state not in _AT_REST:
         return Result.WRONG_STATE, {}
     allowed = device.limits.get("parameters", {})
     values = {str(name): int(value) for name, value in body.items()}
@@ -120,7 +130,7 @@ def _set(device: Device, body: Body) -> Outcome:
 
 def _tune_scan(device: Device, body: Body) -> Outcome:
     bounds, steps = device.limits, int(body["steps"])
-    if device.state in RUNNING or device.state is DeviceState.ARMED or device.delayed is not None:
+    if device.state not in _AT_REST or device.delayed is not None:
         return Result.WRONG_STATE, {}
     if not bounds.get("tuning_us"):
         return Result.NOT_SUPPORTED, {}

@@ -19,12 +19,15 @@ class DeviceTiming:
         An arm token not used for so long is withdrawn.
     fault_period
         Between repetitions of an unacknowledged FAULT.
+    shutter
+        Longest the shutter takes to close; the hardware's own time, no delay of host or line.
     """
 
     status_period: int = 100_000
     lease_cap: int = 1_000_000
     arm_timeout: int = 30_000_000
     fault_period: int = 100_000
+    shutter: int = 50_000
 
     def scaled(self, rate: float) -> DeviceTiming:
         """Return the limits for a device whose time runs ``rate`` times as fast as its host's.
@@ -36,4 +39,5 @@ class DeviceTiming:
             int(self.lease_cap * rate),
             int(self.arm_timeout * rate),
             int(self.fault_period * rate),
+            self.shutter,
         )

@@ -118,7 +118,8 @@ def _abort_ack(host: Host, frame: Frame, now: int) -> None:
 
 def _fault(host: Host, frame: Frame, now: int) -> None:
     fault = unpack(Fault, frame.payload)
-    host.device_state = DeviceState.FAULT
+    if host.device_state is not DeviceState.ESTOP:
+        host.device_state = DeviceState.FAULT
     host.send(Type.FAULT_ACK, pack(fault))
 
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from fabry_perot.codes import INTERLOCK_CLOSED, KEY_ON, Operation
+from fabry_perot.codes import SECURED, Operation
 from fabry_perot.errors import LinkLost, ScannerError
 from fabry_perot.host.core import Host
 from fabry_perot.host.ledger import Ledger
@@ -24,7 +24,6 @@ _FIRST_WAIT, _LONGEST_WAIT = 50_000, 1_000_000
 _OURS = frozenset({HoldCause.LEASE, HoldCause.SESSION, HoldCause.NONE})
 """Causes of SAFE_HOLD that are interruptions rather than somebody's wish."""
 _HALTED = frozenset({DeviceState.SAFE_HOLD, DeviceState.LINKED, DeviceState.READY, DeviceState.ARMED})
-_SECURED = INTERLOCK_CLOSED | KEY_ON
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +181,7 @@ class Keeper:
         status, plan = self._host.status, self._plan
         if status is None or plan is None or (status.boot, status.plan) != (self._boot, plan.uid):
             return False
-        if status.laser & _SECURED != _SECURED:
+        if status.laser & SECURED != SECURED:
             return False
         return self._host.since_contact(self._now) <= self._policy.within
 

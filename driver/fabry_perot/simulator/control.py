@@ -9,13 +9,14 @@ command                                       what it does; all durations in sec
 ``{"do": "cut", "way": "up", "seconds": 1}``  loses them
 ``{"do": "noise", "way": "up", "bit_errors": 1e-5, "lost_frames": 0.01}``  from now on; zeros end it
 ``{"do": "interlock", "closed": false}``      opens or closes the enclosure
+``{"do": "key", "on": false}``                turns the key switch
 ``{"do": "drift", "pm": 300}``                shifts the film's resonances
 ``{"do": "report"}``                          nothing
 ============================================  =========================================================================
 
 Each answer holds ``time`` (simulator time, µs), ``shots`` (fired since start), ``last_shot`` (its time), ``ring_peak``,
-``boots`` and the device's ``state``; that of ``report`` also ``fired``, the (time, point) of every shot. A command that
-is not understood is answered with ``error``.
+``boots``, the device's ``state`` and whether the ``shutter`` is open; that of ``report`` also ``fired``, the (time,
+point) of every shot. A command that is not understood is answered with ``error``.
 """
 
 from __future__ import annotations
@@ -65,6 +66,7 @@ class Control:
             "ring_peak": max(machine.ring_peak, machine.device.ring.peak),
             "boots": machine.boots,
             "state": machine.device.state.name.lower(),
+            "shutter": machine.instrument.shutter_open(),
         }
 
     def _do_report(self) -> dict[str, Any]:
@@ -99,6 +101,10 @@ class Control:
 
     def _do_interlock(self, closed: bool) -> dict[str, Any]:
         self._server.machine.instrument.closed = bool(closed)
+        return self._state()
+
+    def _do_key(self, on: bool) -> dict[str, Any]:
+        self._server.machine.instrument.key = bool(on)
         return self._state()
 
     def _do_drift(self, pm: int) -> dict[str, Any]:

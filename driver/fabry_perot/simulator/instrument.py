@@ -91,6 +91,9 @@ class PhantomInstrument:
         self.response, self.film = response or Response(), Film(seed)
         self.closed = True
         """Whether the interlock is closed."""
+        self.key = True
+        """Whether the key is on."""
+        self._open = False
         self.epoch = 0
         """Simulator time at which the device booted, in µs."""
         self.shots: deque[tuple[int, int]] = deque(maxlen=LOG)
@@ -255,8 +258,28 @@ class PhantomInstrument:
         """Return whether the interlock is closed."""
         return self.closed
 
+    def key_on(self) -> bool:
+        """Return whether the key is on."""
+        return self.key
+
+    def open(self) -> None:
+        """Open the shutter."""
+        self._open = True
+
+    def close(self) -> None:
+        """Close the shutter."""
+        self._open = False
+
+    def shutter_open(self) -> bool:
+        """Return whether the shutter is open."""
+        return self._open
+
+    def emitting(self) -> bool:
+        """Return whether pulses may leave the aperture."""
+        return self._open and self.key and self.closed
+
     def park(self) -> None:
-        """Close the shutter: the galvo stays where it is."""
+        """Do nothing: the galvo rests where it is."""
 
     def position(self) -> tuple[int, int]:
         """Return x, y in nm."""
