@@ -25,12 +25,12 @@ _WAIT_HELP = f"'wait=SECONDS' (RFC 7240) holds the answer until the work is over
 T = TypeVar("T")
 
 
-def _services(request: Request) -> Services:
+async def _services(request: Request) -> Services:
     services: Services = request.app.state.services
     return services
 
 
-def _who(request: Request) -> Principal:
+async def _who(request: Request) -> Principal:
     principal: Principal = request.state.principal
     return principal
 
@@ -52,7 +52,7 @@ class Patience:
             await asyncio.sleep(min(LOOK, left))
 
 
-def _wait(
+async def _wait(
     request: Request, response: Response, prefer: Annotated[list[str] | None, Header(description=_WAIT_HELP)] = None
 ) -> Patience:
     for preference in ",".join(prefer or []).split(","):
@@ -86,7 +86,7 @@ async def _read_key(request: Request, text: str) -> Key:
     if not re.fullmatch(r"[\x21-\x7e]{1,200}", text):
         raise InvalidInput("Idempotency-Key", text, "1 to 200 visible ASCII characters")
     digest = hashlib.sha256(await request.body()).hexdigest()
-    return Key(_who(request).name, request.url.path, text, digest)
+    return Key(request.state.principal.name, request.url.path, text, digest)
 
 
 ServicesNeeded: TypeAlias = Annotated[Services, Depends(_services)]

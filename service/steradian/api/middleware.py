@@ -13,10 +13,13 @@ from ulid import ULID
 
 from steradian.api.metrics import Metrics
 from steradian.api.problems import CODE_OF, problem
+from steradian.api.security import EMERGENCY_STOP
 from steradian.storage.logs import request_id
 
 _log = logging.getLogger(__name__)
 UPLOADS = "/api/v1/uploads"
+STOP_BYTES = 4096
+"""The body of an emergency stop holds a reason, nothing else."""
 _REQUEST_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 
@@ -91,6 +94,8 @@ class BodyLimit:
             await self.app(scope, receive, send)
             return
         limit = self._uploads if scope["path"] == UPLOADS else self._limit
+        if scope["path"].endswith(EMERGENCY_STOP):
+            limit = min(limit, STOP_BYTES)
         text = f"the body is larger than the {limit} bytes this service takes"
         stated = Headers(scope=scope).get("content-length", "0")
         if not stated.isdecimal() or int(stated) > limit:

@@ -115,7 +115,7 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(RequestValidationError, _invalid)
     app.add_exception_handler(HTTPException, _refused)
     app.add_exception_handler(NotModified, _not_modified)
-    app.add_exception_handler(DBAPIError, _database)
+    app.add_exception_handler(DBAPIError, database_problem)
     app.add_exception_handler(Exception, _unexpected)
 
 
@@ -192,7 +192,7 @@ async def _not_modified(_request: Request, error: Exception) -> Response:
     return Response(status_code=304, headers={"ETag": error.etag})
 
 
-async def _database(request: Request, error: Exception) -> JSONResponse:
+async def database_problem(request: Request, error: Exception) -> JSONResponse:
     """Tell a database that does not answer, which passes, from one that refuses, which is a fault."""
     assert isinstance(error, DBAPIError)  # noqa: S101
     if not (error.connection_invalidated or isinstance(error, OperationalError)) or "no such" in str(error.orig):

@@ -12,7 +12,9 @@ from steradian.api.dependencies import ServicesNeeded, Who
 from steradian.api.documents import SCANNER_ID
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
-from steradian.api.views import Listing, ScannerView
+from steradian.api.views import EmergencyAnswer, EmergencyView, Listing, ScannerView
+from steradian.errors import NotFound
+from steradian.storage.scanners import SCANNER_ID as SCANNER
 from steradian.storage.tables import ScannerRow
 from steradian.validation import Value
 
@@ -49,7 +51,9 @@ def list_scanners(services: ServicesNeeded) -> Listing[ScannerView]:
 def read_scanner(services: ServicesNeeded, scanner_id: SCANNER_ID, conditions: ConditionsNeeded) -> ScannerView:
     """Show a scanner: its connection, what it does, its last error, who holds it."""
     row = services.scanner.get(scanner_id)
-    conditions.tag(etag_of(row.id, f"{row.revision}{'h' if services.scanner.is_held(row) else ''}"))
+    press = services.emergency.standing
+    stop = f"{press.number}{services.emergency.deed(press)}{services.emergency.is_recorded(press)}" if press else ""
+    conditions.tag(etag_of(row.id, f"{row.revision}{'h' if services.scanner.is_held(row) else ''}{stop}"))
     return _view(services, row)
 
 
@@ -69,26 +73,35 @@ def give_lease_back(services: ServicesNeeded, who: Who, scanner_id: SCANNER_ID, 
 
 
 @router.post("/{scanner_id}/emergency-stop", status_code=202, summary="Stop the scanner now")
-def press_emergency_stop(
+async def press_emergency_stop(
     services: ServicesNeeded,
     who: Who,
     scanner_id: SCANNER_ID,
     wanted: Annotated[StopRequest | None, Body()] = None,
-) -> ScannerView:
+) -> EmergencyAnswer:
     """Switch the laser off and abort what runs or waits; any authenticated caller may, lease or not.
 
-    No other scan begins until the stop is released.
+    It needs no database: what cannot be recorded now is recorded later. The answer comes when the scanner has
+    confirmed it, or after a second. No other scan begins until the stop is released, whatever is started anew.
     """
-    services.scanner.get(scanner_id)
-    return _view(services, services.scanner.stop(who.name, wanted.reason if wanted else None))
+    if scanner_id != SCANNER:
+        raise NotFound("scanner", scanner_id)
+    press, deed = await services.emergency.press(who.name, wanted.reason if wanted else None)
+    shown = EmergencyView.of(press, deed, recorded=services.emergency.is_recorded(press))
+    here = f"{V1}/scanners/{scanner_id}"
+    return EmergencyAnswer(id=scanner_id, emergency_stop=shown, links={"scanner": here})
 
 
 @router.delete("/{scanner_id}/emergency-stop", summary="Release the emergency stop")
 def release_emergency_stop(services: ServicesNeeded, who: Who, scanner_id: SCANNER_ID) -> ScannerView:
     """Allow scans again; none begins by itself."""
     services.scanner.get(scanner_id)
-    return _view(services, services.scanner.release_stop(who.name))
+    services.emergency.release(who.name)
+    return _view(services, services.scanner.get(scanner_id))
 
 
 def _view(services: Services, row: ScannerRow) -> ScannerView:
-    return ScannerView.of(row, held=services.scanner.is_held(row))
+    press, stop = services.emergency.standing, None
+    if press is not None:
+        stop = EmergencyView.of(press, services.emergency.deed(press), recorded=services.emergency.is_recorded(press))
+    return ScannerView.of(row, held=services.scanner.is_held(row), stop=stop)

@@ -15,6 +15,7 @@ from steradian.api.documents import SCAN_ID
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.views import Listing, ScanView
 from steradian.storage.idempotency import Answer
+from steradian.storage.scanners import EmergencyStopped
 from steradian.storage.states import SETTLED_SCAN_STATES, DesiredScanState
 from steradian.storage.tables import ScanRow
 from steradian.validation import Value
@@ -73,6 +74,8 @@ async def create_scan(
     """Queue a scan. A request repeated with the same Idempotency-Key never fires twice: it gets the first answer."""
 
     def make(session: Session) -> Answer:
+        if services.emergency.standing is not None:
+            raise EmergencyStopped("the emergency stop is pressed; release it first")
         fence = services.scanner.admit(session, lease)
         simulated = services.settings.simulated
         row = services.scans.add(session, plan, simulated=simulated, labels=wanted.labels, fence=fence, who=who.name)

@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING
 
 from sqlalchemy import delete, select
 
+from steradian.api.emergency import EmergencyDesk
 from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url
+from steradian.storage.emergency import EmergencyLatch
 from steradian.storage.events import EventLog
 from steradian.storage.idempotency import Answers
 from steradian.storage.job_ledger import JobLedger
@@ -59,17 +61,20 @@ class Services:
         self.answers = Answers(self.database, clock)
         self.keys = KeyStore(self.database, clock, fixed=settings.api_key)
         self.log = EventLog(self.database)
+        self.emergency = EmergencyDesk(EmergencyLatch(self.data.emergency), self.scanner, self.keys)
         self._queue: Future[JobQueue] = Future()
         self._over = threading.Event()
 
     def open(self) -> None:
         """Begin to open the queue and to look after it."""
         self.scanner.ensure(simulated=self.settings.simulated)
+        self.emergency.open()
         threading.Thread(target=self._look_after, daemon=True).start()
 
     def close(self) -> None:
         """Close the connections."""
         self._over.set()
+        self.emergency.close()
         if self.queue_is_open:
             self._queue.result().close()
         self.database.close()

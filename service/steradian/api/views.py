@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Any, Generic, Self, TypeVar
+from typing import Any, Generic, Literal, Self, TypeVar, cast
 
 from pydantic import BaseModel, Field
 
 from steradian.plans import VisitOrder
+from steradian.storage.emergency import Deed, Press
 from steradian.storage.jobs import JobStatus
 from steradian.storage.states import DesiredJobState, DesiredScanState, ReconstructionState, ScanState
 from steradian.storage.tables import MaskRow, PlanRow, ReconstructionRow, ScannerRow, ScanRow
@@ -215,12 +216,40 @@ class LeaseView(BaseModel):
     fence: int = Field(description="Number of this lease; send it as Scanner-Lease with what needs the scanner")
 
 
+Laser = Literal["off", "idle", "unconfirmed"]
+
+
 class EmergencyView(BaseModel):
     """An emergency stop that nobody has released."""
 
     at: datetime
     by: str
     reason: str | None
+    laser: Laser = Field(
+        description="off: the scanner confirmed it; idle: no scan ran; unconfirmed: no answer, use the hardware switch"
+    )
+    seconds: float | None = Field(description="From the press to that (s)", examples=[0.03])
+    recorded: bool = Field(description="Whether it stands in the database, too; until then it is tried again")
+
+    @classmethod
+    def of(cls, press: Press, deed: Deed | None, *, recorded: bool) -> Self:
+        """Show a press and what was done about it."""
+        return cls(
+            at=datetime.fromisoformat(press.at),
+            by=press.who,
+            reason=press.reason,
+            laser=cast(Laser, deed.laser) if deed else "unconfirmed",
+            seconds=deed.seconds if deed else None,
+            recorded=recorded,
+        )
+
+
+class EmergencyAnswer(BaseModel):
+    """What came of pressing the emergency stop."""
+
+    id: str = Field(description="The scanner", examples=["scanner-0"])
+    emergency_stop: EmergencyView
+    links: dict[str, str] = Field(examples=[{"scanner": "/api/v1/…"}])
 
 
 class ScannerView(BaseModel):
@@ -237,14 +266,12 @@ class ScannerView(BaseModel):
     links: dict[str, str] = Field(examples=[{"self": "/api/v1/…"}])
 
     @classmethod
-    def of(cls, row: ScannerRow, *, held: bool) -> Self:
-        """Show a row."""
+    def of(cls, row: ScannerRow, *, held: bool, stop: EmergencyView | None) -> Self:
+        """Show a row and the stop that stands."""
         here = f"{BASE}/scanners/{row.id}"
-        lease = stop = None
+        lease = None
         if held and row.lease_ends is not None:
             lease = LeaseView(holder=row.holder or "", note=row.note, ends=row.lease_ends, fence=row.fence)
-        if row.stopped_at is not None:
-            stop = EmergencyView(at=row.stopped_at, by=row.stopped_by or "", reason=row.stop_reason)
         return cls(
             id=row.id,
             simulated=row.simulated,

@@ -21,6 +21,7 @@ from sqlalchemy.exc import DBAPIError
 from fabry_perot import Recovery
 from steradian.errors import DiskFull, ScanFailed, ScanInterrupted, SteradianError
 from steradian.scans.control import End
+from steradian.scans.emergency import EmergencyWatch
 from steradian.scans.layout import check_disk, scan_file_bytes
 from steradian.scans.proof import ResumeRefused
 from steradian.scans.run import ScanSummary, resume_scan, run_scan
@@ -29,6 +30,7 @@ from steradian.scans.watch import POLL, ScanWatch
 from steradian.settings import Settings
 from steradian.stopping import StopEvent
 from steradian.storage.database import Database, metadata_url
+from steradian.storage.emergency import EmergencyLatch
 from steradian.storage.heartbeat import Heartbeat
 from steradian.storage.job_process import end_with_stdin
 from steradian.storage.logs import configure_logging
@@ -97,10 +99,15 @@ class Acquisition:
     ) -> None:
         self._scans, self._plans, self._data, self._port = scans, plans, data, port
         self._stopping, self._clock, self._recovery = stopping, clock, recovery
+        self._emergency = EmergencyWatch(EmergencyLatch(data.emergency))
         self._scanner = ScannerRepository(scans.database, scans.clock)
 
     def run(self) -> None:
         """Work until asked to stop; while the database does not answer, wait for it."""
+        with self._emergency.looking():
+            self._work()
+
+    def _work(self) -> None:
         while not self._stopping.is_set():
             try:
                 self._begin()
@@ -132,12 +139,16 @@ class Acquisition:
             who = row.wished_by or "acquisition"
             self._scans.transition(row.id, _S.ABORTED, why=row.reason or "not wanted any more", who=who)
             return
-        if (refusal := self._scanner.refusal(row)) is not None:
+        if (refusal := self._refusal(row)) is not None:
             self._scans.transition(row.id, _S.ABORTED, why=refusal)
             return
         warning = self._disk_warning(row)
         self._scans.transition(row.id, _S.ARMING, why="the scanner is free" + (f"; {warning}" if warning else ""))
         self._run(row)
+
+    def _refusal(self, row: ScanRow) -> str | None:
+        """Say why a scan must not fire, or ``None``."""
+        return self._scanner.refusal(row) if self._emergency.standing is None else "the emergency stop is pressed"
 
     def _disk_warning(self, row: ScanRow) -> str | None:
         """Say that the disk will be nearly full; a scan that does not fit fails when its file is to be made."""
@@ -149,7 +160,7 @@ class Acquisition:
     def _resume(self, row: ScanRow) -> None:
         why = row.reason or "resumed"
         self._scans.transition(row.id, _S.ARMING, why=why, who=row.wished_by or "acquisition")
-        if (refusal := self._scanner.refusal(row)) is not None:
+        if (refusal := self._refusal(row)) is not None:
             self._scans.transition(row.id, _S.INTERRUPTED, why=refusal, error=("resume-refused", refusal))
             return
         self._run(row)
@@ -157,7 +168,7 @@ class Acquisition:
     def _run(self, row: ScanRow) -> None:
         """Work on a scan that is ``arming``, until it is over or interrupted."""
         self._scanner.report("connected", "scanning")
-        watch = ScanWatch(self._scans, row.id, self._stopping, self._clock)
+        watch = ScanWatch(self._scans, row.id, self._stopping, self._clock, self._emergency)
         try:
             summary = self._measure(row, watch)
             watch.over()
@@ -195,7 +206,8 @@ class Acquisition:
         row = self._scans.get(identifier)
         if last is _S.PARTIAL and not figures.get("stored"):
             last = _S.ABORTED  # there is nothing to keep
-        why = "every A-line is stored" if last is _S.COMPLETE else row.reason or "requested"
+        press = self._emergency.standing
+        why = "every A-line is stored" if last is _S.COMPLETE else press.why if press else row.reason or "requested"
         for following in route(row.state, last):
             self._scans.transition(identifier, following, why=why, summary=figures)
         _log.info("scan %s is %s: %s", identifier, last, figures)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
+from contextlib import AbstractContextManager, nullcontext
 from enum import StrEnum
 
+import fabry_perot
 from steradian.progress import IsCancelled, Progress
 
 
@@ -61,6 +63,10 @@ class Control:
 
     def __init__(self, progress: Progress | None = None, cancelled: IsCancelled | None = None) -> None:
         self._progress, self._cancelled = progress, cancelled
+
+    def guarding(self, scanner: fabry_perot.Scanner) -> AbstractContextManager[None]:
+        """Answer for a connected scanner until the block ends; here that is left to the session."""
+        return nullcontext()
 
     def wish(self) -> Wish:
         """Return what is wanted now; asked some twenty times a second."""

@@ -110,7 +110,8 @@ def run_scan(
     path.parent.mkdir(parents=True, exist_ok=True)
     if (warning := check_disk(path.parent, scan_file_bytes(plan))) is not None:
         _log.warning("%s", warning)
-    with _scanner(scanner_url, recovery) as scanner:
+    starter = control or Control(progress, cancelled)
+    with _scanner(scanner_url, recovery) as scanner, starter.guarding(scanner):
         model = scanner.capabilities
         check_scanner(plan, model)
         create_scan_file(
@@ -123,8 +124,7 @@ def run_scan(
         )
         with AlineStore(path) as store:
             note_tuning(scanner, store)
-            session = ScanSession(scanner, store, control or Control(progress, cancelled), recovery.within)
-            end = session.measure(store.missing)
+            end = ScanSession(scanner, store, starter, recovery.within).measure(store.missing)
             return _summary(store, end, asked=control is not None)
 
 
@@ -169,10 +169,11 @@ def resume_scan(
     """
     allowed = tolerance or Tolerance()
     report = check_scan_file(path, progress=progress)
-    with _scanner(scanner_url, recovery) as scanner, AlineStore(path) as store:
+    starter = control or Control(progress, cancelled)
+    with _scanner(scanner_url, recovery) as scanner, starter.guarding(scanner), AlineStore(path) as store:
         findings = compare_identity(store, plan, scanner.capabilities)
         require(findings)
-        session = ScanSession(scanner, store, control or Control(progress, cancelled), recovery.within)
+        session = ScanSession(scanner, store, starter, recovery.within)
         rescued = session.rescue()
         wanted = store.missing | store.flagged(retry)
         if not wanted.any():

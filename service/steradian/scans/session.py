@@ -181,6 +181,10 @@ class ScanSession:
                     return self._leave(wish)
         except fabry_perot.LeaseLapsed as lapse:
             return self._after_a_lapse(lapse)
+        except fabry_perot.ScanAborted:
+            if self._control.wish() is not Wish.ABORT:
+                raise
+            return self._leave(Wish.ABORT)
         return End.COMPLETE
 
     def _pause(self) -> Wish:

@@ -5,10 +5,13 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 
 from sqlalchemy.exc import DBAPIError
 
+import fabry_perot
 from steradian.scans.control import Control, Phase, Wish
+from steradian.scans.emergency import EmergencyWatch
 from steradian.storage.scans import ScanRepository
 from steradian.storage.states import DesiredScanState, ScanState, route
 
@@ -47,22 +50,37 @@ class ScanWatch(Control):
         Set when the service ends: then the session aborts.
     clock
         Seconds.
+    emergency
+        Stops the scanner by itself; the session then learns that the scan is to be aborted.
     """
 
     def __init__(
-        self, scans: ScanRepository, identifier: str, stopping: threading.Event, clock: Callable[[], float]
+        self,
+        scans: ScanRepository,
+        identifier: str,
+        stopping: threading.Event,
+        clock: Callable[[], float],
+        emergency: EmergencyWatch,
     ) -> None:
         super().__init__()
         self._scans, self._id, self._stopping, self._clock = scans, identifier, stopping, clock
+        self._emergency = emergency
         self._written = self._asked = float("-inf")
         self._last: tuple[str, int, int] | None = None
         self._wish = Wish.RUN
         self._reason, self._who = "", "acquisition"
         self._phase: Phase | None = None
 
+    def guarding(self, scanner: fabry_perot.Scanner) -> AbstractContextManager[None]:
+        """Have the emergency stop reach a connected scanner until the block ends."""
+        return self._emergency.guarding(scanner)
+
     def wish(self) -> Wish:
         """Return what is wanted now."""
         if self._stopping.is_set():
+            return Wish.ABORT
+        if (press := self._emergency.standing) is not None:
+            self._reason, self._who = press.why, press.who
             return Wish.ABORT
         if self._clock() - self._asked >= POLL:
             self._asked = self._clock()

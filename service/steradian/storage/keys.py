@@ -6,6 +6,7 @@ import hashlib
 import hmac
 import secrets
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import timedelta
 from enum import StrEnum
@@ -55,6 +56,9 @@ class Principal:
         return Scope.ADMIN in self.scopes or scope in self.scopes
 
 
+_SETTINGS = Principal("settings", frozenset({Scope.ADMIN}))
+
+
 class KeyStore:
     """Makes, checks and revokes keys and tickets.
 
@@ -66,6 +70,7 @@ class KeyStore:
 
     def __init__(self, database: Database, clock: Clock = utc_now, fixed: str | None = None) -> None:
         self.database, self.clock = database, clock
+        self._remembered: dict[str, KeyRow] = {}
         self._fixed = None if fixed is None else _hash(fixed)
 
     def create(self, name: str, scopes: Iterable[Scope], lifetime: timedelta | None = None) -> str:
@@ -109,13 +114,30 @@ class KeyStore:
         Unauthorized
             When it is unknown, revoked or expired; the answer does not say which.
         """
-        if self._fixed is not None and hmac.compare_digest(_hash(key), self._fixed):
-            return Principal("settings", frozenset({Scope.ADMIN}))
-        prefix, _, rest = key.partition("_")
-        identifier, _, secret = rest.partition("_")
+        if self._is_fixed(key):
+            return _SETTINGS
         with self.database.read() as session:
-            row = session.scalars(select(KeyRow).where(KeyRow.id == identifier[:40])).one_or_none()
-        proven = hmac.compare_digest(_hash(secret), row.hash if row else _hash(""))
+            row = session.scalars(select(KeyRow).where(KeyRow.id == _identifier(key))).one_or_none()
+        return self._prove(key, row)
+
+    def remember(self) -> None:
+        """Look at the keys in the database, for :meth:`recall`."""
+        self._remembered = {row.id: row for row in self.list()}
+
+    def recall(self, key: str) -> Principal | None:
+        """Tell whose key it is without the database, from the last look at it; ``None`` when that did not hold it."""
+        if self._is_fixed(key):
+            return _SETTINGS
+        with suppress(Unauthorized):
+            return self._prove(key, self._remembered.get(_identifier(key)))
+        return None
+
+    def _is_fixed(self, key: str) -> bool:
+        return self._fixed is not None and hmac.compare_digest(_hash(key), self._fixed)
+
+    def _prove(self, key: str, row: KeyRow | None) -> Principal:
+        prefix, _, rest = key.partition("_")
+        proven = hmac.compare_digest(_hash(rest.partition("_")[2]), row.hash if row else _hash(""))
         if prefix != PREFIX or row is None or not proven or not self._is_valid(row):
             raise Unauthorized("the key is unknown, revoked or expired")
         return Principal(f"key {row.name} ({row.id})", frozenset(Scope(scope) for scope in row.scopes))
@@ -141,6 +163,10 @@ class KeyStore:
 
     def _is_valid(self, row: KeyRow) -> bool:
         return row.revoked is None and (row.expires is None or row.expires > self.clock())
+
+
+def _identifier(key: str) -> str:
+    return key.partition("_")[2].partition("_")[0][:40]
 
 
 def _hash(secret: str) -> str:

@@ -6,6 +6,7 @@ DATA/scans/<id>.h5             A-lines
 DATA/uploads/<id>              files that came over HTTP and wait to be imported
 DATA/pictures/<mask id>.png    pictures of masks, once they have been asked for
 DATA/reconstructions/<id>/     volume, projections, report and log of one job
+DATA/emergency-stop/           whether the stop is pressed (:mod:`steradian.storage.emergency`)
 DATA/run/<process>.json        heartbeats of the running processes
 DATA/lock                      held by the service that owns the directory
 """
@@ -66,6 +67,11 @@ class DataDirectory:
     def job(self, job_id: str) -> JobDirectory:
         """Folder of one job."""
         return JobDirectory(self.root.absolute() / "reconstructions" / job_id)
+
+    @property
+    def emergency(self) -> Path:
+        """Folder of the emergency stop's latch."""
+        return self.root.absolute() / "emergency-stop"
 
     def heartbeat(self, process: str) -> Path:
         """File that a process touches while it is well."""

@@ -104,6 +104,11 @@ def test_one_operator_at_a_time(http, plan):
     assert http.delete(here, headers={"Scanner-Lease": str(mine["fence"] + 1)}).status_code == 204
 
 
+def test_the_body_of_an_emergency_stop_holds_four_kilobytes(http):
+    answer = http.post("/scanners/scanner-0/emergency-stop", json={"reason": "x" * 5000})
+    assert (answer.status_code, answer.json()["code"]) == (413, "too-large")
+
+
 def test_the_emergency_stop_needs_no_lease_and_holds_until_it_is_released(http, plan, scan):
     here = "/scanners/scanner-0/emergency-stop"
     http.put("/scanners/scanner-0/lease", json={"holder": "Ada", "seconds": 60})
