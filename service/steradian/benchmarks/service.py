@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -50,10 +51,11 @@ def running_service(settings: Settings) -> Iterator[RunningService]:
     )
     try:
         assert process.stdout is not None  # noqa: S101 - asked for
-        line = process.stdout.readline()
-        if " at " not in line:
-            raise SteradianError(f"the service did not start: {line.strip() or 'it said nothing'}")
-        yield RunningService(line.partition(" at ")[2].split()[0].rstrip("/"), process.pid, settings)
+        said = iter(process.stdout.readline, "")
+        url = next((found[0] for line in said if (found := re.search(r"http://\S+(?=/)", line))), None)
+        if url is None:
+            raise SteradianError("the service did not start")
+        yield RunningService(url, process.pid, settings)
     finally:
         process.terminate()
         process.communicate(timeout=20)

@@ -89,6 +89,23 @@ def storage(
 
 
 @app.command()
+def stop(
+    json_file: JsonFile = None,
+    presses: Annotated[int, typer.Option(help="Scans that are stopped under each condition.", min=1)] = 25,
+) -> None:
+    """Time the emergency stop of scans at 1 kHz: idle, beside two busy processes, with the database locked.
+
+    'last shot' is from the request to the laser's last shot, by the simulated scanner's own clock, and 'limit' what
+    that must not exceed; 'answer' is from the request to the answer, 'confirmed' how often it held the scanner's word.
+    """
+    from steradian.benchmarks.stop import stop as measure
+
+    with progress_bar() as progress:
+        rows = measure(presses=presses, progress=progress)
+    _publish("stop", rows, json_file)
+
+
+@app.command()
 def queue(
     json_file: JsonFile = None,
     jobs: Annotated[int, typer.Option(help="Reconstructions for the throughput; 0 leaves it out.", min=0)] = 20,

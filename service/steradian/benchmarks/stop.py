@@ -1,0 +1,140 @@
+"""The emergency stop: how long the laser fires on after the request, by the simulated scanner's own clock."""
+
+from __future__ import annotations
+
+import sqlite3
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.request
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
+from pathlib import Path
+from typing import Any
+
+from fabry_perot.simulator import Simulator, launch
+from steradian.benchmarks.service import RunningService, ask, running_service
+from steradian.errors import SteradianError
+from steradian.progress import Progress
+from steradian.settings import Settings
+
+PULSE_RATE = 1000.0
+STOP = "/scanners/scanner-0/emergency-stop"
+PATIENCE = 60.0
+_SPIN = "while True: pass"
+_OVER = frozenset({"aborted", "interrupted", "complete", "failed"})
+
+
+def stop(*, presses: int = 25, progress: Progress | None = None) -> list[dict[str, Any]]:
+    """Press the stop during scans at 1 kHz: on an idle machine, beside two busy processes, with the database locked.
+
+    Parameters
+    ----------
+    presses
+        Scans that are stopped under each condition.
+
+    Returns
+    -------
+    list of dict
+        Per condition the milliseconds from the request to the laser's last shot, by the scanner's clock, and to the
+        answer; how often the scanner's confirmation was in it; and what the last shot must not exceed.
+    """
+    conditions: dict[str, tuple[Callable[[Path], AbstractContextManager[None]], float]] = {
+        "idle": (lambda _: nullcontext(), 100.0),
+        "two busy processes": (lambda _: _busy(), 250.0),
+        "database locked": (_locked, 100.0),
+    }
+    rows = []
+    with tempfile.TemporaryDirectory(prefix="steradian-benchmark-") as folder, launch(tcp="127.0.0.1:0") as scanner:
+        settings = Settings.create(data=Path(folder), port=0, workers=1, scanner=scanner.url)
+        with running_service(settings) as service:
+            for number, (name, (under, limit)) in enumerate(conditions.items()):
+                found = []
+                for done in range(presses):
+                    if progress is not None:
+                        progress(name, number * presses + done, len(conditions) * presses)
+                    found.append(_press(service, scanner, under))
+                rows.append(_row(name, found, limit))
+    return rows
+
+
+def _row(name: str, found: list[tuple[float, float, bool]], limit: float) -> dict[str, Any]:
+    dark, answered = sorted(row[0] for row in found), sorted(row[1] for row in found)
+    return {
+        "case": name,
+        "presses": len(found),
+        "last_shot_p50_ms": statistics.median(dark),
+        "last_shot_max_ms": dark[-1],
+        "limit_ms": limit,
+        "answer_p50_ms": statistics.median(answered),
+        "answer_max_ms": answered[-1],
+        "confirmed": sum(row[2] for row in found),
+    }
+
+
+def _press(
+    service: RunningService, scanner: Simulator, under: Callable[[Path], AbstractContextManager[None]]
+) -> tuple[float, float, bool]:
+    """Stop one scan; returns the milliseconds to the last shot and to the answer, and whether it was confirmed."""
+    scan = _start(service, scanner)
+    with under(service.settings.data):
+        before, begun = scanner.command("report")["time"], time.monotonic()
+        answer = service.ask(STOP, {"reason": "benchmark"})
+        answered = time.monotonic() - begun
+    last = scanner.command("report")["last_shot"]
+    _until(lambda: service.ask(f"/scans/{scan}")["state"] in _OVER)
+    _release(service)
+    return max(0.0, (last - before) / 1e3), 1e3 * answered, answer["emergency_stop"]["laser"] == "off"
+
+
+def _start(service: RunningService, scanner: Simulator) -> str:
+    """Begin a scan and return its identifier once the laser fires."""
+    equi = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 5000}
+    mask = service.ask("/masks", equi)
+    plan = service.ask("/plans", {"mask_id": mask["id"], "samples": 256, "pulse_rate": PULSE_RATE, "averages": 4})
+    shots = scanner.command("report")["shots"]
+    scan = service.ask("/scans", {"plan_id": plan["id"]}, **{"Idempotency-Key": f"stop-{time.time_ns()}"})
+    _until(lambda: scanner.command("report")["shots"] > shots + 20)
+    return str(scan["id"])
+
+
+def _release(service: RunningService) -> None:
+    request = urllib.request.Request(f"{service.url}{STOP}", method="DELETE")  # noqa: S310 - our own service
+    with urllib.request.urlopen(request, timeout=PATIENCE):  # noqa: S310
+        pass
+    if ask(f"{service.url}/scanners/scanner-0")["emergency_stop"] is not None:
+        raise SteradianError("the emergency stop was released and stands")
+
+
+def _until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        if time.monotonic() > deadline:
+            raise SteradianError(f"the scan did not get there within {PATIENCE:g} s")
+        time.sleep(0.02)
+
+
+@contextmanager
+def _busy() -> Iterator[None]:
+    """Keep two processors busy until the block ends."""
+    processes = [subprocess.Popen([sys.executable, "-c", _SPIN]) for _ in range(2)]
+    try:
+        time.sleep(0.2)
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Hold the metadata's write lock until the block ends."""
+    with closing(sqlite3.connect(folder / "steradian.sqlite", isolation_level=None, timeout=30)) as holder:
+        holder.execute("BEGIN EXCLUSIVE")
+        try:
+            yield
+        finally:
+            holder.execute("ROLLBACK")

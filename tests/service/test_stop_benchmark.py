@@ -1,0 +1,13 @@
+"""``steradian benchmark stop`` in small: the laser that it times does go off."""
+
+import pytest
+
+from steradian.benchmarks.stop import stop
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(300)
+def test_every_stop_is_confirmed_by_the_scanner():
+    rows = stop(presses=2)
+    assert [row["case"] for row in rows] == ["idle", "two busy processes", "database locked"]
+    assert all(row["confirmed"] == row["presses"] == 2 for row in rows)
