@@ -46,6 +46,10 @@ class ShotsView(BaseModel):
     fire_time: list[float] = Field(description="s, on the scanner's clock")
     energy: list[float] = Field(description="Pulse energy, the scanner's unit")
     quality: list[int] = Field(description="Flags of the scanner; 0 is good")
+    averages: list[int] = Field(description="Shots really averaged")
+    time_zero: list[float] = Field(description="s from the laser pulse to the first sample")
+    level: list[float] = Field(description="DC level of the interferometer in V")
+    gain: list[float] = Field(description="Gain of the receiver in dB over its usual one")
 
 
 class CoverageView(BaseModel):
@@ -99,6 +103,10 @@ def read_shots(services: ServicesNeeded, scan_id: SCAN_ID, points: Points = None
         fire_time=np.nan_to_num(columns["fire_time_s"][rows]).tolist(),
         energy=np.nan_to_num(columns["energy"][rows].astype(float)).tolist(),
         quality=columns["quality"][rows].tolist(),
+        averages=columns["averages"][rows].tolist(),
+        time_zero=np.nan_to_num(columns["time_zero_s"][rows]).tolist(),
+        level=np.nan_to_num(columns["dc_v"][rows].astype(float)).tolist(),
+        gain=np.nan_to_num(columns["gain_db"][rows].astype(float)).tolist(),
     )
 
 

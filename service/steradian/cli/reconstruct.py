@@ -10,6 +10,7 @@ import typer
 from steradian.cli.console import duration, frequency, length, progress_bar, show_figures
 
 CONDITIONING, DISPLAY = "What is done to the A-lines before", "What is done to the pictures"
+SHOTS = "What differs from A-line to A-line"
 FOLLOWING = "A scan that is still running"
 ITERATIVE, FILM = "With the method iterative", "The sensor's response"
 
@@ -35,6 +36,15 @@ def reconstruct(
     window: Annotated[str, typer.Option(help="kaiser-bessel or semicircle.")] = "kaiser-bessel",
     time_padding: Annotated[float, typer.Option(help="Extend the record with zeros, times.")] = 1.0,
     lateral_padding: Annotated[float, typer.Option(help="Extend the aperture with zeros, times.")] = 1.0,
+    time_zero: Annotated[
+        str, _option("", "each: every A-line at its own; common: all at the earliest.", SHOTS)
+    ] = "each",
+    energy: Annotated[
+        bool, typer.Option("--energy/--no-energy", help="Divide by the pulse energy.", rich_help_panel=SHOTS)
+    ] = True,
+    leave_out: Annotated[
+        str, _option("FLAGS", "A-lines not used: saturated, mistuned, misfire, partial; or none.", SHOTS)
+    ] = "saturated,mistuned",
     zero_first: Annotated[int, _option("", "Samples to zero (laser pick-up).", CONDITIONING)] = 0,
     remove_offset: Annotated[bool, _option("", "Subtract each A-line's mean.", CONDITIONING)] = False,
     remove_common: Annotated[
@@ -90,6 +100,11 @@ def reconstruct(
         window=window,
         time_padding=time_padding,
         lateral_padding=lateral_padding,
+        shots={
+            "time_zero": time_zero,
+            "normalise_energy": energy,
+            "leave_out": [flag.strip() for flag in leave_out.split(",") if flag.strip() not in ("", "none")],
+        },
         conditioning={
             "zero_first": zero_first,
             "remove_offset": remove_offset,
@@ -130,6 +145,7 @@ def reconstruct(
     spacing = " × ".join(f"{1e6 * step:.4g}" for step in report.spacing_m)
     figures = {
         "sensors": f"{report.sensors} of {report.planned}",
+        "left out": ", ".join(f"{count} {flag}" for flag, count in report.shots.left_out.items()) or "none",
         "volume": " × ".join(map(str, report.shape)) + f" ({report.axes}), {spacing} µm",
         "pictures": f"from {1e3 * report.near_field_m:.2f} mm depth, colours to the {report.scale_percentile:g}th"
         " percentile",

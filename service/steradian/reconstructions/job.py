@@ -22,6 +22,7 @@ from steradian.reconstructions.kept_plans import KeptPlans
 from steradian.reconstructions.near_field import from_depth, near_field
 from steradian.reconstructions.parameters import DEFAULT_SPACING, ReconstructionParameters
 from steradian.reconstructions.projections import project, project_from
+from steradian.reconstructions.shots import Unevenness, even_out
 from steradian.reconstructions.volume_file import write_volume
 from steradian.scans.recording import Recording, open_recording
 
@@ -41,6 +42,8 @@ class Report:
     sound_speed_m_s: float = 0.0
     parameters: dict[str, object] = field(default_factory=dict)
     provenance: dict[str, str] = field(default_factory=dict)
+    shots: Unevenness = field(default_factory=Unevenness)
+    """What A-lines differed in, and how many were left out."""
     near_field_m: float = 0.0
     """Depth in m from which on the pictures show the image: nearer, the sensors' own noise outshines it."""
     scale_percentile: float = 0.0
@@ -112,6 +115,9 @@ def write_reconstruction(
 ) -> Report:
     """Do the same as :func:`reconstruct_scan` with a recording that has been read; the report is completed."""
     report.parameters = chosen.model_dump(mode="json")
+    with report.timed("even out"):
+        if recording.shots is not None:
+            recording, report.shots = even_out(recording, chosen.shots)
     with report.timed("reconstruct"):
         volume = reconstruct_recording(recording, chosen, plans=plans, progress=progress, cancelled=cancelled)
     report.axes = ", ".join(volume.names)
@@ -159,6 +165,7 @@ def reconstruct_recording(
     cancelled: IsCancelled | None = None,
 ) -> Volume:
     """Reconstruct a recording in memory; see :func:`reconstruct_scan`."""
+    recording, _ = even_out(recording, parameters.shots)
     traces = conditioned(recording, parameters)
     options = plan_options(recording, parameters)
     correction = parameters.film.correction()

@@ -30,7 +30,8 @@ from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.preview import Preview, preview_of
 from steradian.reconstructions.projections import Projections, project, project_from
 from steradian.reconstructions.revision import Revision, judge
-from steradian.scans.following import NewAlines, ScanFollower
+from steradian.reconstructions.shots import even_out_new
+from steradian.scans.following import NewAlines, ScanFollower, has_alines
 from steradian.scans.recording import Recording
 
 Detail = Literal["preview", "full"]
@@ -106,7 +107,7 @@ def follow_scan(
     view: LiveView | None = None
     while not is_over():
         began = time.monotonic()
-        if view is None and scan.is_file():
+        if view is None and has_alines(scan, frame):
             view = LiveView(scan, output, chosen, detail, frame)
         revision = view.revise(cancelled=cancelled) if view else None
         if view and revision and progress:
@@ -203,8 +204,10 @@ class LiveView:
                 self._growing.clear()
             if not len(new.points):
                 return count
-            with clock("add"):
-                self._growing.add(new.points, self.preview.reduce(self._conditioned(new)), cancelled=cancelled)
+            new = even_out_new(new, self.whole, self.parameters.shots)
+            if len(new.points):
+                with clock("add"):
+                    self._growing.add(new.points, self.preview.reduce(self._conditioned(new)), cancelled=cancelled)
             count += len(new.points)
             if common:
                 return count

@@ -11,6 +11,7 @@ from steradian.imaging.conditioning import Conditioning, Display
 from steradian.imaging.iterative_options import Iterative
 from steradian.ranges import SOUND_SPEED
 from steradian.reconstructions.film import Film
+from steradian.reconstructions.shots import ShotTreatment
 from steradian.validation import Value, quantity
 
 DEFAULT_SPACING = 60e-6
@@ -47,6 +48,9 @@ class ReconstructionParameters(Value):
         default=Iterative(), description="Regulariser and stopping rule of the method iterative"
     )
     film: Film = Field(default=Film(), description="Response of the sensor, corrected for")
+    shots: ShotTreatment = Field(
+        default=ShotTreatment(), description="What is done about differences from A-line to A-line"
+    )
     conditioning: Conditioning = Field(default=Conditioning(), description="What is done to the A-lines before")
     display: Display = Field(default=Display(), description="What is done to the image before it is drawn")
 

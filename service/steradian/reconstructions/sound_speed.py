@@ -23,6 +23,7 @@ from steradian.quality import tenenbaum
 from steradian.ranges import SOUND_SPEED
 from steradian.reconstructions.job import conditioned, plan_options, write_json
 from steradian.reconstructions.parameters import ReconstructionParameters
+from steradian.reconstructions.shots import even_out
 from steradian.scans.recording import open_recording
 
 SPACING = 120e-6
@@ -95,7 +96,7 @@ def scan_sound_speed(
         When ``cancelled`` said so.
     """
     chosen = parameters or ReconstructionParameters()
-    recording = open_recording(scan)
+    recording, _ = even_out(open_recording(scan), chosen.shots)
     known = chosen if chosen.sound_speed or recording.sound_speed else chosen.replace(sound_speed=(first + last) / 2)
     options = plan_options(recording, known)
     curve = find_sound_speed(

@@ -68,6 +68,7 @@ def follow(work: Work, job: asked.Live) -> dict[str, Any]:
 def imagine(work: Work, job: asked.WhatIf) -> dict[str, Any]:
     """Reconstruct a scan through another mask."""
     from steradian.reconstructions.job import Report, write_reconstruction
+    from steradian.reconstructions.shots import even_out
     from steradian.reconstructions.what_if import through, what_if
     from steradian.scans.recording import open_recording
     from steradian.storage.masks import MaskRepository
@@ -76,9 +77,15 @@ def imagine(work: Work, job: asked.WhatIf) -> dict[str, Any]:
         mask = MaskRepository(database).load(job.mask_id)
     scan = work.data.scan_file(job.scan_id)
     figures = what_if(scan, mask, work.folder, job.parameters, points=job.points, progress=work.progress)
-    sparse, _ = through(open_recording(scan), mask, job.points)
+    recording, uneven = even_out(open_recording(scan), job.parameters.shots)
+    sparse, _ = through(recording, mask, job.points)
     report = write_reconstruction(
-        sparse, work.folder, job.parameters, Report(), plans=work.plans, progress=work.progress
+        sparse,
+        work.folder,
+        job.parameters,
+        Report(shots=uneven),
+        plans=work.plans,
+        progress=work.progress,
     )
     return asdict(report) | {"what_if": _plain(figures), "files": _left(work.folder)}
 

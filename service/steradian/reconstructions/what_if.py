@@ -24,6 +24,7 @@ from steradian.quality import compare, correlation, disc, of_interest
 from steradian.reconstructions.job import reconstruct_recording, write_json
 from steradian.reconstructions.near_field import from_depth, near_field
 from steradian.reconstructions.parameters import ReconstructionParameters
+from steradian.reconstructions.shots import even_out
 from steradian.scans.recording import Recording, open_recording
 
 Points = Literal["nearest", "exact"]
@@ -124,7 +125,7 @@ def what_if(
     chosen = parameters or ReconstructionParameters()
     seconds: dict[str, float] = {}
     with _timed(seconds, "read"):
-        recording = open_recording(scan, frame)
+        recording, _ = even_out(open_recording(scan, frame), chosen.shots)
         sparse, report = through(recording, mask, points)
     with _timed(seconds, "reconstruct_all"):
         full = reconstruct_recording(recording, chosen, progress=progress, cancelled=cancelled)
@@ -188,6 +189,7 @@ def through(recording: Recording, mask: Mask, points: Points = "nearest") -> tup
         traces=recording.traces[used],
         scale=scale,
         positions=recording.positions[used],
+        shots=None if recording.shots is None else recording.shots.take(used),
         weights=weights,
         depth=mask.depth,
         planned=mask.count,

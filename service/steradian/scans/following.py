@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from steradian.errors import DamagedFile, InvalidInput
 from steradian.scans import schema
-from steradian.scans.reading import _check_kind, shots_of
+from steradian.scans.reading import _check_kind, list_frames, shots_of
 from steradian.scans.recording import Recording, Shots
 from steradian.scans.rows import RowTable
 
@@ -56,7 +56,8 @@ class ScanFollower:
     Attributes
     ----------
     whole
-        The frame as planned: all points with the mask's weights; its ``traces`` are zeros.
+        The frame as planned: all points with the mask's weights; its ``traces`` are zeros. Its time zero is the
+        earliest of the A-lines stored by now, the plan's where there is none.
 
     Raises
     ------
@@ -71,12 +72,13 @@ class ScanFollower:
         try:
             with h5py.File(path, "r") as file:
                 _check_kind(path, file)
-                self.whole = _planned(file)
-                frames = len(file["alines/status"]) // self.whole.planned
+                points = len(file["mask/weights"])
+                frames = len(file["alines/status"]) // points
+                if not 0 <= frame < frames:
+                    raise InvalidInput("frame", frame, f"0 to {frames - 1}")
+                self.whole = _planned(file, slice(frame * points, (frame + 1) * points))
         except (OSError, KeyError) as error:
             raise DamagedFile(f"{path} cannot be read as a scan: {error}") from error
-        if not 0 <= frame < frames:
-            raise InvalidInput("frame", frame, f"0 to {frames - 1}")
         self._first = frame * self.whole.planned
         self._seen = np.zeros(self.whole.planned, bool)
         self._checksums = np.zeros(self.whole.planned, np.uint32)
@@ -124,6 +126,14 @@ class ScanFollower:
         return NewAlines(points, traces, replaced, shots_of(table))
 
 
+def has_alines(path: Path, frame: int = 0) -> bool:
+    """Whether a scan file is there and holds an A-line of a frame, or has no such frame."""
+    if not path.is_file():
+        return False
+    frames = list_frames(path)
+    return not 0 <= frame < len(frames) or frames[frame].stored > 0
+
+
 class Quiet:
     """Whether a scan that somebody else makes is over: all is stored, or nothing has been added for long enough.
 
@@ -157,8 +167,10 @@ class Quiet:
             return int((status == schema.STORED).sum()), len(status)
 
 
-def _planned(file: h5py.File) -> Recording:
-    """All planned points, as if each had been measured and had seen nothing."""
+def _planned(file: h5py.File, rows: slice) -> Recording:
+    """All planned points of a frame, as if each had been measured and had seen nothing."""
+    table = RowTable.of_file(file, rows)
+    begun = table["time_zero_s"][table.stored]
     mask, plan = file["mask"], file["plan"]
     positions = np.asarray(mask["positions"], np.float64)
     count, samples = len(positions), file["alines/samples"].shape[1]
@@ -170,7 +182,7 @@ def _planned(file: h5py.File) -> Recording:
         sampling_interval=float(plan.attrs["sampling_interval_s"]),
         sound_speed=float(plan.attrs["sound_speed_m_s"]),
         aperture=float(mask.attrs["aperture_m"]),
-        time_zero=float(plan.attrs["time_zero_s"]),
+        time_zero=float(begun.min() if len(begun) else plan.attrs["time_zero_s"]),
         grid=None,
         depth=float(mask.attrs["depth_m"]) if "depth_m" in mask.attrs else None,
         planned=count,

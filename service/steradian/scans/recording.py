@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +73,7 @@ class Recording:
         Identifiers of mask, plan, scan and scanner, for the volume's own record.
     shots
         What differed from A-line to A-line, where the file tells; ``None`` when nothing does any more
-        (:func:`steradian.reconstructions.evenness.even_out`).
+        (:func:`steradian.reconstructions.shots.even_out`).
     """
 
     traces: NDArray[np.number[Any]]
@@ -89,6 +89,21 @@ class Recording:
     planned: int
     provenance: dict[str, str]
     shots: Shots | None = None
+
+    def keep(self, wanted: NDArray[np.bool_]) -> Recording:
+        """Return the A-lines that are ``wanted`` (M,); their weights make up for the others' in proportion."""
+        weights, scale = self.weights, np.asarray(self.scale)
+        if weights is not None:
+            weights = weights[wanted] * (weights.sum() / weights[wanted].sum())
+        return replace(
+            self,
+            traces=self.traces[wanted],
+            scale=scale[wanted] if scale.ndim else self.scale,
+            positions=self.positions[wanted],
+            weights=weights,
+            grid=None if not wanted.all() else self.grid,
+            shots=None if self.shots is None else self.shots.take(wanted),
+        )
 
 
 def open_recording(path: Path, frame: int = 0) -> Recording:

@@ -1,0 +1,123 @@
+"""What differs from shot to shot, and what is done about it before an image is made.
+
+A-lines are put on one grid of times, divided by their pulse energy, and those whose quality flags say that they mean
+something else are left out; the weights of the others make up for them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from steradian.errors import InvalidInput
+from steradian.scans.aligning import align, common_grid
+from steradian.scans.following import NewAlines
+from steradian.scans.recording import Recording, Shots
+from steradian.validation import Value
+
+Flag = Literal["saturated", "mistuned", "misfire", "partial"]
+BITS: dict[Flag, int] = {"saturated": 1, "mistuned": 2, "misfire": 4, "partial": 8}
+"""Bits of an A-line's quality."""
+
+
+class ShotTreatment(Value):
+    """How differences from A-line to A-line are treated."""
+
+    time_zero: Literal["each", "common"] = Field(
+        default="each", description="each: every A-line at the time at which it began; common: all at the earliest"
+    )
+    normalise_energy: bool = Field(default=True, description="Divide each A-line by its pulse energy")
+    leave_out: tuple[Flag, ...] = Field(
+        default=("saturated", "mistuned"),
+        description="A-lines with one of these flags are not used; the others' weights make up for them",
+    )
+
+    def wanted(self, shots: Shots) -> NDArray[np.bool_]:
+        """(M,) which A-lines are used: those without such a flag and, where energies matter, with light."""
+        bits = np.uint32(sum(BITS[flag] for flag in set(self.leave_out)))
+        wanted: NDArray[np.bool_] = (shots.quality & bits) == 0
+        if self.normalise_energy and shots.energy.any():  # none known at all: nothing to divide by
+            wanted &= shots.energy > 0
+        return wanted
+
+    def strengths(self, shots: Shots) -> NDArray[np.float32]:
+        """(M,) what A-lines are divided by."""
+        even = np.ones(len(shots.energy), np.float32)
+        return shots.energy.astype(np.float32) if self.normalise_energy and shots.energy.any() else even
+
+
+@dataclass
+class Unevenness:
+    """What was found, as written to a reconstruction's report.
+
+    Attributes
+    ----------
+    left_out
+        A-lines not used, by flag; one with two flags counts twice. ``dark``: without pulse energy.
+    energy
+        Least and greatest pulse energy of the A-lines used, relative to nominal.
+    time_zero_s
+        Earliest and latest time zero of the A-lines used.
+    """
+
+    left_out: dict[str, int] = field(default_factory=dict)
+    energy: tuple[float, float] | None = None
+    time_zero_s: tuple[float, float] | None = None
+
+
+def even_out(recording: Recording, treatment: ShotTreatment) -> tuple[Recording, Unevenness]:
+    """Return a recording whose A-lines differ in nothing but what they measured, and what they differed in.
+
+    A recording without :attr:`~steradian.scans.recording.Recording.shots`, as this returns, comes back as it is.
+
+    Raises
+    ------
+    InvalidInput
+        When no A-line is left, or their times have nothing in common.
+    """
+    shots = recording.shots
+    if shots is None:
+        return recording, Unevenness()
+    wanted = treatment.wanted(shots)
+    found = Unevenness(_left_out(shots, treatment))
+    if not wanted.any():
+        raise InvalidInput(
+            "shots.leave_out", ", ".join(treatment.leave_out), f"what leaves at least one of {len(wanted)} A-lines"
+        )
+    if not wanted.all():
+        recording, shots = recording.keep(wanted), shots.take(wanted)
+    found.energy = float(shots.energy.min()), float(shots.energy.max())
+    found.time_zero_s = float(shots.time_zero.min()), float(shots.time_zero.max())
+    scale = np.asarray(recording.scale, np.float32) / treatment.strengths(shots)
+    traces = recording.traces
+    if treatment.time_zero == "each" and np.ptp(shots.time_zero):
+        delays, samples = common_grid(shots.time_zero, recording.sampling_interval, traces.shape[1])
+        traces = align(traces.astype(np.float32), delays, samples)
+    earliest = found.time_zero_s[0]
+    return replace(recording, traces=traces, scale=scale, time_zero=earliest, shots=None), found
+
+
+def even_out_new(new: NewAlines, whole: Recording, treatment: ShotTreatment) -> NewAlines:
+    """Do the same with A-lines of a running scan, on the grid of times of ``whole``; what lies outside it is cut."""
+    wanted, shots = treatment.wanted(new.shots), new.shots
+    traces = new.traces
+    if not wanted.all():
+        traces, shots = traces[wanted], shots.take(wanted)
+    strengths = treatment.strengths(shots)
+    if (strengths != 1).any():
+        traces = traces / strengths[:, None]
+    delays = (shots.time_zero - whole.time_zero) / whole.sampling_interval
+    if treatment.time_zero == "each" and delays.any():
+        traces = align(traces, delays, whole.traces.shape[1])
+    return replace(new, points=new.points[wanted], traces=traces, shots=shots)
+
+
+def _left_out(shots: Shots, treatment: ShotTreatment) -> dict[str, int]:
+    counts = {str(flag): int(((shots.quality & BITS[flag]) != 0).sum()) for flag in treatment.leave_out}
+    if treatment.normalise_energy and shots.energy.any():
+        counts["dark"] = int((~(shots.energy > 0)).sum())
+    return {name: count for name, count in counts.items() if count}
