@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import sys
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from steradian import __version__
 from steradian.cli import (
@@ -36,11 +37,26 @@ EXIT_CODES: dict[type[SteradianError], int] = {
 }
 """Exit code of each kind of error; 1 for any other, 0 for success."""
 
+ORDER = (
+    *("mask", "plan", "scan", "reconstruct", "what-if", "sound-speed", "import", "export"),
+    *("demo", "benchmark", "serve", "worker", "key"),
+)
+"""Commands as help lists them: in the order of the work."""
+
+
+class _InOrder(TyperGroup):
+    """Lists the commands in :data:`ORDER`."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return sorted(super().list_commands(ctx), key=lambda name: ORDER.index(name) if name in ORDER else len(ORDER))
+
+
 app = typer.Typer(
+    cls=_InOrder,
     name="steradian",
     help="""Sparse photoacoustic tomography: design a mask, scan it, reconstruct the volume.
 
-    Lengths and times take a unit (13.56mm, 60um, 8ns); a bare number is in metres or seconds.
+    Quantities take a unit (13.56mm, 60um, 8ns, 500kHz, 1500m/s); a bare number is in m, s, Hz or m/s.
 
     Exit codes: 0 done, 2 bad input, 3 file missing or damaged, 4 in conflict with what exists, 5 scanner failed,
     130 stopped, 1 anything else.""",

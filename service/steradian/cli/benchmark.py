@@ -14,7 +14,7 @@ import typer
 from rich.table import Table
 
 from steradian import __version__
-from steradian.cli.console import console, progress_bar
+from steradian.cli.console import console, progress_bar, show_end
 
 app = typer.Typer(
     help="Measure this installation; prints a table and, with --json, writes it to a file.", no_args_is_help=True
@@ -126,8 +126,7 @@ def queue(
         chosen = [row for row in rows if (row["case"] if row["case"] in {"latency", "load"} else "throughput") == kind]
         if chosen:
             _publish(kind, chosen, None)
-    if json_file is not None:
-        _write("queue", rows, json_file)
+    _write("queue", rows, json_file)
 
 
 @app.command()
@@ -175,7 +174,7 @@ def paper(
     for claim in claims_of(document):
         table.add_row(claim.text, claim.paper, claim.ours, "yes" if claim.holds else "no")
     console().print(table)
-    console().print(f"{output / 'paper.md'}, figures in {output / 'paper' / 'paper.json'}")
+    show_end(("page", output / "paper.md"), ("figures", output / "paper" / "paper.json"), ("all", output))
 
 
 def _publish(name: str, rows: list[Row], path: Path | None) -> None:
@@ -187,12 +186,13 @@ def _publish(name: str, rows: list[Row], path: Path | None) -> None:
     for row in rows:
         table.add_row(*(_shown(row.get(column)) for column in columns))
     console().print(table)
-    if path is not None:
-        _write(name, rows, path)
+    _write(name, rows, path)
 
 
-def _write(name: str, rows: list[Row], path: Path) -> None:
-    """Write rows with what they were measured on."""
+def _write(name: str, rows: list[Row], path: Path | None) -> None:
+    """Write rows with what they were measured on, if there is a file for it."""
+    if path is None:
+        return
     machine = {"cpus": os.cpu_count(), "system": platform.platform(), "python": platform.python_version()}
     document = {
         "benchmark": name,
@@ -203,6 +203,7 @@ def _write(name: str, rows: list[Row], path: Path) -> None:
     }
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+    show_end(("figures", path))
 
 
 def _is_text(rows: Iterable[Row], column: str) -> bool:

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any, TypeAlias
 
 import typer
 from rich.console import Console
@@ -18,8 +19,12 @@ from rich.table import Table
 PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "μ": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6, "": 1.0}
 
 
-def _parser(unit: str) -> Callable[[str | float], float]:
-    """Make a parser of numbers with an optional unit, such as ``13.56mm``; a bare number is in the base unit."""
+Quantity: TypeAlias = Callable[[str | float], float]
+"""Reads a number with an optional unit, such as ``13.56mm``; a bare number is in the base unit."""
+
+
+def _parser(kind: str, unit: str) -> Quantity:
+    """Make the reader of one kind of quantity; options show its name."""
 
     def parse(value: str | float) -> float:
         match = re.fullmatch(rf"\s*([-+0-9.eE]+)\s*(?:([nuµμmckM]?){unit})?\s*", str(value))
@@ -30,11 +35,17 @@ def _parser(unit: str) -> Callable[[str | float], float]:
             pass
         raise typer.BadParameter(f"{value!r} is no number of {unit}, such as 1.5 or 1.5m{unit}")
 
-    parse.__name__ = f"number of {unit}"
+    parse.__name__ = kind
     return parse
 
 
-length, duration, frequency = _parser("m"), _parser("s"), _parser("Hz")
+length, duration = _parser("length", "m"), _parser("time", "s")
+frequency, speed = _parser("frequency", "Hz"), _parser("speed", "m/s")
+
+
+def quantity(kind: Quantity, default: str | None = None, *names: str, **more: Any) -> Any:
+    """Return an option that takes a quantity; ``default`` is how help shows it, other arguments as typer's."""
+    return typer.Option(*names, parser=kind, metavar=f"<{kind.__name__}>", show_default=default or True, **more)
 
 
 def console() -> Console:
@@ -95,6 +106,11 @@ def progress_bar() -> Iterator[ProgressBar]:
     target = Console(stderr=True, highlight=False)
     with Bars(*columns, console=target, transient=True, disable=not target.is_terminal) as bars:
         yield ProgressBar(bars)
+
+
+def files_of(folder: Path) -> str:
+    """Name a folder's results for a table."""
+    return ", ".join(sorted(path.name for path in folder.iterdir()))
 
 
 def show_end(*results: tuple[str, Path | None]) -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from steradian.cli.console import console, progress_bar, show_figures
+from steradian.cli.console import progress_bar, show_end, show_figures
 from steradian.cli.scan import new_scan_id, scanner_port
 from steradian.errors import SteradianError
 from steradian.masks import Mask, equi_steradian_mask, grid_mask
@@ -173,4 +173,4 @@ def _show(report: DemoReport, output: Path) -> None:
             "seconds": ", ".join(f"{stage} {seconds:.1f}" for stage, seconds in report.seconds.items()),
         },
     )
-    console().print(f"Look at {output / 'mip-z.png'}; the figures are in {output / 'report.json'}.")
+    show_end(("picture", output / "mip-z.png"), ("figures", output / "report.json"), ("all", output))

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from steradian.cli.console import progress_bar, show_figures
+from steradian.cli.console import progress_bar, show_end
 from steradian.errors import InvalidInput
 
 ENDINGS = {
@@ -57,11 +57,12 @@ def export(
         else:
             chosen = format or _by_ending(destination)
             export_volume(source, destination, format=chosen, progress=progress)  # type: ignore[arg-type]
-    show_figures("Export", {"format": chosen, "written": destination})
+    show_end((f"{source} as {chosen}", destination))
 
 
 def _by_ending(path: Path) -> str:
     found = ENDINGS.get(path.suffix.lower())
     if found is None:
-        raise InvalidInput("format", "missing", f"{', '.join(sorted(set(ENDINGS.values())))}; {path.name} tells none")
+        allowed = f"-f {'|'.join(dict.fromkeys(ENDINGS.values()))}, or a name that ends in {', '.join(ENDINGS)}"
+        raise InvalidInput("format", f"missing (the name {path.name} tells none)", allowed)
     return found

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from steradian.cli.console import progress_bar, show_figures
+from steradian.cli.console import progress_bar, show_end, show_figures
 
 
 def import_(
@@ -33,9 +33,5 @@ def import_(
 
     with progress_bar() as progress:
         summary = import_guarded(source, file, description=description, progress=progress)
-    figures = {
-        "format": summary.format,
-        "A-lines": f"{summary.points} of {summary.samples} samples",
-        "file": summary.path,
-    }
-    show_figures("Import", figures)
+    show_figures("Import", {"format": summary.format, "samples of an A-line": f"{summary.samples:,}"})
+    show_end((f"{summary.points:,} A-lines", summary.path))

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from steradian.cli import mask_compare
-from steradian.cli.console import length, show_figures
+from steradian.cli.console import length, quantity, show_end, show_figures
 from steradian.errors import InvalidInput
 from steradian.masks import (
     Mask,
@@ -43,15 +43,13 @@ app = typer.Typer(
     no_args_is_help=True,
 )
 
-Aperture = Annotated[float, typer.Option(parser=length, help="Side of the square aperture, e.g. 13.56mm.")]
-Depth = Annotated[
-    float, typer.Option(parser=length, help="Distance of the point of interest from the sensor, e.g. 3.6mm.")
-]
-OffsetX = Annotated[float, typer.Option(parser=length, help="Point of interest along x from the centre, e.g. 2mm.")]
-OffsetY = Annotated[float, typer.Option(parser=length, help="The same along y.")]
+Aperture = Annotated[float, quantity(length, help="Side of the square aperture, e.g. 13.56mm.")]
+Depth = Annotated[float, quantity(length, help="Distance of the point of interest from the sensor, e.g. 3.6mm.")]
+OffsetX = Annotated[float, quantity(length, help="Point of interest along x from the centre, e.g. 2mm.")]
+OffsetY = Annotated[float, quantity(length, help="The same along y.")]
 AnyDepth = Annotated[
     float | None,
-    typer.Option(parser=length, help="Distance of a point of interest, to be told what the mask promises for it."),
+    quantity(length, help="Distance of a point of interest, to be told what the mask promises for it."),
 ]
 Count = Annotated[int, typer.Option(help="Wanted number of points; the nearest possible is taken.")]
 Output = Annotated[Path, typer.Option("--output", "-o", help="The mask file to write (.json, .csv or .npy).")]
@@ -61,7 +59,7 @@ Weights = Annotated[
     typer.Option("--weights", help="analytic: from the arrangement; voronoi: each point's own cell; uniform."),
 ]
 SnapInterval = Annotated[
-    float | None, typer.Option(parser=length, help="The scanner stops only on a grid of this interval, e.g. 60um.")
+    float | None, quantity(length, help="The scanner stops only on a grid of this interval, e.g. 60um.")
 ]
 SnapCount = Annotated[int | None, typer.Option(help="Places of that grid on each axis, e.g. 226.")]
 Seed = Annotated[int, typer.Option(help="The same seed gives the same points.")]
@@ -93,7 +91,7 @@ def equi_steradian(
 
 @app.command("equiangular")
 def equiangular(
-    aperture: Annotated[float, typer.Option(parser=length, help="Length of the line of sensors, e.g. 13.56mm.")],
+    aperture: Annotated[float, quantity(length, help="Length of the line of sensors, e.g. 13.56mm.")],
     depth: Depth,
     count: Annotated[int, typer.Option(help="Number of sensors.")],
     offset_x: OffsetX = 0.0,
@@ -117,7 +115,7 @@ def grid(
     per_axis: Annotated[int | None, typer.Option(help="Points on each axis, instead of --count.")] = None,
     interval: Annotated[
         float | None,
-        typer.Option(parser=length, help="Distance between neighbours, e.g. 300um; default: fills the aperture."),
+        quantity(length, help="Distance between neighbours, e.g. 300um; default: fills the aperture."),
     ] = None,
     depth: AnyDepth = None,
     offset_x: OffsetX = 0.0,
@@ -143,7 +141,7 @@ def hexagonal(
     aperture: Aperture,
     count: Annotated[int | None, typer.Option(help="Wanted number of points; the nearest possible is taken.")] = None,
     interval: Annotated[
-        float | None, typer.Option(parser=length, help="Distance between neighbours, e.g. 300um, instead of --count.")
+        float | None, quantity(length, help="Distance between neighbours, e.g. 300um, instead of --count.")
     ] = None,
     depth: AnyDepth = None,
     offset_x: OffsetX = 0.0,
@@ -183,7 +181,7 @@ def poisson_disc(
     count: Annotated[int | None, typer.Option(help="Wanted number of points; as near to it as a search comes.")] = None,
     spacing: Annotated[
         float | None,
-        typer.Option(parser=length, help="Least distance between points, e.g. 250um, instead of --count."),
+        quantity(length, help="Least distance between points, e.g. 250um, instead of --count."),
     ] = None,
     depth: AnyDepth = None,
     offset_x: OffsetX = 0.0,
@@ -225,7 +223,7 @@ def combined(
 def points(
     file: Annotated[Path, typer.Argument(help="Points as .csv (x_mm, y_mm, perhaps weight), .npy (metres) or .json.")],
     aperture: Annotated[
-        float | None, typer.Option(parser=length, help="Side of the square aperture; not needed for .json.")
+        float | None, quantity(length, help="Side of the square aperture; not needed for .json.")
     ] = None,
     weights: Annotated[
         Weighting, typer.Option("--weights", help="analytic: those in the file, equal if none; voronoi; uniform.")
@@ -265,7 +263,8 @@ def show(
     """Tell what a mask promises."""
     mask = read_mask(file)
     _draw(mask, plot)
-    show_figures("Mask", _figures(mask, f"{mask.count}") | ({"picture": plot} if plot else {}))
+    show_figures("Mask", _figures(mask, f"{mask.count}"))
+    show_end((f"mask of {mask.count:,} points", file), ("picture", plot))
 
 
 app.command("compare")(mask_compare.compare)
@@ -297,8 +296,8 @@ def _asked(found: int, wanted: int | None, why: str) -> str:
 def _keep(mask: Mask, output: Path, plot: Path | None, points: str = "") -> None:
     write_mask(mask, output)
     _draw(mask, plot)
-    figures = _figures(mask, points or f"{mask.count}") | {"file": output}
-    show_figures("Mask", figures | ({"picture": plot} if plot else {}))
+    show_figures("Mask", _figures(mask, points or f"{mask.count}"))
+    show_end((f"mask of {mask.count:,} points", output), ("picture", plot))
 
 
 def _draw(mask: Mask, plot: Path | None) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 import typer
 from rich.table import Table
 
-from steradian.cli.console import console, frequency, length, progress_bar
+from steradian.cli.console import console, frequency, length, progress_bar, quantity, show_end
 from steradian.errors import InvalidInput
 from steradian.masks import Counted, Mask, counted_mask, read_mask
 
@@ -29,12 +29,12 @@ def compare(
             " with a number of points (grid:2000). Default: all five.",
         ),
     ] = None,
-    aperture: Annotated[float, typer.Option(parser=length, help="Side of the aperture of arrangements.")] = 13.56e-3,
-    depth: Annotated[float, typer.Option(parser=length, help="Distance of the point of interest, for all.")] = 3.6e-3,
-    offset_x: Annotated[float, typer.Option(parser=length, help="Point of interest along x from the centre.")] = 0.0,
-    offset_y: Annotated[float, typer.Option(parser=length, help="The same along y.")] = 0.0,
+    aperture: Annotated[float, quantity(length, "13.56mm", help="Side of the aperture of arrangements.")] = 13.56e-3,
+    depth: Annotated[float, quantity(length, "3.6mm", help="Distance of the point of interest, for all.")] = 3.6e-3,
+    offset_x: Annotated[float, quantity(length, help="Point of interest along x from the centre.")] = 0.0,
+    offset_y: Annotated[float, quantity(length, help="The same along y.")] = 0.0,
     count: Annotated[int, typer.Option(help="Number of points of arrangements; the nearest possible is taken.")] = 1600,
-    pulse_rate: Annotated[float, typer.Option(parser=frequency, help="Laser pulses per second.")] = 50.0,
+    pulse_rate: Annotated[float, quantity(frequency, "50Hz", help="Laser pulses per second.")] = 50.0,
     noise: Annotated[float, typer.Option(help="Highest peak over the noise's standard deviation, in dB.")] = 30.0,
     phantom: Annotated[
         str | None,
@@ -45,12 +45,12 @@ def compare(
     ] = None,
     phantom_radius: Annotated[
         float | None,
-        typer.Option(parser=length, help="Its lateral radius; vessels and yarn.", rich_help_panel=SIMULATED),
+        quantity(length, help="Its lateral radius; vessels and yarn.", rich_help_panel=SIMULATED),
     ] = None,
     region: Annotated[
         float | None,
-        typer.Option(
-            parser=length,
+        quantity(
+            length,
             help="Diameter of what counts as around the point of interest; default: twice its depth.",
             rich_help_panel=SIMULATED,
         ),
@@ -97,7 +97,7 @@ def compare(
         return
     _show(found)
     if plot is not None:
-        console().print(f"Drawn in {plot} ({plot.stat().st_size / 1e3:.0f} kB).")
+        show_end(("picture", plot))
 
 
 def _named(

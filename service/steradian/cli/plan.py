@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from steradian.cli.console import console, duration, frequency, length, show_figures
+from steradian.cli.console import console, duration, frequency, length, quantity, show_end, show_figures, speed
 from steradian.cli.files import read_value, write_value
 from steradian.errors import InvalidInput
 from steradian.masks import Mask
@@ -17,11 +17,11 @@ from steradian.plans import Link, Motion, Preview, ScannerLimits, ScanPlan, Visi
 
 def plan(
     mask: Annotated[Path, typer.Argument(help="A mask file, made by 'steradian mask'.")],
-    pulse_rate: Annotated[float, typer.Option(parser=frequency, help="Laser pulses per second.")] = 50.0,
+    pulse_rate: Annotated[float, quantity(frequency, "50Hz", help="Laser pulses per second.")] = 50.0,
     averages: Annotated[int, typer.Option(help="Pulses averaged into one A-line.")] = 1,
     samples: Annotated[int, typer.Option(help="Samples of an A-line.")] = 1024,
-    sampling_interval: Annotated[float, typer.Option(parser=duration, help="Time between samples, e.g. 8ns.")] = 8e-9,
-    sound_speed: Annotated[float, typer.Option(help="Assumed speed of sound in m/s.")] = 1500.0,
+    sampling_interval: Annotated[float, quantity(duration, "8ns", help="Time between samples.")] = 8e-9,
+    sound_speed: Annotated[float, quantity(speed, "1500m/s", help="Assumed speed of sound.")] = 1500.0,
     order: Annotated[
         VisitOrder,
         typer.Option(
@@ -35,16 +35,16 @@ def plan(
     frames: Annotated[int, typer.Option(help="How often to measure the mask (at each excitation wavelength).")] = 1,
     excitation: Annotated[
         list[float] | None,
-        typer.Option(parser=length, help="Excitation wavelength, e.g. 700nm; repeat it for several, in order."),
+        quantity(length, help="Excitation wavelength, e.g. 700nm; repeat it for several, in order."),
     ] = None,
-    settling: Annotated[float, typer.Option(parser=duration, help="Time the beam needs to rest after a move.")] = 4e-4,
-    speed: Annotated[float, typer.Option(help="Speed of the beam on the film in m/s.")] = 5.0,
-    field: Annotated[float, typer.Option(parser=length, help="Side of the scanner's square field.")] = 20e-3,
+    settling: Annotated[float, quantity(duration, "400us", help="Time the beam needs to rest after a move.")] = 4e-4,
+    beam_speed: Annotated[float, quantity(speed, "5m/s", "--speed", help="Speed of the beam on the film.")] = 5.0,
+    field: Annotated[float, quantity(length, "20mm", help="Side of the scanner's square field.")] = 20e-3,
     baud: Annotated[
         int, typer.Option(help="Baud rate of the serial line; 0 for a line that never limits.")
     ] = 12_000_000,
     resolution: Annotated[
-        float | None, typer.Option(parser=length, help="Wanted lateral resolution, to warn of aliasing.")
+        float | None, quantity(length, help="Wanted lateral resolution, to warn of aliasing.")
     ] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="The plan file to write (JSON).")] = Path("plan.json"),
     plot: Annotated[Path | None, typer.Option(help="Also draw the way and where the time goes, e.g. plan.png.")] = None,
@@ -65,7 +65,7 @@ def plan(
         frames=frames,
         excitation=tuple(excitation or ()),
         scanner=ScannerLimits.create(x=(-field / 2, field / 2), y=(-field / 2, field / 2)),
-        motion=Motion.create(speed=speed, settling=settling),
+        motion=Motion.create(speed=beam_speed, settling=settling),
         link=Link.serial(baud) if baud else Link.create(byte_rate=None),
     )
     output.parent.mkdir(parents=True, exist_ok=True)
@@ -74,13 +74,14 @@ def plan(
         from steradian.plans.picture import draw_plan
 
         draw_plan(made, plot, cost)
-    _show(made, cost, output, plot)
+    _show(made, cost)
     if cost.is_refused:
         raise InvalidInput("plan", "refused", "one without the errors listed")
     write_value(made, output)
+    show_end((f"plan of {made.mask.count:,} points", output), ("picture", plot))
 
 
-def _show(made: ScanPlan, cost: Preview, output: Path, plot: Path | None) -> None:
+def _show(made: ScanPlan, cost: Preview) -> None:
     parts = ", ".join(f"{part} {seconds:.3g}" for part, seconds in cost.seconds.items() if seconds)
     figures: dict[str, object] = {
         "points": made.mask.count,
@@ -97,8 +98,7 @@ def _show(made: ScanPlan, cost: Preview, output: Path, plot: Path | None) -> Non
         figures["retunings"] = cost.retunings
     if len(made.passes) > 1:
         figures["usable after"] = ", ".join(f"{end:,}" for end in made.passes) + " points"
-    figures["file"] = "not written" if cost.is_refused else output
-    show_figures("Plan", figures | ({"picture": plot} if plot else {}))
+    show_figures("Plan", figures)
     for finding in cost.findings:
         colour = "red" if finding.severity == "error" else "yellow"
         allowed = f" (allowed: {finding.allowed})" if finding.allowed else ""

@@ -7,7 +7,18 @@ from typing import Annotated, Any
 
 import typer
 
-from steradian.cli.console import duration, frequency, length, progress_bar, show_figures
+from steradian.cli.console import (
+    Quantity,
+    duration,
+    files_of,
+    frequency,
+    length,
+    progress_bar,
+    quantity,
+    show_end,
+    show_figures,
+    speed,
+)
 
 CONDITIONING, DISPLAY = "What is done to the A-lines before", "What is done to the pictures"
 SHOTS = "What differs from A-line to A-line"
@@ -15,8 +26,10 @@ FOLLOWING = "A scan that is still running"
 ITERATIVE, FILM = "With the method iterative", "The sensor's response"
 
 
-def _option(kind: str, text: str, panel: str | None = None, parser: Any = None) -> Any:
-    return typer.Option(help=text, rich_help_panel=panel, parser=parser, metavar=kind or None)
+def _option(text: str, panel: str | None = None, kind: Quantity | None = None, default: str | None = None) -> Any:
+    if kind is None:
+        return typer.Option(help=text, rich_help_panel=panel)
+    return quantity(kind, default, help=text, rich_help_panel=panel)
 
 
 def reconstruct(
@@ -28,62 +41,58 @@ def reconstruct(
     ] = "nedner",
     modes: Annotated[int | None, typer.Option(help="Lateral modes per axis; default: as the scan suggests.")] = None,
     upsampling: Annotated[int, typer.Option(help="Sinc interpolation of the finished image, times.")] = 1,
-    sound_speed: Annotated[float | None, typer.Option(help="Speed of sound in m/s; default: the scan's.")] = None,
-    first_depth: Annotated[float | None, _option("LENGTH", "Compute only from here on.", parser=length)] = None,
-    last_depth: Annotated[float | None, _option("LENGTH", "Compute only to here.", parser=length)] = None,
+    sound_speed: Annotated[float | None, _option("Speed of sound; default: the scan's.", kind=speed)] = None,
+    first_depth: Annotated[float | None, _option("Compute only from here on.", kind=length)] = None,
+    last_depth: Annotated[float | None, _option("Compute only to here.", kind=length)] = None,
     weights: Annotated[str, typer.Option(help="mask (its own), uniform or voronoi.")] = "mask",
     tolerance: Annotated[float, typer.Option(help="Wanted relative error of the transforms.")] = 1e-4,
     window: Annotated[str, typer.Option(help="kaiser-bessel or semicircle.")] = "kaiser-bessel",
     time_padding: Annotated[float, typer.Option(help="Extend the record with zeros, times.")] = 1.0,
     lateral_padding: Annotated[float, typer.Option(help="Extend the aperture with zeros, times.")] = 1.0,
-    time_zero: Annotated[
-        str, _option("", "each: every A-line at its own; common: all at the earliest.", SHOTS)
-    ] = "each",
+    time_zero: Annotated[str, _option("each: every A-line at its own; common: all at the earliest.", SHOTS)] = "each",
     energy: Annotated[
         bool, typer.Option("--energy/--no-energy", help="Divide by the pulse energy.", rich_help_panel=SHOTS)
     ] = True,
     leave_out: Annotated[
-        str, _option("FLAGS", "A-lines not used: saturated, mistuned, misfire, partial; or none.", SHOTS)
+        str, _option("A-lines not used: saturated, mistuned, misfire, partial; or none.", SHOTS)
     ] = "saturated,mistuned",
-    zero_first: Annotated[int, _option("", "Samples to zero (laser pick-up).", CONDITIONING)] = 0,
-    remove_offset: Annotated[bool, _option("", "Subtract each A-line's mean.", CONDITIONING)] = False,
+    zero_first: Annotated[int, _option("Samples to zero (laser pick-up).", CONDITIONING)] = 0,
+    remove_offset: Annotated[bool, _option("Subtract each A-line's mean.", CONDITIONING)] = False,
     remove_common: Annotated[
-        str | None, _option("", "Subtract the median or mean of all A-lines (parasitic signal).", CONDITIONING)
+        str | None, _option("Subtract the median or mean of all A-lines (parasitic signal).", CONDITIONING)
     ] = None,
-    low_cut: Annotated[float, _option("FREQUENCY", "Lowest that passes, 500kHz.", CONDITIONING, frequency)] = 0.0,
-    high_cut: Annotated[float, _option("FREQUENCY", "Highest that passes, 20MHz.", CONDITIONING, frequency)] = 0.0,
-    rim: Annotated[float, _option("LENGTH", "Fade out over this width at the rim.", CONDITIONING, length)] = 0.0,
-    delay: Annotated[float, _option("TIME", "From laser pulse to first sample.", CONDITIONING, duration)] = 0.0,
-    gain: Annotated[float, _option("", "Time-gain compensation in dB per mm of depth.", DISPLAY)] = 0.0,
-    envelope: Annotated[bool, _option("", "Show the envelope along the depth.", DISPLAY)] = False,
-    log_range: Annotated[float | None, _option("", "Show decibels, down to this many.", DISPLAY)] = None,
-    non_negative: Annotated[bool, _option("", "Show negative values as 0.", DISPLAY)] = False,
+    low_cut: Annotated[float, _option("Lowest that passes, 500kHz.", CONDITIONING, frequency)] = 0.0,
+    high_cut: Annotated[float, _option("Highest that passes, 20MHz.", CONDITIONING, frequency)] = 0.0,
+    rim: Annotated[float, _option("Fade out over this width at the rim.", CONDITIONING, length)] = 0.0,
+    delay: Annotated[float, _option("From laser pulse to first sample.", CONDITIONING, duration)] = 0.0,
+    gain: Annotated[float, _option("Time-gain compensation in dB per mm of depth.", DISPLAY)] = 0.0,
+    envelope: Annotated[bool, _option("Show the envelope along the depth.", DISPLAY)] = False,
+    log_range: Annotated[float | None, _option("Show decibels, down to this many.", DISPLAY)] = None,
+    non_negative: Annotated[bool, _option("Show negative values as 0.", DISPLAY)] = False,
     near_field: Annotated[
         float | None,
-        _option("LENGTH", "Pictures begin at this depth; default: where the sensors' noise ends.", DISPLAY, length),
+        _option("Pictures begin at this depth; default: where the sensors' noise ends.", DISPLAY, length),
     ] = None,
-    percentile: Annotated[float, _option("", "Of a projection's values, at which colours end.", DISPLAY)] = 99.9,
-    colour_map: Annotated[str, _option("", "inferno, magma, viridis, cividis, gray or hot.", DISPLAY)] = "inferno",
+    percentile: Annotated[float, _option("Of a projection's values, at which colours end.", DISPLAY)] = 99.9,
+    colour_map: Annotated[str, _option("inferno, magma, viridis, cividis, gray or hot.", DISPLAY)] = "inferno",
     scale_bar: Annotated[
-        float | None, _option("LENGTH", "Length of the bar in pictures, 0 for none; default: round.", DISPLAY, length)
+        float | None, _option("Length of the bar in pictures, 0 for none; default: round.", DISPLAY, length)
     ] = None,
-    size: Annotated[int, _option("", "Longest side of what pictures show, in pixels.", DISPLAY)] = 720,
+    size: Annotated[int, _option("Longest side of what pictures show, in pixels.", DISPLAY)] = 720,
     regularisation: Annotated[
-        str, _option("", "total-variation, sparsity, tikhonov or none.", ITERATIVE)
+        str, _option("total-variation, sparsity, tikhonov or none.", ITERATIVE)
     ] = "total-variation",
-    strength: Annotated[
-        float | None, _option("", "Weight of the regulariser; default: by its kind.", ITERATIVE)
-    ] = None,
-    iterations: Annotated[int, _option("", "Most iterations.", ITERATIVE)] = 30,
-    signed: Annotated[bool, _option("", "Allow negative values.", ITERATIVE)] = False,
-    film: Annotated[str, _option("", "ideal (no correction), elastic, rule or simulated.", FILM)] = "ideal",
-    max_gain: Annotated[float, _option("", "Largest amplification of a wave, and of the noise.", FILM)] = 10.0,
-    thickness: Annotated[float, _option("LENGTH", "Of an elastic film.", FILM, length)] = 38e-6,
+    strength: Annotated[float | None, _option("Weight of the regulariser; default: by its kind.", ITERATIVE)] = None,
+    iterations: Annotated[int, _option("Most iterations.", ITERATIVE)] = 30,
+    signed: Annotated[bool, _option("Allow negative values.", ITERATIVE)] = False,
+    film: Annotated[str, _option("ideal (no correction), elastic, rule or simulated.", FILM)] = "ideal",
+    max_gain: Annotated[float, _option("Largest amplification of a wave, and of the noise.", FILM)] = 10.0,
+    thickness: Annotated[float, _option("Of an elastic film.", FILM, length, "38um")] = 38e-6,
     follow: Annotated[
-        bool, _option("", "Make a coarse image every few seconds while it runs, the full one at its end.", FOLLOWING)
+        bool, _option("Make a coarse image every few seconds while it runs, the full one at its end.", FOLLOWING)
     ] = False,
-    interval: Annotated[float, _option("TIME", "Between two of these images.", FOLLOWING, duration)] = 2.0,
-    patience: Annotated[float, _option("TIME", "Without a new A-line: the scan is over.", FOLLOWING, duration)] = 60.0,
+    interval: Annotated[float, _option("Between two of these images.", FOLLOWING, duration, "2s")] = 2.0,
+    patience: Annotated[float, _option("Without a new A-line: the scan is over.", FOLLOWING, duration, "60s")] = 60.0,
 ) -> None:
     """Reconstruct the initial pressure and write the volume, its projections and a report into a folder."""
     from steradian.reconstructions.job import reconstruct_scan
@@ -151,6 +160,7 @@ def reconstruct(
         " percentile",
         "sound speed": f"{report.sound_speed_m_s:g} m/s",
         "seconds": ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in report.seconds.items()),
-        "folder": f"{output} ({', '.join(sorted(path.name for path in output.iterdir()))})",
+        "files": files_of(output),
     }
     show_figures("Reconstruction", figures)
+    show_end(("volume", output / "volume.h5"), ("all results", output))

@@ -7,14 +7,14 @@ from typing import Annotated
 
 import typer
 
-from steradian.cli.console import progress_bar, show_figures
+from steradian.cli.console import files_of, progress_bar, quantity, show_end, show_figures, speed
 
 
 def sound_speed(
     file: Annotated[Path, typer.Argument(help="A scan file or another known recording.")],
     output: Annotated[Path, typer.Argument(help="Folder for the curve (JSON and PNG).")] = Path("sound-speed"),
-    first: Annotated[float, typer.Option(help="Slowest speed tried, m/s.")] = 1380.0,
-    last: Annotated[float, typer.Option(help="Fastest speed tried, m/s.")] = 1620.0,
+    first: Annotated[float, quantity(speed, "1380m/s", help="Slowest speed tried.")] = 1380.0,
+    last: Annotated[float, quantity(speed, "1620m/s", help="Fastest speed tried.")] = 1620.0,
     steps: Annotated[int, typer.Option(help="Speeds of the first round, ends included.")] = 25,
 ) -> None:
     """Find the speed of sound: sharpness against speed, the refined maximum and its standard error."""
@@ -26,6 +26,7 @@ def sound_speed(
     figures = {
         "sound speed": f"{curve.best:.2f}{error} m/s",
         "range": f"{first:g} … {last:g} m/s" + (", whose end is the sharpest: move it" if curve.at_edge else ""),
-        "folder": f"{output} ({', '.join(sorted(path.name for path in output.iterdir()))})",
+        "files": files_of(output),
     }
     show_figures("Speed of sound", figures)
+    show_end(("curve", output))

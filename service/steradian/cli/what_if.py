@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from steradian.cli.console import length, progress_bar, show_figures
+from steradian.cli.console import files_of, length, progress_bar, quantity, show_end, show_figures, speed
 from steradian.cli.files import read_value
 
 
@@ -20,10 +20,10 @@ def what_if(
     ] = "nearest",
     modes: Annotated[int | None, typer.Option(help="Lateral modes per axis; default: as the scan suggests.")] = None,
     weights: Annotated[str, typer.Option(help="Of the image through the mask: mask, uniform or voronoi.")] = "mask",
-    sound_speed: Annotated[float | None, typer.Option(help="Speed of sound in m/s; default: the scan's.")] = None,
+    sound_speed: Annotated[float | None, quantity(speed, help="Speed of sound; default: the scan's.")] = None,
     diameter: Annotated[
         float | None,
-        typer.Option(parser=length, help="Compare within this disc around the point of interest; default: 45° wide."),
+        quantity(length, help="Compare within this disc around the point of interest; default: 45° wide."),
     ] = None,
     threshold: Annotated[float, typer.Option(help="Pixels count from this share of the full image's maximum.")] = 0.04,
 ) -> None:
@@ -56,5 +56,6 @@ def what_if(
     for name, value in report.quality.items():
         figures[name.replace("_", " ")] = "undefined" if value is None else f"{value:.4g}"
     figures["pulses saved"] = f"{100 * report.saved['scan_share']:.3g} %"
-    figures["folder"] = f"{output} ({', '.join(sorted(path.name for path in output.iterdir()))})"
+    figures["files"] = files_of(output)
     show_figures("What if", figures)
+    show_end(("both images and their comparison", output))

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -11,7 +12,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from typer.main import get_command
 
+from steradian.cli.app import app
+from steradian.cli.console import duration, frequency, length, speed
 from steradian.quality import correlation
 from steradian.reconstructions.volume_file import read_volume
 from steradian.scans.recording import open_recording
@@ -26,7 +30,7 @@ def run(*arguments, cwd, code=0):
     )
     assert done.returncode == code, done.stdout + done.stderr
     assert "Traceback" not in done.stderr
-    return done.stdout + done.stderr
+    return done.stderr + done.stdout
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +129,7 @@ def test_ctrl_c_ends_a_scan_with_its_file_kept(walk, tmp_path):
     ("arguments", "code", "words"),
     [
         (["mask", "equi-steradian", "--aperture", "6mm", "--depth=-2mm", "--count", "99"], 2, ["depth", "> 0"]),
-        (["mask", "grid", "--aperture", "6mm", "--count", "41", "--interval", "1mm"], 2, ["interval", "at most"]),
+        (["mask", "grid", "--aperture", "6mm", "--per-axis", "41", "--interval", "1mm"], 2, ["interval", "at most"]),
         (["mask", "grid", "--aperture", "six", "--count", "41", "--interval", "1mm"], 2, ["six"]),
         (["plan", "none.json"], 3, ["none.json"]),
         (["plan", "text.json"], 3, ["text.json", "JSON"]),
@@ -146,6 +150,54 @@ def test_bad_input_is_one_clear_line(walk, tmp_path, arguments, code, words):
     said = run(*arguments, cwd=tmp_path, code=code)
     for word in words:
         assert word in said
+
+
+def test_every_command_ends_with_what_lies_where_and_how_large_it_is(walk, tmp_path):
+    """The last line names each file with the size that the system gives for it, in units that a person reads."""
+    mask, plan, scan, out = walk / "mask.json", walk / "plan.json", walk / "scan.h5", walk / "out"
+    for words, made in (
+        (["mask", "grid", "--aperture", "6mm", "--count", "4", "--interval", "1mm", "-o", "grid.json"], ["grid.json"]),
+        (["mask", "show", mask, "--plot", "mask.png"], [mask, "mask.png"]),
+        (["plan", mask, "--samples", "512", "-o", "plan.json", "--plot", "plan.png"], ["plan.json", "plan.png"]),
+        (["scan", plan, "--simulator-speed", "50", "-o", "scan.h5"], ["scan.h5"]),
+        (["scan", "resume", "scan.h5"], ["scan.h5"]),
+        (["scan", "check", "scan.h5"], ["scan.h5"]),
+        (["reconstruct", scan, "--modes", "32", "-o", "image"], ["image/volume.h5", "image"]),
+        (["what-if", scan, "what-if", "--mask", mask, "--modes", "32"], ["what-if"]),
+        (["sound-speed", scan, "speed", "--steps", "3"], ["speed"]),
+        (["export", scan, "scan.ipasc.h5"], ["scan.ipasc.h5"]),
+        (["export", out / "volume.h5", "pictures", "-f", "png"], ["pictures"]),
+        (["import", "scan.ipasc.h5", "again.h5"], ["again.h5"]),
+    ):
+        last = run(*words, cwd=tmp_path).splitlines()[-1]
+        for path in made:
+            size = re.search(rf"{re.escape(str(path))} \((?:\d+ files?, )?([\d.]+) ([kMG]?)B\)", last)
+            assert size, last
+            path = tmp_path / path
+            files = [path] if path.is_file() else [file for file in path.rglob("*") if file.is_file()]
+            total = sum(file.stat().st_size for file in files)
+            assert float(size[1]) * {"": 1, "k": 1e3, "M": 1e6, "G": 1e9}[size[2]] == pytest.approx(total, rel=0.01)
+
+
+def test_help_lists_the_commands_in_the_order_of_the_work():
+    said = run("--help", cwd=os.getcwd()).partition("Commands")[2]
+    places = [said.index(f" {name} ") for name in ("mask", "plan", "scan", "reconstruct", "export", "demo", "serve")]
+    assert places == sorted(places)
+
+
+def test_every_option_shows_its_unit_the_same_way():
+    """An option that takes a quantity shows its kind in angle brackets, as numbers and paths are shown."""
+    kinds, shown = {kind.__name__ for kind in (length, duration, frequency, speed)}, set()
+    commands = [get_command(app)]
+    for command in commands:
+        commands += getattr(command, "commands", {}).values()
+        for option in command.params:
+            assert option.metavar is None or option.metavar[0] == "<" or option.metavar.isupper(), option.name
+            about = option.help or "" if option.param_type_name == "option" else ""
+            words = {word.strip(".,;()") for word in about.split()}
+            assert not words & {"m/s", "Hz", "metres"} or option.metavar, option.name
+            shown.add(str(option.metavar).strip("<>"))
+    assert kinds <= shown
 
 
 def test_help_of_every_command_speaks_of_the_task():
