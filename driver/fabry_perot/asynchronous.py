@@ -1,7 +1,8 @@
 """The asyncio driver: the synchronous one, each call in a thread that belongs to the scanner alone.
 
-There is no second implementation to go wrong. A batch of A-lines is awaited in that thread, which keeps the laser's
-lease only until the batch is there: an event loop that hangs afterwards drops the laser as a hung application should.
+There is no second implementation to go wrong. A-lines are looked for in that thread, a twentieth of a second at a time,
+and each look renews the laser's lease once: a consumer that was cancelled, and an event loop that hangs, drop the laser
+as a hung application should.
 """
 
 from __future__ import annotations
@@ -39,6 +40,8 @@ class AsyncScanner:
     def __init__(self, scanner: Scanner) -> None:
         self._scanner = scanner
         self._calls = ThreadPoolExecutor(2, thread_name_prefix="fabry-perot-call")
+        self._coming: asyncio.Future[ALineBatch | None] | None = None
+        """The next batch; one whose consumer was cancelled meanwhile is for the next consumer."""
 
     async def _run(self, function: Callable[P, T], *given: P.args, **named: P.kwargs) -> T:
         loop = asyncio.get_running_loop()
@@ -80,10 +83,17 @@ class AsyncScanner:
         await self._run(self._scanner.start, token)
 
     async def alines(self) -> AsyncIterator[ALineBatch]:
-        """Yield batches of A-lines as they arrive, until the plan is done."""
-        batches = self._scanner.alines()
-        while (batch := await self._run(_following, batches)) is not None:
-            yield batch
+        """Yield batches of A-lines as they arrive, until the plan is done; after a cancellation begin anew."""
+        batches = self._scanner.alines(idle=True)
+        while True:
+            if self._coming is None:
+                self._coming = asyncio.ensure_future(self._run(_following, batches))
+            batch = await asyncio.shield(self._coming)
+            self._coming = None
+            if batch is None:
+                return
+            if batch:
+                yield batch
 
     async def acknowledge(self, aline: ALine) -> None:
         """Declare ``aline`` and all before it durably stored."""

@@ -290,4 +290,4 @@ def test_the_first_control_messages_go_first_and_a_full_outbox_drops_what_will_b
     frames = []
     while (data := outbox.next_control()) is not None:
         frames += Deframer().feed(data)
-    assert [frame.payload for frame in frames] == [b"urgent", *(bytes([count]) for count in range(DEPTH))]
+    assert [frame.payload for frame in frames] == [b"urgent", *(bytes([count]) for count in range(DEPTH - 1))]

@@ -8,7 +8,7 @@ from fabry_perot.codes import Type
 from fabry_perot.framing import FLAG_RETRANSMISSION, FLAG_URGENT, Frame, encode_frame
 
 DEPTH = 64
-"""Control frames kept; more are dropped, since the host repeats what it got no answer to."""
+"""Control frames kept; of more the last in line is dropped, since the host repeats what it got no answer to."""
 
 
 class Outbox:
@@ -27,9 +27,14 @@ class Outbox:
         self.session = 0
 
     def put(self, kind: Type, payload: bytes, *, urgent: bool = False) -> None:
-        """Queue a control message; an urgent one goes first."""
+        """Queue a control message; an urgent one goes first, and once however often it is put."""
         if urgent:
-            self._control.appendleft((kind, payload, FLAG_URGENT))
+            item = (kind, payload, FLAG_URGENT)
+            if item in self._control:
+                return
+            if len(self._control) >= DEPTH:
+                self._control.pop()
+            self._control.appendleft(item)
         elif len(self._control) < DEPTH:
             self._control.append((kind, payload, 0))
 
