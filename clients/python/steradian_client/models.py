@@ -38,6 +38,7 @@ class Mask(Answer):
     depth: float | None
     count: int
     weight_ratio: float
+    sensed_area: float | None = None
 
 
 class Plan(Answer):

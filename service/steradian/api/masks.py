@@ -117,8 +117,14 @@ def _written(mask: Mask, kind: str) -> bytes | str:
         writer.writerow(["x_m", "y_m", "weight_m2"])
         writer.writerows(table.tolist())
         return text.getvalue()
-    positions, weights = mask.positions.tolist(), mask.weights.tolist()
-    return PointsView(id=mask.id, count=mask.count, positions=positions, weights=weights).model_dump_json()
+    return PointsView(
+        id=mask.id,
+        count=mask.count,
+        positions=mask.positions.tolist(),
+        weights=mask.weights.tolist(),
+        sensed_area=mask.sensed_area,
+        outline=None if mask.outline is None else mask.outline.tolist(),
+    ).model_dump_json()
 
 
 def _check_size(arrangement: Arrangement, limit: int) -> None:

@@ -47,6 +47,9 @@ class MaskView(BaseModel):
     depth: float | None = Field(description="Distance of the point of interest (m)")
     count: int = Field(description="Number of points")
     weight_ratio: float = Field(description="Largest over smallest weight")
+    sensed_area: float | None = Field(
+        description="What the points stand for together, the sum of their weights (m², m for a line); null: not noted"
+    )
     created: datetime
     links: dict[str, str] = Field(examples=[{"self": "/api/v1/…"}])
 
@@ -61,6 +64,7 @@ class MaskView(BaseModel):
             depth=row.depth,
             count=row.count,
             weight_ratio=row.weight_ratio,
+            sensed_area=row.sensed_area,
             created=row.created,
             links={"self": here, "points": f"{here}/points", "picture": f"{here}/picture"},
         )
@@ -72,7 +76,11 @@ class PointsView(BaseModel):
     id: str
     count: int
     positions: list[list[float]] = Field(description="(count, 2) x, y in metres, centred on the aperture")
-    weights: list[float] = Field(description="(count,) areas in m²")
+    weights: list[float] = Field(description="(count,) areas in m², lengths in m for a line")
+    sensed_area: float = Field(description="What the points stand for together, the sum of the weights (m², m)")
+    outline: list[list[float]] | None = Field(
+        description="(V, 2) corners of the sensed area in metres, (2, 1) for a line; null: not known"
+    )
 
 
 class PlanView(BaseModel):

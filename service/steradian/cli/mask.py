@@ -56,7 +56,7 @@ Output = Annotated[Path, typer.Option("--output", "-o", help="The mask file to w
 Plot = Annotated[Path | None, typer.Option(help="Also draw points, spacing, view and sharpness, e.g. mask.png.")]
 Weights = Annotated[
     Weighting,
-    typer.Option("--weights", help="analytic: from the arrangement; voronoi: each point's own cell; uniform."),
+    typer.Option("--weights", help="voronoi: each point's own cell; analytic: the arrangement's rule; uniform."),
 ]
 SnapInterval = Annotated[
     float | None, quantity(length, help="The scanner stops only on a grid of this interval, e.g. 60um.")
@@ -75,7 +75,7 @@ def equi_steradian(
     offset_y: OffsetY = 0.0,
     snap_interval: SnapInterval = None,
     snap_count: SnapCount = None,
-    weights: Weights = "analytic",
+    weights: Weights = "voronoi",
     output: Output = FILE,
     plot: Plot = None,
 ) -> None:
@@ -97,7 +97,7 @@ def equiangular(
     offset_x: OffsetX = 0.0,
     snap_interval: SnapInterval = None,
     snap_count: SnapCount = None,
-    weights: Weights = "analytic",
+    weights: Weights = "voronoi",
     output: Output = FILE,
     plot: Plot = None,
 ) -> None:
@@ -187,7 +187,7 @@ def poisson_disc(
     offset_x: OffsetX = 0.0,
     offset_y: OffsetY = 0.0,
     seed: Seed = 0,
-    weights: Weights = "analytic",
+    weights: Weights = "voronoi",
     output: Output = FILE,
     plot: Plot = None,
 ) -> None:
@@ -209,7 +209,7 @@ def combined(
     ],
     snap_interval: SnapInterval = None,
     snap_count: SnapCount = None,
-    weights: Weights = "analytic",
+    weights: Weights = "voronoi",
     output: Output = FILE,
     plot: Plot = None,
 ) -> None:
@@ -226,7 +226,7 @@ def points(
         float | None, quantity(length, help="Side of the square aperture; not needed for .json.")
     ] = None,
     weights: Annotated[
-        Weighting, typer.Option("--weights", help="analytic: those in the file, equal if none; voronoi; uniform.")
+        Weighting, typer.Option("--weights", help="analytic: those in the file, voronoi if none; voronoi; uniform.")
     ] = "analytic",
     output: Output = FILE,
     plot: Plot = None,
@@ -317,6 +317,7 @@ def _figures(mask: Mask, points: str) -> dict[str, object]:
         "aperture": f"{1e3 * mask.aperture:g} mm",
         "spacing": f"{1e6 * seen.finest:.0f} to {1e6 * seen.coarsest:.0f} µm",
         "weight ratio": f"{mask.weight_ratio:.2f}",
+        "sensed": f"{1e3 * mask.sensed_area:.4g} mm" if mask.is_line else f"{1e6 * mask.sensed_area:.4g} mm²",
     }
     if seen.opening_angle is not None and seen.largest_angle is not None:
         figures |= {

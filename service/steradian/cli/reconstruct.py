@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -20,6 +20,9 @@ from steradian.cli.console import (
     speed,
 )
 
+if TYPE_CHECKING:
+    from steradian.reconstructions.job import Report
+
 CONDITIONING, DISPLAY = "What is done to the A-lines before", "What is done to the pictures"
 SHOTS = "What differs from A-line to A-line"
 FOLLOWING = "A scan that is still running"
@@ -30,6 +33,14 @@ def _option(text: str, panel: str | None = None, kind: Quantity | None = None, d
     if kind is None:
         return typer.Option(help=text, rich_help_panel=panel)
     return quantity(kind, default, help=text, rich_help_panel=panel)
+
+
+def _area(report: Report) -> str:
+    if report.sensed_area_m2 is None:
+        return "weights play no part"
+    area = report.sensed_area_m2
+    text = f"{1e3 * area:.4g} mm" if len(report.shape) == 2 else f"{1e6 * area:.4g} mm²"
+    return "; ".join([text, *report.notes])
 
 
 def reconstruct(
@@ -159,6 +170,7 @@ def reconstruct(
         "pictures": f"from {1e3 * report.near_field_m:.2f} mm depth, colours to the {report.scale_percentile:g}th"
         " percentile",
         "sound speed": f"{report.sound_speed_m_s:g} m/s",
+        "sensed": _area(report),
         "seconds": ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in report.seconds.items()),
         "files": files_of(output),
     }

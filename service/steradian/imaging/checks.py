@@ -18,9 +18,10 @@ Floats: TypeAlias = NDArray[np.float64]
 SINGLE_FLOOR = 5e-6
 """Tolerance below which float32 does not suffice."""
 MOST_SAMPLES, MOST_THREADS = 1 << 24, 1024
-LEAST_AREA, MOST_AREA = 1e-3, 2.0
-"""What weights may sum to, in areas of the aperture. Cells of a coarse grid reach beyond an aperture that ends at the
-outermost sensors; millimetres for metres are a factor of 1000 at least."""
+LEAST_AREA, MOST_AREA = 1e-7, 4.0
+"""What weights may sum to, in areas of the aperture. Sensors may cover a small part of it, and the cells of a coarse
+grid reach beyond an aperture that ends at the outermost sensors; millimetres for metres are a factor of 1000 at
+least."""
 
 
 @runtime_checkable

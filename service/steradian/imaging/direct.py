@@ -15,6 +15,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from steradian.imaging.weights import sensor_areas
+
 
 def direct_spectrum(
     traces: ArrayLike,
@@ -47,7 +49,7 @@ def direct_spectrum(
     aperture, modes
         Lateral period X in metres and number of modes N, one number or one an axis.
     weights
-        h_m, shape (M,) in m^(d−1); None: equal, with their sum the aperture's area.
+        h_m, shape (M,) in m^(d−1); None: areas of the sensors' cells, as in the reconstruction.
     record
         N_t of the formula if the traces are padded with zeros to more samples than they have.
     time_zero
@@ -66,8 +68,7 @@ def direct_spectrum(
     ll = np.asarray(l, np.float64).reshape(-1)
     period = np.broadcast_to(np.asarray(aperture, np.float64), (d,))
     number = np.broadcast_to(np.asarray(modes, np.float64), (d,))
-    area = float(np.prod(period))
-    h = np.full(count, area / count) if weights is None else np.asarray(weights, np.float64)
+    h = sensor_areas(x, tuple(period)) if weights is None else np.asarray(weights, np.float64)
     length = samples if record is None else record
     kappa = np.sqrt(ll**2 + ((length * sampling_interval * sound_speed / period * jj) ** 2).sum(axis=1))
     scaled = h / float(np.prod(period / number))

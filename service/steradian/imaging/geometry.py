@@ -13,7 +13,7 @@ from steradian.errors import InvalidInput
 from steradian.imaging import checks
 from steradian.imaging.checks import Sensors
 from steradian.imaging.volume import Axes
-from steradian.imaging.weights import voronoi_weights
+from steradian.imaging.weights import sensor_areas
 from steradian.ranges import SAMPLING_INTERVAL, SOUND_SPEED, real
 
 
@@ -26,7 +26,7 @@ class Geometry:
     positions
         Shape (M, d−1).
     weights
-        h_m, shape (M,).
+        h_m, shape (M,); :attr:`sensed_area` is their sum.
     aperture, modes
         As asked for, one number a lateral axis.
     period, padded_modes
@@ -54,6 +54,11 @@ class Geometry:
     time_zero: float
     depth: tuple[int, int]
     upsampling: int
+
+    @property
+    def sensed_area(self) -> float:
+        """Σ h_m in m² (m in 2-D): the area that the sensors stand for."""
+        return float(self.weights.sum())
 
     @property
     def depth_step(self) -> float:
@@ -90,12 +95,10 @@ def _weights(
     weights: ArrayLike | Literal["voronoi"] | None, x: NDArray[np.float64], period: tuple[float, ...]
 ) -> NDArray[np.float64]:
     count = len(x)
-    if weights is None:
-        return np.full(count, float(np.prod(period)) / count)
-    if isinstance(weights, str):
-        if weights != "voronoi":
-            raise InvalidInput("weights", weights, "an array, None (equal) or 'voronoi'")
-        return voronoi_weights(x - np.rint(x / np.array(period)) * np.array(period), period)
+    if weights is None or isinstance(weights, str):
+        if weights not in (None, "voronoi"):
+            raise InvalidInput("weights", weights, "an array, None or 'voronoi' (the areas of the sensors' cells)")
+        return sensor_areas(x, period)
     h = checks.numbers("weights", weights, f"one weight a sensor, shape ({count},)")
     return checks.areas(h, x, period)
 

@@ -149,6 +149,7 @@ class ForwardOperator(_Base):
         record = fast_size(deepest + heard)
         plan = _ModelPlan(
             positions,
+            weights=np.ones(len(np.asarray(positions))),  # a plan's weights are no part of the model
             samples=samples,
             depth_range=depth_range,
             time_zero=time_zero,
@@ -158,7 +159,8 @@ class ForwardOperator(_Base):
         )
         self._plan, g = plan, plan.geometry
         self._stride = plan._source_stride
-        self._voxels = _ModelPlan(_points(g), samples=g.shape[-1], **common)
+        columns = _points(g)
+        self._voxels = _ModelPlan(columns, weights=np.ones(len(columns)), samples=g.shape[-1], **common)
         self._voxels._source_stride = self._stride
         self._factors, self._band = self._columns(highest_frequency)
         self._response = response

@@ -68,9 +68,12 @@ def reconstruct(
         Lateral image points N over the aperture, one number or (Nx, Ny). More than the sensors' own sampling sharpens
         the image: the spectrum repeats, and κ sorts it.
     weights
-        h_m in m² (m in 2-D), shape (M,), with the aperture's area as their sum; "voronoi": areas of the sensors' cells;
-        None: the mask's, else equal. Sensors at the same place are allowed, their contributions add up. None may be
-        negative, and a sum above twice the aperture's area, or below a thousandth of it, is refused.
+        h_m in m² (m in 2-D), shape (M,): areas of the sensors' cells, whose sum is the *sensed* area (the disc that an
+        equi-steradian mask covers, N·pitch along an axis of a grid), not the aperture's. With it the image has the
+        object's amplitude as far as that area lets it be seen. None: the mask's, else, as for "voronoi", found from the
+        positions, see :func:`steradian.imaging.weights.sensed_outline` (0.6 s for fifty thousand scattered sensors).
+        Sensors at the same place are allowed, their contributions add up. None may be negative, and a sum that cannot
+        be that of areas is refused.
     upsampling
         Lateral image points per mode: sinc interpolation of the finished image, for looks.
     depth_range

@@ -1,78 +1,153 @@
-"""Areas that sensors stand for: the h_m of the paper's sum over non-equispaced sensors."""
+"""Areas that sensors stand for: the h_m of the paper's sum over non-equispaced sensors.
+
+Sensors cover an outline, the *sensed* area, which need not be the reconstruction's aperture: h_m is the area of sensor
+m's Voronoi cell within it, so the sum over sensors is an integral over what was sensed and the image has the object's
+amplitude, as far as that area lets it be seen.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steradian.errors import InvalidInput
+from steradian.imaging import outlines
+from steradian.imaging.cells import cell_areas
+from steradian.imaging.outlines import Outline
+
+_SAME_LINE = 1e-5
+"""Coordinates that differ by less than this share of the extent are of one line of a grid."""
+_OFF_GRID = 0.01
+"""So many intervals a sensor of a grid may lie beside its place."""
 
 
-def voronoi_weights(positions: ArrayLike, aperture: float | tuple[float, ...]) -> NDArray[np.float64]:
-    """Areas of the Voronoi cells, clipped to the aperture.
+@dataclass(frozen=True)
+class Lattice:
+    """A rectangular grid that is filled without a gap.
+
+    Attributes
+    ----------
+    counts, pitch
+        Sensors and their interval in metres along each axis.
+    first
+        Lowest coordinates in metres.
+    """
+
+    counts: NDArray[np.int64]
+    pitch: NDArray[np.float64]
+    first: NDArray[np.float64]
+
+    @property
+    def outline(self) -> Outline:
+        """All cells together: they reach half an interval beyond the outermost sensors."""
+        return outlines.rectangle(self.first - self.pitch / 2, self.first + (self.counts - 0.5) * self.pitch)
+
+
+def find_lattice(points: NDArray[np.float64]) -> Lattice | None:
+    """Tell whether points (M, d) fill a rectangular grid of at least two along each axis, each place once."""
+    first, places = points.min(axis=0), []
+    pitch = np.empty(points.shape[1])
+    for axis, line in enumerate(points.T):
+        ranked = np.sort(line)
+        gaps = np.diff(ranked)
+        steps = gaps[gaps > _SAME_LINE * np.ptp(line)]
+        if not len(steps):
+            return None
+        pitch[axis] = np.ptp(line) / len(steps)
+        place = (line - first[axis]) / pitch[axis]
+        places.append(np.rint(place).astype(np.int64))
+        if np.abs(place - places[-1]).max() > _OFF_GRID:
+            return None
+    counts = np.array([place.max() + 1 for place in places])
+    if counts.prod() != len(points):
+        return None
+    if len(np.unique(np.ravel_multi_index(tuple(places), tuple(counts)))) != len(points):
+        return None
+    return Lattice(counts, pitch, first)
+
+
+def sensed_outline(positions: NDArray[np.float64], aperture: float | Sequence[float]) -> Outline:
+    """Outline of what sensors cover, from their positions alone.
 
     Parameters
     ----------
     positions
-        Shape (M, 2), or (M,) on a line, in metres, within the aperture centred on 0. Sensors at the same place share
-        their cell.
+        (M, 2) metres, or (M, 1) on a line.
     aperture
         Side lengths in metres, one number or one an axis.
 
     Returns
     -------
     ndarray
-        h, shape (M,), in m² (m on a line); Σ h is the aperture's area.
+        Of sensors that fill a rectangular grid, their cells of pitch × pitch: N·pitch along an axis. Of others, all
+        that is within half a mean spacing s of their convex hull, where the outline's area is M·s²; but no wider than
+        the aperture, and the whole aperture for sensors at one place.
+    """
+    lattice = find_lattice(positions)
+    if lattice is not None:
+        return lattice.outline
+    sides = np.broadcast_to(np.asarray(aperture, np.float64), positions.shape[1:])
+    low, high = positions.min(axis=0), positions.max(axis=0)
+    if not (high > low).any():
+        return outlines.rectangle(-sides / 2, sides / 2)
+    bare = outlines.hull(positions)
+    count = _number_of_places(positions)
+    outline = outlines.widened(bare, _mean_spacing(bare, count) / 2)
+    middle, half = (low + high) / 2, np.maximum(sides, high - low) / 2
+    return outlines.common(outline, outlines.rectangle(middle - half, middle + half))
+
+
+def _number_of_places(positions: NDArray[np.float64]) -> int:
+    return len(np.unique(np.round(positions / np.ptp(positions, axis=0).max(), 12), axis=0))
+
+
+def _mean_spacing(bare: Outline, count: int) -> float:
+    """Solve M·s² = A + P·s/2 + π·s²/4, the area of a hull of area A and perimeter P widened by s/2."""
+    if bare.shape[1] == 1:
+        return outlines.area(bare) / (count - 1)
+    inside = max(0.0, outlines.area(bare)) if len(bare) > 2 else 0.0
+    half = np.linalg.norm(np.roll(bare, -1, axis=0) - bare, axis=1).sum() / 4
+    lead = count - np.pi / 4
+    return float((half + np.sqrt(half**2 + lead * inside)) / lead)
+
+
+def sensor_areas(positions: NDArray[np.float64], aperture: float | Sequence[float]) -> NDArray[np.float64]:
+    """Areas of the cells within :func:`sensed_outline`, (M,) in m² (m on a line).
+
+    Those of a grid are equal and cost a sort along each axis; else Voronoi cells are drawn (0.5 s and 100 MB for fifty
+    thousand sensors, about proportional).
+    """
+    lattice = find_lattice(positions)
+    if lattice is not None:
+        return np.full(len(positions), float(lattice.pitch.prod()))
+    return cell_areas(positions, sensed_outline(positions, aperture))
+
+
+def voronoi_weights(positions: ArrayLike, aperture: float | tuple[float, ...]) -> NDArray[np.float64]:
+    """Areas of the sensors' Voronoi cells within what they cover: what ``weights=None`` and "voronoi" mean.
+
+    Parameters
+    ----------
+    positions
+        Shape (M, 2), or (M,) on a line, in metres. Sensors at the same place share their cell.
+    aperture
+        Side lengths in metres, one number or one an axis; cells reach no farther.
+
+    Returns
+    -------
+    ndarray
+        h, shape (M,), in m² (m on a line); Σ h is the sensed area (:func:`sensed_outline`).
 
     Raises
     ------
     InvalidInput
-        With fewer than 3 different places, or sensors outside the aperture.
+        If there is no sensor, or one is not finite.
     """
     x = np.array(positions, np.float64)
     x = x[:, None] if x.ndim == 1 else x
-    sides = np.broadcast_to(np.asarray(aperture, np.float64), (x.shape[1],))
-    if (np.abs(x) > sides / 2 * (1 + 1e-9)).any():
-        raise InvalidInput(
-            "positions", "a sensor outside the aperture", "positions within the aperture for Voronoi areas"
-        )
-    places, which, number = np.unique(np.round(x / sides, 12), axis=0, return_inverse=True, return_counts=True)
-    if len(places) < 3:
-        raise InvalidInput("positions", f"{len(places)} different places", "at least 3 for Voronoi areas")
-    # a hair inside, so that no sensor on the rim meets its own mirror image
-    inside = np.clip(places, -0.5 * (1 - 1e-9), 0.5 * (1 - 1e-9)) * sides
-    area = _lengths(inside[:, 0], float(sides[0])) if x.shape[1] == 1 else _areas(inside, sides)
-    area *= float(np.prod(sides)) / area.sum()
-    which = np.ravel(which)
-    shared: NDArray[np.float64] = area[which] / number[which]
-    return shared
-
-
-def _lengths(x: NDArray[np.float64], side: float) -> NDArray[np.float64]:
-    """Cells of rising positions on a line."""
-    bounds = np.concatenate([[-side / 2], (x[1:] + x[:-1]) / 2, [side / 2]])
-    return np.diff(bounds)
-
-
-def _areas(points: NDArray[np.float64], sides: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Mirror the points in the four sides, then every cell of the originals is bounded by the aperture."""
-    from scipy.spatial import Voronoi
-
-    mirrored = [points]
-    for axis in (0, 1):
-        for side in (-1.0, 1.0):
-            image = points.copy()
-            image[:, axis] = side * sides[axis] - image[:, axis]
-            mirrored.append(image)
-    diagram = Voronoi(np.concatenate(mirrored))
-    pairs = np.asarray(diagram.ridge_points)
-    ends = np.asarray(diagram.ridge_vertices)
-    bounded = (ends >= 0).all(axis=1)
-    pairs, ends = pairs[bounded], ends[bounded]
-    length = np.linalg.norm(diagram.vertices[ends[:, 0]] - diagram.vertices[ends[:, 1]], axis=1)
-    # a cell is made of triangles from its point to each ridge, half the pair's distance high
-    triangle = 0.25 * length * np.linalg.norm(diagram.points[pairs[:, 0]] - diagram.points[pairs[:, 1]], axis=1)
-    area = np.zeros(len(diagram.points))
-    np.add.at(area, pairs[:, 0], triangle)
-    np.add.at(area, pairs[:, 1], triangle)
-    return area[: len(points)]
+    if x.ndim != 2 or x.shape[1] not in (1, 2) or not len(x) or not np.isfinite(x).all():
+        raise InvalidInput("positions", f"an array of shape {np.shape(positions)}", "finite (M, 2), or (M,) on a line")
+    return sensor_areas(x, aperture)

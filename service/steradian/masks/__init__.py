@@ -18,8 +18,7 @@ from steradian.masks.points import Points, custom_mask
 from steradian.masks.scattered import PoissonDisc, Random, poisson_disc_mask, random_mask
 from steradian.masks.snapping import ScannerGrid
 from steradian.masks.subset import Subset, nearest_points, subset_mask
-from steradian.masks.voronoi import voronoi_areas
-from steradian.masks.weights import Weighting, reweighted
+from steradian.masks.weights import Weighting, reweighted, voronoi_areas
 
 Arrangement: TypeAlias = Annotated[
     EquiSteradian | Equiangular | Grid | Hexagonal | Random | PoissonDisc | Combined | Points | Subset,

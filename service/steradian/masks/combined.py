@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from steradian.imaging import outlines
 from steradian.masks.equi_steradian import EquiSteradian, Pattern
 from steradian.masks.mask import Mask
 from steradian.masks.snapping import ScannerGrid
-from steradian.masks.weights import Weighting, weights_for
+from steradian.masks.weights import Weighting, covering, weights_for
 from steradian.ranges import LENGTH
 from steradian.validation import Value, quantity
 
@@ -40,7 +41,7 @@ class Combined(Value):
         min_length=1, max_length=64, description="1 to 64 points of interest"
     )
     grid: ScannerGrid | None = Field(default=None, description="Places where the scanner can stop, if not anywhere")
-    weighting: Weighting = "analytic"
+    weighting: Weighting = "voronoi"
 
     @property
     def expected_count(self) -> int:
@@ -55,20 +56,21 @@ class Combined(Value):
         InvalidInput
             When a point of interest is not over the aperture.
         """
-        patterns = [
-            EquiSteradian.create(aperture=self.aperture, **dict(point)).pattern() for point in self.points_of_interest
-        ]
+        wanted = [EquiSteradian.create(aperture=self.aperture, **dict(point)) for point in self.points_of_interest]
+        patterns = [each.pattern() for each in wanted]
         positions = _thinned(np.concatenate([_own_part(patterns, index) for index in range(len(patterns))]), patterns)
         weights = _spacing(positions, patterns) ** 2
         if self.grid is not None:
             positions, weights = self.grid.snap(positions, weights)
+        outline = covering(outlines.hull(np.concatenate([each.outline() for each in wanted])), positions)
         first = self.points_of_interest[0]
         return Mask.create(
             aperture=self.aperture,
             depth=first.depth,
             offset=first.offset,
             positions=positions,
-            weights=weights_for(self.weighting, positions, self.aperture, weights),
+            weights=weights_for(self.weighting, positions, outline, weights),
+            outline=outline,
             arrangement=self.model_dump(mode="json"),
         )
 
@@ -109,7 +111,7 @@ def combined_mask(
     points_of_interest: Sequence[PointOfInterest],
     *,
     grid: ScannerGrid | None = None,
-    weighting: Weighting = "analytic",
+    weighting: Weighting = "voronoi",
 ) -> Mask:
     """Arrange points that are equi-steradian around several points of interest.
 
@@ -122,7 +124,8 @@ def combined_mask(
     grid
         Places where the scanner can stop; points that meet on one are merged.
     weighting
-        ``analytic`` (h over the density asked for), ``voronoi`` or ``uniform``.
+        ``voronoi``: cells within the hull of the points of interest's discs; ``analytic``: one over the density asked
+        for; ``uniform``.
 
     Raises
     ------

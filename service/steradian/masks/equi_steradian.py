@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import atan, ceil
+from math import atan, ceil, tan
 from typing import Literal, Self
 
 import numpy as np
@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from steradian.errors import InvalidInput
+from steradian.imaging import outlines
+from steradian.imaging.outlines import Outline
 from steradian.masks.equalise import equalise, unit_angle
 from steradian.masks.mask import Mask
 from steradian.masks.slices import Slices, convenient_below, convenient_slices
 from steradian.masks.snapping import ScannerGrid
-from steradian.masks.weights import Weighting, weights_for
+from steradian.masks.weights import Weighting, covering, weights_for
 from steradian.ranges import LENGTH
 from steradian.validation import Value, quantity
 
@@ -33,7 +35,7 @@ class EquiSteradian(Value):
         default=(0.0, 0.0), description="x and y of the point of interest, centred on the aperture (m)"
     )
     grid: ScannerGrid | None = Field(default=None, description="Places where the scanner can stop, if not anywhere")
-    weighting: Weighting = "analytic"
+    weighting: Weighting = "voronoi"
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -57,12 +59,14 @@ class EquiSteradian(Value):
         positions, weights = pattern.positions, pattern.distances**3  # paper, section 4.2: h ∝ r³
         if self.grid is not None:
             positions, weights = self.grid.snap(positions, weights)
+        outline = covering(self.outline(), positions)
         return Mask.create(
             aperture=self.aperture,
             depth=self.depth,
             offset=self.offset,
             positions=positions,
-            weights=weights_for(self.weighting, positions, self.aperture, weights),
+            weights=weights_for(self.weighting, positions, outline, weights),
+            outline=outline,
             arrangement=self.model_dump(mode="json") | {"slices": list(pattern.slices.counts)},
         )
 
@@ -85,6 +89,12 @@ class EquiSteradian(Value):
                 break
             slices = smaller
         return slices
+
+    def outline(self) -> Outline:
+        """Outline of what is sensed: the disc around the point of interest's foot, as far as it is in the aperture."""
+        half = np.full(2, self.aperture / 2)
+        disc = outlines.disc(self.offset, self.depth * tan(self._rim))
+        return outlines.common(disc, outlines.rectangle(-half, half))
 
     def counts_around(self) -> tuple[int | None, int]:
         """Numbers of points around ``count``: the largest below it, if there is one, and the next."""
@@ -178,7 +188,7 @@ def equi_steradian_mask(
     *,
     offset: tuple[float, float] = (0.0, 0.0),
     grid: ScannerGrid | None = None,
-    weighting: Weighting = "analytic",
+    weighting: Weighting = "voronoi",
 ) -> Mask:
     """Arrange points so that each covers the same solid angle seen from the point of interest.
 
@@ -197,12 +207,15 @@ def equi_steradian_mask(
     grid
         Places where the scanner can stop; points that meet on one are merged.
     weighting
-        ``analytic`` (h ∝ r³), ``voronoi`` or ``uniform``.
+        ``voronoi``: each point's own cell, at the rim as far as the disc; ``analytic``: the paper's h ∝ r³, which gives
+        the last slice what lies beyond the rim and takes it from all (2 to 4 % of 1,600 points' amplitude, up to 10 %
+        of 300 points'); ``uniform``.
 
     Returns
     -------
     Mask
-        Innermost points first, the last slice at the rim; weights sum to X².
+        Innermost points first, the last slice at the rim; weights sum to the sensed area: the disc inscribed in the
+        aperture, or, away from the centre, what the disc to the farthest edge has in common with the aperture.
 
     Raises
     ------

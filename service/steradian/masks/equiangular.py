@@ -8,10 +8,11 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from steradian.imaging import outlines
 from steradian.masks.equi_steradian import check_offset
 from steradian.masks.mask import Mask
 from steradian.masks.snapping import ScannerGrid
-from steradian.masks.weights import Weighting, weights_for
+from steradian.masks.weights import Weighting, covering, weights_for
 from steradian.ranges import LENGTH
 from steradian.validation import Value, quantity
 
@@ -25,7 +26,7 @@ class Equiangular(Value):
     count: int = quantity("points", "Number of sensors", ge=2, le=1_000_000)
     offset: float = Field(default=0.0, description="x of the point of interest, centred on the line (m)")
     grid: ScannerGrid | None = Field(default=None, description="Places where the scanner can stop, if not anywhere")
-    weighting: Weighting = "analytic"
+    weighting: Weighting = "voronoi"
 
     @property
     def expected_count(self) -> int:
@@ -48,12 +49,14 @@ class Equiangular(Value):
         weights = (positions[:, 0] - self.offset) ** 2 + self.depth**2  # paper, section 4.2: h ∝ r²
         if self.grid is not None:
             positions, weights = self.grid.snap(positions, weights)
+        outline = covering(outlines.rectangle((-half,), (half,)), positions)
         return Mask.create(
             aperture=self.aperture,
             depth=self.depth,
             offset=(self.offset, 0.0),
             positions=positions,
-            weights=weights_for(self.weighting, positions, self.aperture, weights),
+            weights=weights_for(self.weighting, positions, outline, weights),
+            outline=outline,
             arrangement=self.model_dump(mode="json"),
         )
 
@@ -65,7 +68,7 @@ def equiangular_mask(
     *,
     offset: float = 0.0,
     grid: ScannerGrid | None = None,
-    weighting: Weighting = "analytic",
+    weighting: Weighting = "voronoi",
 ) -> Mask:
     """Arrange sensors on a line so that neighbours enclose the same angle seen from the point of interest.
 
@@ -82,7 +85,8 @@ def equiangular_mask(
     grid
         Places where the scanner can stop; sensors that meet on one are merged.
     weighting
-        ``analytic`` (h ∝ r²), ``voronoi`` or ``uniform``.
+        ``voronoi``: half the way to each neighbour, the outermost sensors' as far as the line; ``analytic``: the
+        paper's h ∝ r², which gives the outermost twice as much and takes it from all; ``uniform``.
 
     Returns
     -------
@@ -96,7 +100,8 @@ def equiangular_mask(
 
     Examples
     --------
-    >>> mask = equiangular_mask(1024e-4, 128e-4, 32, grid=ScannerGrid(count=1024, interval=1e-4))
+    >>> grid = ScannerGrid(count=1024, interval=1e-4)
+    >>> mask = equiangular_mask(1024e-4, 128e-4, 32, grid=grid, weighting="analytic")
     >>> mask.positions.shape, 16 < mask.weight_ratio < 18
     ((32, 1), True)
     """

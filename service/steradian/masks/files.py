@@ -11,11 +11,14 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from steradian.errors import DamagedFile, InvalidInput, NotFound
+from steradian.imaging.checks import MOST_AREA
 from steradian.masks.mask import Mask
 from steradian.masks.points import custom_mask
 from steradian.validation import invalid_input
 
 UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
+Points = tuple[NDArray[np.float64], NDArray[np.float64] | None, float | None]
+"""Positions in metres, weights, and the area in m² (m) that these sum to, if the file says."""
 
 
 def write_mask(mask: Mask, path: Path) -> None:
@@ -53,8 +56,11 @@ def read_mask(path: Path, aperture: float | None = None) -> Mask:
     ----------
     path
         ``.json`` as written by :func:`write_mask`; ``.csv`` with a heading such as ``x_mm, y_mm`` (units m, mm or um)
-        and perhaps a column ``weight…``, or without a heading in metres; ``.npy`` of shape (M, 2) or (M, 3): x, y
-        and perhaps weight. (An npy of a line has shape (M, 1); its weights need JSON or CSV.)
+        and perhaps a column ``weight``, or without a heading in metres; ``.npy`` of shape (M, 2) or (M, 3): x, y
+        and perhaps weight. (An npy of a line has shape (M, 1); its weights need JSON or CSV.) Weights in a column
+        that names a unit (``weight_m2``, ``weight_mm2``; ``weight_m`` of a line), or in one without a name that could
+        be m² (a sum of at most four apertures), are areas and stay as they are; others are scaled to what the points
+        sense, see :func:`steradian.masks.custom_mask`.
     aperture
         Side X in metres; needed for CSV and npy, which do not hold it.
 
@@ -76,8 +82,10 @@ def read_mask(path: Path, aperture: float | None = None) -> Mask:
         return mask
     if aperture is None:
         raise InvalidInput("aperture", "missing", f"> 0, at most 1 (m); {path.name} does not hold it")
-    positions, weights = _read_npy(path) if path.suffix.lower() == ".npy" else _read_csv(path)
-    return custom_mask(positions, aperture, weights)
+    positions, weights, area = _read_npy(path) if path.suffix.lower() == ".npy" else _read_csv(path)
+    if area is not None and area > MOST_AREA * aperture ** positions.shape[1]:
+        area = None
+    return custom_mask(positions, aperture, weights, sensed_area=area)
 
 
 def _read_json(path: Path) -> Mask:
@@ -96,7 +104,7 @@ def _csv(mask: Mask) -> bytes:
     return ("\n".join(lines) + "\n").encode()
 
 
-def _read_csv(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+def _read_csv(path: Path) -> Points:
     """Positions and weights of a CSV file."""
     try:
         rows = [row for row in csv.reader(path.read_text(encoding="utf-8-sig").splitlines()) if row]
@@ -115,21 +123,28 @@ def _read_csv(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64] | No
     scale = [UNITS.get(heading[index].partition("_")[2] or "m") for index in axes]
     if not axes or None in scale:
         raise DamagedFile(f"{path} has the heading {', '.join(heading)}; expected x_m, y_m (or mm, um) and weight")
-    weights = [index for index, name in enumerate(heading) if name.startswith("weight")]
-    return table[:, axes] * np.array(scale, np.float64), table[:, weights[0]] if weights else None
+    positions = table[:, axes] * np.array(scale, np.float64)
+    column = next((index for index, name in enumerate(heading) if name.startswith("weight")), None)
+    if column is None:
+        return positions, None, None
+    unit = UNITS.get(heading[column].partition("_")[2].removesuffix("2"))
+    weights = table[:, column]
+    return positions, weights, None if unit is None else float(weights.sum()) * unit ** len(axes)
 
 
-def _read_npy(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+def _read_npy(path: Path) -> Points:
     try:
         return _columns(path, np.asarray(np.load(path, allow_pickle=False), dtype=np.float64))
     except (ValueError, EOFError, TypeError) as error:
         raise DamagedFile(f"{path} is not an array of numbers: {error}") from error
 
 
-def _columns(path: Path, table: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+def _columns(path: Path, table: NDArray[np.float64]) -> Points:
     if table.ndim != 2 or table.shape[1] not in (1, 2, 3):
         raise DamagedFile(f"{path} has the shape {table.shape}; expected (M, 2): x, y, or (M, 3): x, y, weight")
-    return table[:, :2], table[:, 2] if table.shape[1] == 3 else None
+    if table.shape[1] < 3:
+        return table, None, None
+    return table[:, :2], table[:, 2], float(table[:, 2].sum())
 
 
 def _is_number(text: str) -> bool:

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from steradian.errors import InvalidInput
+from steradian.imaging import outlines
 from steradian.masks.mask import Mask
 from steradian.masks.weights import Weighting, weights_for
 from steradian.ranges import LENGTH
@@ -45,10 +46,13 @@ class Grid(Value):
         steps = (np.arange(self.count) - middle) * self.interval
         x, y = np.meshgrid(steps, steps, indexing="ij")
         positions = np.column_stack([x.ravel(), y.ravel()])
+        half = np.full(2, self.interval / 2)
+        outline = outlines.rectangle(positions[0] - half, positions[-1] + half)
         return Mask.create(
             aperture=self.aperture,
             positions=positions,
-            weights=weights_for(self.weighting, positions, self.aperture, np.ones(len(positions))),
+            weights=weights_for(self.weighting, positions, outline, np.ones(len(positions))),
+            outline=outline,
             arrangement=self.model_dump(mode="json"),
         )
 
@@ -70,7 +74,8 @@ def grid_mask(
         An odd count is always symmetric to the centre. An even one lies on −n/2 … n/2−1 intervals, where the modes
         of an FFT are, or symmetric if this is set.
     weighting
-        ``analytic`` and ``uniform``: X²/M each; ``voronoi``: the outermost points also stand for the margin.
+        All the same here: each point stands for its cell of interval × interval, and the grid senses the square of
+        count × interval that these fill.
 
     Returns
     -------

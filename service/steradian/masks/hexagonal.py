@@ -6,7 +6,10 @@ from math import floor, sqrt
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
+from steradian.imaging import outlines
+from steradian.imaging.outlines import Outline
 from steradian.masks.mask import Mask
 from steradian.masks.weights import Weighting, weights_for
 from steradian.ranges import LENGTH
@@ -36,12 +39,23 @@ class Hexagonal(Value):
         x = (column + (row % 2) / 2) * self.interval
         positions = np.column_stack([x.ravel(), (row * rise).ravel()])
         positions = positions[np.abs(positions).max(axis=1) <= half]
+        outline = self._outline(positions, rise)
         return Mask.create(
             aperture=self.aperture,
             positions=positions,
-            weights=weights_for(self.weighting, positions, self.aperture, np.ones(len(positions))),
+            weights=weights_for(self.weighting, positions, outline, np.ones(len(positions))),
+            outline=outline,
             arrangement=self.model_dump(mode="json"),
         )
+
+    def _outline(self, positions: NDArray[np.float64], rise: float) -> Outline:
+        """Rectangle of all cells: rows half a rise beyond the outermost, as wide as they are on average."""
+        half = np.full(2, self.aperture / 2)
+        if len(positions) == 1:
+            return outlines.rectangle(-half, half)
+        low, high = positions[:, 1].min() - rise / 2, positions[:, 1].max() + rise / 2
+        width, middle = len(positions) * self.interval * rise / (high - low), float(positions[:, 0].mean())
+        return outlines.rectangle((middle - width / 2, low), (middle + width / 2, high))
 
 
 def hexagonal_mask(aperture: float, interval: float, *, weighting: Weighting = "analytic") -> Mask:
@@ -54,7 +68,8 @@ def hexagonal_mask(aperture: float, interval: float, *, weighting: Weighting = "
     interval
         Distance between neighbours in metres.
     weighting
-        ``analytic`` and ``uniform``: X²/M each; ``voronoi``: cells clipped to the aperture.
+        ``analytic`` and ``uniform``: each point stands for a cell of the lattice, √3/2·interval², and the mask senses
+        the rectangle of rows that they fill; ``voronoi``: cells within it, uneven at the ends of rows.
 
     Returns
     -------

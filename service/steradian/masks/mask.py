@@ -7,14 +7,16 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field, computed_field, model_validator
 
 from steradian.errors import InvalidInput
+from steradian.imaging import outlines
+from steradian.imaging.checks import MOST_AREA
 from steradian.ranges import LENGTH
 from steradian.validation import FloatArray, Value, content_hash, quantity
 
 AREA_TOLERANCE = 1e-9
-"""Relative deviation of Σ weights from the aperture's area that is still rounding."""
+"""Relative deviation of Σ weights from the outline's area that is still rounding."""
 
 
 class Mask(Value):
@@ -22,6 +24,10 @@ class Mask(Value):
 
     The plane is z = 0 and the aperture the square [−X/2, X/2]² around the origin; the object lies at z > 0. A line of
     sensors for 2-D images has positions (M, 1) along x and the aperture [−X/2, X/2].
+
+    Weights are areas: each point stands for its cell within what the mask senses, the ``outline``, which need not be
+    the aperture (an equi-steradian mask senses a disc). A mask whose outline is not known, such as one made before
+    outlines were kept, senses what its weights sum to; then that was the aperture's area whatever the points cover.
     """
 
     aperture: float = quantity(
@@ -30,7 +36,12 @@ class Mask(Value):
     positions: FloatArray = Field(
         description="(M, 2) sensor positions x, y in metres, centred on the aperture; (M, 1) for a line"
     )
-    weights: FloatArray = Field(description="(M,) areas h in m², sum X² (lengths in m, sum X, for a line)")
+    weights: FloatArray = Field(description="(M,) areas h in m², lengths in m for a line; their sum is the sensed area")
+    outline: FloatArray | None = Field(
+        default=None,
+        description="(V, 2) corners of the convex polygon that is sensed, anticlockwise, in metres; (2, 1) for a line; "
+        "null: not known",
+    )
     depth: float | None = quantity(
         "m", "Distance r0 of the point of interest from the plane", default=None, **LENGTH.limits
     )
@@ -38,6 +49,14 @@ class Mask(Value):
         default=(0.0, 0.0), description="x and y of the point of interest, centred on the aperture (m)"
     )
     arrangement: dict[str, Any] = Field(description="Kind of arrangement and the parameters that made it")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_what_follows(cls, fields: Any) -> Any:
+        """Leave out the sensed area, which a mask's JSON repeats for whoever reads it."""
+        if isinstance(fields, dict) and "sensed_area" in fields:
+            return {name: value for name, value in fields.items() if name != "sensed_area"}
+        return fields
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -56,9 +75,25 @@ class Mask(Value):
             raise InvalidInput(
                 f"positions[{worst}]", f"({point}) mm", f"within the aperture, ±{1e3 * half:.4g} mm on each axis"
             )
-        if abs(self.weights.sum() / self.area - 1) > AREA_TOLERANCE:
-            raise InvalidInput("weights", f"a sum of {self.weights.sum():g}", f"the aperture's area, {self.area:g} m²")
+        self._check_area()
         return self
+
+    def _check_area(self) -> None:
+        if self.sensed_area > MOST_AREA * self.area:
+            raise InvalidInput(
+                "weights",
+                f"a sum of {self.sensed_area:g}",
+                f"areas, at most {MOST_AREA:g} apertures of {self.area:g} m²",
+            )
+        if self.outline is None:
+            return
+        if self.outline.ndim != 2 or self.outline.shape[1] != self.positions.shape[1]:
+            raise InvalidInput("outline", f"an array of shape {self.outline.shape}", "(V, 2), or (2, 1) for a line")
+        if not outlines.is_convex(self.outline):
+            raise InvalidInput("outline", "a polygon", "convex, its corners anticlockwise; low and high end on a line")
+        covered = outlines.area(self.outline)
+        if not abs(self.sensed_area / covered - 1) <= AREA_TOLERANCE:
+            raise InvalidInput("weights", f"a sum of {self.sensed_area:g}", f"the outline's area, {covered:g} m²")
 
     @cached_property
     def id(self) -> str:
@@ -69,7 +104,8 @@ class Mask(Value):
             "offset": self.offset,
             "arrangement": self.arrangement,
         }
-        return content_hash("m", parameters, self.positions, self.weights)
+        arrays = () if self.outline is None else (self.outline,)
+        return content_hash("m", parameters, self.positions, self.weights, *arrays)
 
     @property
     def count(self) -> int:
@@ -85,6 +121,12 @@ class Mask(Value):
     def area(self) -> float:
         """Area X² of the aperture in m²; for a line its length X in m."""
         return float(self.aperture ** self.positions.shape[1])
+
+    @computed_field  # type: ignore[prop-decorator]
+    @property
+    def sensed_area(self) -> float:
+        """Area in m² that the points stand for together, the sum of their weights; for a line a length in m."""
+        return float(self.weights.sum())
 
     @property
     def weight_ratio(self) -> float:

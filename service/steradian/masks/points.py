@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from steradian.errors import InvalidInput
+from steradian.imaging.weights import sensed_outline
 from steradian.masks.mask import Mask
 from steradian.masks.weights import Weighting, weights_for
 from steradian.ranges import LENGTH
@@ -16,15 +17,25 @@ from steradian.validation import FloatArray, Value, quantity
 
 
 class Points(Value):
-    """Explicit positions, with weights, with the areas of their Voronoi cells, or equally weighted."""
+    """Explicit positions, with weights, with the areas of their Voronoi cells, or equally weighted.
+
+    ``sensed_area`` is for weights that are given.
+    """
 
     arrangement: Literal["points"] = "points"
     aperture: float = quantity("m", "Side X of the square aperture", **LENGTH.limits)
     positions: FloatArray = Field(
         description="(M, 2) sensor positions x, y in metres, centred on the aperture; (M, 1) for a line"
     )
-    weights: FloatArray | None = Field(default=None, description="(M,) relative weights, or none for equal ones")
-    weighting: Weighting = Field(default="analytic", description="analytic: the weights given, equal if none are")
+    weights: FloatArray | None = Field(
+        default=None, description="(M,) areas of any scale, scaled to the sensed area; none: those of the points' cells"
+    )
+    sensed_area: float | None = quantity(
+        "m^2, m for a line", "What the weights sum to; none: found from the points", gt=0, le=4, default=None
+    )
+    weighting: Weighting = Field(
+        default="analytic", description="analytic: the weights given, those of the points' cells if none are"
+    )
 
     @property
     def expected_count(self) -> int:
@@ -52,7 +63,12 @@ class Points(Value):
             weights=relative * (self.aperture ** self.positions.shape[-1] / relative.sum()),
             arrangement={"arrangement": "points", "weighting": self.weighting},
         )
-        return bare.replace(weights=weights_for(self.weighting, self.positions, self.aperture, relative))
+        given = self.weighting == "analytic" and self.weights is not None
+        if given and self.sensed_area is not None:
+            return bare.replace(weights=relative * (self.sensed_area / relative.sum()))
+        outline = sensed_outline(self.positions, self.aperture)
+        rule = "voronoi" if self.weighting == "analytic" and not given else self.weighting
+        return bare.replace(weights=weights_for(rule, self.positions, outline, relative), outline=outline)
 
 
 def custom_mask(
@@ -61,6 +77,7 @@ def custom_mask(
     weights: ArrayLike | None = None,
     *,
     weighting: Weighting = "analytic",
+    sensed_area: float | None = None,
 ) -> Mask:
     """Make a mask of explicit points.
 
@@ -71,13 +88,20 @@ def custom_mask(
     aperture
         Side X of the square aperture in metres.
     weights
-        (M,) relative areas, or ``None`` for equal ones; scaled to sum to X².
+        (M,) areas of any scale, scaled to sum to the sensed area; ``None``: those of the points' cells.
     weighting
-        ``analytic`` takes ``weights``, ``voronoi`` the areas of the points' cells, ``uniform`` equal shares.
+        ``analytic`` takes ``weights`` if there are any, ``voronoi`` the areas of the points' cells, ``uniform`` equal
+        shares.
+    sensed_area
+        What ``weights`` sum to in m² (m for a line): their own sum where they are areas. ``None``: the area found from
+        the points (:func:`steradian.imaging.weights.sensed_outline`): that of a grid's cells, or all within half a
+        mean spacing of the points' hull, no wider than the aperture.
 
     Raises
     ------
     InvalidInput
         Naming the parameter and its allowed range.
     """
-    return Points.create(aperture=aperture, positions=positions, weights=weights, weighting=weighting).build()
+    return Points.create(
+        aperture=aperture, positions=positions, weights=weights, weighting=weighting, sensed_area=sensed_area
+    ).build()

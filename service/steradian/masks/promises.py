@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.errors import InvalidInput
+from steradian.imaging.cells import cell_areas
 from steradian.masks.mask import Mask
 from steradian.masks.sensor import attenuation_db
-from steradian.masks.voronoi import voronoi_areas
+from steradian.masks.weights import outline_of
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Promises:
     weight_ratio
         Largest over smallest weight.
     solid_angles
-        (M,) solid angle in steradians (angle in radians for a line) of each sensor's cell within the aperture, seen
+        (M,) solid angle in steradians (angle in radians for a line) of each sensor's cell within the sensed area, seen
         from the point of interest.
     evenness
         Standard deviation over mean of those that do not touch the aperture's rim.
@@ -83,7 +84,7 @@ def promises(mask: Mask, point_of_interest: tuple[float, float, float] | None = 
         raise InvalidInput("point_of_interest", point_of_interest, "z > 0 (m)")
     across = mask.film_positions - np.array(point_of_interest[:2])
     distance = np.hypot(np.linalg.norm(across, axis=1), point_of_interest[2])
-    areas = voronoi_areas(mask.positions, mask.aperture)
+    areas = cell_areas(mask.positions, outline_of(mask))
     angles = areas * point_of_interest[2] / distance ** (2 if mask.is_line else 3)
     largest = float(np.arccos(point_of_interest[2] / distance.max()))
     inner = _inner(mask)

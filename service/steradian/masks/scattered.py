@@ -7,6 +7,8 @@ from typing import Literal
 import numpy as np
 
 from steradian.errors import InvalidInput
+from steradian.imaging import outlines
+from steradian.imaging.outlines import Outline
 from steradian.masks.mask import Mask
 from steradian.masks.weights import Weighting, weights_for
 from steradian.ranges import LENGTH
@@ -22,7 +24,7 @@ class Random(Value):
     aperture: float = quantity("m", "Side X of the square aperture", **LENGTH.limits)
     count: int = quantity("points", "Number of points", ge=1, le=MOST_POINTS)
     seed: int = quantity("any", "The same seed gives the same points", ge=0, lt=2**63, default=0)
-    weighting: Weighting = "analytic"
+    weighting: Weighting = "voronoi"
 
     @property
     def expected_count(self) -> int:
@@ -35,7 +37,8 @@ class Random(Value):
         return Mask.create(
             aperture=self.aperture,
             positions=positions,
-            weights=weights_for(self.weighting, positions, self.aperture, np.ones(self.count)),
+            weights=weights_for(self.weighting, positions, _square(self.aperture), np.ones(self.count)),
+            outline=_square(self.aperture),
             arrangement=self.model_dump(mode="json"),
         )
 
@@ -47,7 +50,7 @@ class PoissonDisc(Value):
     aperture: float = quantity("m", "Side X of the square aperture", **LENGTH.limits)
     spacing: float = quantity("m", "Least distance between two points", **LENGTH.limits)
     seed: int = quantity("any", "The same seed gives the same points", ge=0, lt=2**63, default=0)
-    weighting: Weighting = "analytic"
+    weighting: Weighting = "voronoi"
 
     @property
     def expected_count(self) -> int:
@@ -71,13 +74,22 @@ class PoissonDisc(Value):
         return Mask.create(
             aperture=self.aperture,
             positions=positions,
-            weights=weights_for(self.weighting, positions, self.aperture, np.ones(len(positions))),
+            weights=weights_for(self.weighting, positions, _square(self.aperture), np.ones(len(positions))),
+            outline=_square(self.aperture),
             arrangement=self.model_dump(mode="json"),
         )
 
 
-def random_mask(aperture: float, count: int, *, seed: int = 0, weighting: Weighting = "analytic") -> Mask:
+def _square(aperture: float) -> Outline:
+    """Outline of the aperture, all of which is sensed."""
+    return outlines.rectangle((-aperture / 2, -aperture / 2), (aperture / 2, aperture / 2))
+
+
+def random_mask(aperture: float, count: int, *, seed: int = 0, weighting: Weighting = "voronoi") -> Mask:
     """Scatter ``count`` points over the aperture independently; the same seed gives the same points.
+
+    The mask senses the whole aperture; each point stands for its Voronoi cell, or for X²/M if ``weighting`` is
+    ``analytic`` or ``uniform``.
 
     Raises
     ------
@@ -87,8 +99,11 @@ def random_mask(aperture: float, count: int, *, seed: int = 0, weighting: Weight
     return Random.create(aperture=aperture, count=count, seed=seed, weighting=weighting).build()
 
 
-def poisson_disc_mask(aperture: float, spacing: float, *, seed: int = 0, weighting: Weighting = "analytic") -> Mask:
+def poisson_disc_mask(aperture: float, spacing: float, *, seed: int = 0, weighting: Weighting = "voronoi") -> Mask:
     """Scatter points over the aperture, none closer than ``spacing`` metres to another, until no more fit.
+
+    The mask senses the whole aperture; each point stands for its Voronoi cell, or for X²/M if ``weighting`` is
+    ``analytic`` or ``uniform``.
 
     Raises
     ------

@@ -9,8 +9,10 @@ import numpy as np
 from pydantic import Field
 
 from steradian.errors import InvalidInput
+from steradian.imaging import outlines
+from steradian.imaging.weights import sensed_outline
 from steradian.masks.mask import Mask
-from steradian.masks.weights import Weighting, weights_for
+from steradian.masks.weights import Weighting, outline_of, weights_for
 from steradian.validation import Value
 
 
@@ -42,9 +44,12 @@ class Subset(Value):
         if len(np.unique(picked)) != len(picked):
             raise InvalidInput("indices", "a number that occurs twice", "each number once")
         positions = self.mask.positions[picked]
+        # what the points that are left cover, as far as the mask did
+        outline = outlines.common(sensed_outline(positions, self.mask.aperture), outline_of(self.mask))
         return self.mask.replace(
             positions=positions,
-            weights=weights_for(self.weighting, positions, self.mask.aperture, self.mask.weights[picked]),
+            weights=weights_for(self.weighting, positions, outline, self.mask.weights[picked]),
+            outline=outline,
             arrangement={
                 "arrangement": "subset",
                 "of": self.mask.id,
@@ -65,7 +70,8 @@ def subset_mask(mask: Mask, indices: Sequence[int], *, weighting: Weighting = "v
         Their numbers, from 0; each once. The new mask has their order.
     weighting
         ``voronoi``: areas of the cells of the points that are left; ``analytic``: the mask's own weights, scaled;
-        ``uniform``.
+        ``uniform``. They sum to what the points left sense: all within half their mean spacing of their hull, as far
+        as the mask did.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Weights: which share of the aperture each point stands for."""
+"""Weights: the area of the plane that each point stands for."""
 
 from __future__ import annotations
 
@@ -7,22 +7,45 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from steradian.imaging import outlines
+from steradian.imaging.cells import cell_areas
+from steradian.imaging.outlines import Outline
+from steradian.imaging.weights import sensed_outline
 from steradian.masks.mask import Mask
-from steradian.masks.voronoi import voronoi_areas
 
 Weighting: TypeAlias = Literal["analytic", "voronoi", "uniform"]
-"""``analytic``: one over the density the arrangement was made with; ``voronoi``: each point's own cell, clipped to
-the aperture; ``uniform``: equal shares."""
+"""``voronoi``: the area of each point's own cell within the sensed outline; ``analytic``: one over the density the
+arrangement was made with; ``uniform``: equal shares. All sum to the sensed area."""
 
 
-def normalised(relative: NDArray[np.float64], total: float) -> NDArray[np.float64]:
-    """Scale ``relative`` (M,) to a sum of ``total``."""
-    scaled: NDArray[np.float64] = relative * (total / relative.sum())
-    return scaled
+def voronoi_areas(positions: NDArray[np.float64], aperture: float) -> NDArray[np.float64]:
+    """Areas of the Voronoi cells within the whole aperture.
+
+    Parameters
+    ----------
+    positions
+        (M, 2) metres within [−X/2, X/2]², or (M, 1) within [−X/2, X/2].
+    aperture
+        Side X in metres.
+
+    Returns
+    -------
+    ndarray
+        (M,) areas in m² (lengths in m); their sum is X² (X). Points at the same place share a cell equally.
+    """
+    half = np.full(positions.shape[1], aperture / 2)
+    return cell_areas(positions, outlines.rectangle(-half, half))
+
+
+def covering(outline: Outline, positions: NDArray[np.float64]) -> Outline:
+    """Widen an outline to points beside it, such as those moved onto a scanner's grid."""
+    if outline.shape[1] == 2 and outlines.holds(outline, positions).all():
+        return outline
+    return outlines.hull(np.concatenate([outline, positions]))
 
 
 def weights_for(
-    weighting: Weighting, positions: NDArray[np.float64], aperture: float, analytic: NDArray[np.float64]
+    weighting: Weighting, positions: NDArray[np.float64], outline: Outline, analytic: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Weights of points.
 
@@ -32,24 +55,30 @@ def weights_for(
         Which rule to follow.
     positions
         (M, 2) metres, or (M, 1) for a line.
-    aperture
-        Side X in metres.
+    outline
+        Of what the points sense.
     analytic
         (M,) relative weights from the arrangement's own density.
 
     Returns
     -------
     ndarray
-        (M,) areas in m² whose sum is X² (X for a line).
+        (M,) areas in m² (lengths in m) whose sum is the outline's area.
     """
     match weighting:
         case "analytic":
             relative = analytic
         case "voronoi":
-            relative = voronoi_areas(positions, aperture)
+            relative = cell_areas(positions, outline)
         case "uniform":
             relative = np.ones(len(positions))
-    return normalised(relative, aperture ** positions.shape[1])
+    scaled: NDArray[np.float64] = relative * (outlines.area(outline) / relative.sum())
+    return scaled
+
+
+def outline_of(mask: Mask) -> Outline:
+    """Outline of what a mask senses; found from its points for a mask that has none."""
+    return sensed_outline(mask.positions, mask.aperture) if mask.outline is None else mask.outline
 
 
 def reweighted(mask: Mask, weighting: Literal["voronoi", "uniform"]) -> Mask:
@@ -61,5 +90,7 @@ def reweighted(mask: Mask, weighting: Literal["voronoi", "uniform"]) -> Mask:
     >>> round(reweighted(equi_steradian_mask(13.56e-3, 3.6e-3, 100), "uniform").weight_ratio, 9)
     1.0
     """
-    weights = weights_for(weighting, mask.positions, mask.aperture, mask.weights)
-    return mask.replace(weights=weights, arrangement=mask.arrangement | {"weighting": weighting})
+    outline = outline_of(mask)
+    weights = weights_for(weighting, mask.positions, outline, mask.weights)
+    arrangement = mask.arrangement | {"weighting": weighting}
+    return mask.replace(weights=weights, outline=outline, arrangement=arrangement)

@@ -18,6 +18,8 @@ from steradian.masks import Mask
 
 PASSES = 4
 """The first pass measures an eighth of the points, the second another eighth, then a quarter, then a half."""
+REACH = 2.25
+"""Distances within which points crowd each other; at 2 the first pass leaves pairs 0.55 of a spacing apart."""
 FEWEST = 16
 """No pass but the only one has fewer points."""
 
@@ -91,14 +93,14 @@ def _even_space(positions: NDArray[np.float64], mask: Mask | None) -> NDArray[np
 def _eliminate(space: NDArray[np.float64], wanted: int) -> NDArray[np.bool_]:
     """Tell which ``wanted`` points are left after always the most crowded has been taken away.
 
-    A neighbour at distance d adds (1 − d/2r)⁸ to the crowding, r the distance in an ideal hexagonal arrangement of
-    the points that will be left.
+    A neighbour at distance d adds (1 − d/(REACH·r))⁸ to the crowding, r the distance in an ideal hexagonal arrangement
+    of the points that will be left.
     """
     from scipy.spatial import KDTree
 
     from steradian.plans.elimination import eliminate
 
-    reach = 2 * sqrt(len(space) / wanted / (2 * sqrt(3)))
+    reach = REACH * sqrt(len(space) / wanted / (2 * sqrt(3)))
     pairs = KDTree(space).query_pairs(reach, output_type="ndarray")
     distance = np.linalg.norm(space[pairs[:, 0]] - space[pairs[:, 1]], axis=1)
     crowding = np.maximum(1 - distance / reach, 0) ** 8

@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.errors import InvalidInput
-from steradian.imaging import Volume, reconstruct
+from steradian.imaging import Volume, outlines, reconstruct
+from steradian.imaging.cells import cell_areas
 from steradian.imaging.conditioning import Conditioning
+from steradian.imaging.weights import sensed_outline
 from steradian.progress import IsCancelled, Progress
 from steradian.ranges import SOUND_SPEED
 from steradian.reconstructions.kept_plans import KeptPlans
@@ -29,6 +31,11 @@ from steradian.scans.recording import Recording, open_recording
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
+NOT_AREAS = 0.05
+"""So far from the area that the sensors cover the sum of weights must be to be noted."""
+WITHOUT_WEIGHTS = ("interpolated", "iterative")
+"""Methods that weights play no part in."""
+
 
 @dataclass
 class Report:
@@ -40,6 +47,11 @@ class Report:
     sensors: int = 0
     planned: int = 0
     sound_speed_m_s: float = 0.0
+    sensed_area_m2: float | None = None
+    """What the sensors stand for together, the sum of their weights; for a line a length in m. ``None`` for methods
+    that weights play no part in."""
+    notes: list[str] = field(default_factory=list)
+    """What to know of the image before it is trusted."""
     parameters: dict[str, object] = field(default_factory=dict)
     provenance: dict[str, str] = field(default_factory=dict)
     shots: Unevenness = field(default_factory=Unevenness)
@@ -124,6 +136,8 @@ def write_reconstruction(
     report.shape, report.spacing_m = volume.values.shape, tuple(map(float, volume.spacing))
     report.sensors, report.planned = len(recording.positions), recording.planned
     report.sound_speed_m_s = _sound_speed(recording, chosen)
+    if chosen.method not in WITHOUT_WEIGHTS:
+        _note_area(report, recording, _weights(recording, chosen))
     report.provenance = recording.provenance
     output.mkdir(parents=True, exist_ok=True)
     with report.timed("project"):
@@ -243,14 +257,29 @@ def _depth_range(recording: Recording, parameters: ReconstructionParameters) -> 
     return first or 0.0, end if last is None else last
 
 
-def _weights(recording: Recording, parameters: ReconstructionParameters) -> np.ndarray | str | None:
-    match parameters.weights:
-        case "mask":
-            return recording.weights
-        case "uniform":
-            return None
-        case "voronoi":
-            return "voronoi"
+def _weights(recording: Recording, parameters: ReconstructionParameters) -> NDArray[np.float64]:
+    """Areas of the sensors' cells; all three choices sum to the same sensed area where the recording knows it."""
+    positions, outline, own = recording.positions, recording.outline, recording.weights
+    if parameters.weights == "mask" and own is not None:
+        return own
+    if outline is None:
+        outline = sensed_outline(positions, recording.aperture)
+    if parameters.weights == "uniform":
+        return np.full(len(positions), outlines.area(outline) / len(positions))
+    return cell_areas(positions, outline)
+
+
+def _note_area(report: Report, recording: Recording, weights: NDArray[np.float64]) -> None:
+    """State the sensed area, and warn of weights that are not areas: those of scans measured before they were."""
+    total = report.sensed_area_m2 = float(weights.sum())
+    if recording.outline is not None:
+        return
+    ratio = total / outlines.area(sensed_outline(recording.positions, recording.aperture))
+    if abs(ratio - 1) > NOT_AREAS:
+        report.notes.append(
+            f"the weights sum to {ratio:.2f} times the area that the sensors cover, and so do amplitudes; "
+            "weights voronoi gives each sensor the area of its cell"
+        )
 
 
 def write_json(path: Path, figures: DataclassInstance) -> None:

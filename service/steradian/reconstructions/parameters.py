@@ -33,7 +33,8 @@ class ReconstructionParameters(Value):
         default=None, description="First and last depth wanted, in metres; none: from 0, to the end of the record"
     )
     weights: Weights = Field(
-        default="mask", description="Areas h of the sensors: the mask's own, equal, or Voronoi cells"
+        default="mask",
+        description="Areas h of the sensors, whose sum is the sensed area: the mask's own, equal, or Voronoi cells",
     )
     sound_speed: float | None = quantity("m/s", "Speed of sound; none: the scan's", default=None, **SOUND_SPEED.limits)
     tolerance: float = quantity("relative", "Wanted l2 error of the transforms", ge=1e-9, le=1e-2, default=1e-4)

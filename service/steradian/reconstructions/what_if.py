@@ -191,6 +191,7 @@ def through(recording: Recording, mask: Mask, points: Points = "nearest") -> tup
         positions=recording.positions[used],
         shots=None if recording.shots is None else recording.shots.take(used),
         weights=weights,
+        outline=mask.outline,
         depth=mask.depth,
         planned=mask.count,
     )

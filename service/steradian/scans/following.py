@@ -187,6 +187,7 @@ def _planned(file: h5py.File, rows: slice) -> Recording:
         depth=float(mask.attrs["depth_m"]) if "depth_m" in mask.attrs else None,
         planned=count,
         provenance={},
+        outline=np.asarray(mask["outline"], np.float64) if "outline" in mask else None,
     )
 
 

@@ -133,10 +133,18 @@ def tuning_map_hash(plan: ScanPlan) -> str:
     return hashlib.sha256(np.ascontiguousarray(plan.wavelengths, dtype="<f8").tobytes()).hexdigest()
 
 
+GEOMETRY = (
+    *(f"mask/{name}" for name in ("positions", "weights")),
+    *(f"plan/{name}" for name in ("visit", "wavelengths", "frame_excitation")),
+    "mask/outline",
+)
+"""All that says what the A-lines mean, in the order of its checksum."""
+
+
 def geometry_checksum(file: h5py.File) -> int:
-    """CRC-32C of all that says what the A-lines mean: positions, weights, order, wavelengths."""
+    """CRC-32C of all that says what the A-lines mean: positions, weights, order, wavelengths, outline."""
     crc = 0
-    for name in ("mask/positions", "mask/weights", "plan/visit", "plan/wavelengths", "plan/frame_excitation"):
+    for name in GEOMETRY:
         if name in file:
             crc = google_crc32c.extend(crc, np.ascontiguousarray(file[name]).tobytes())
     return int(crc)
@@ -173,12 +181,15 @@ def _write_mask(file: h5py.File, plan: ScanPlan) -> None:
     mask = plan.mask
     group = file.create_group("mask")
     group.attrs.update({"id": mask.id, "aperture_m": mask.aperture, "arrangement": json.dumps(mask.arrangement)})
+    group.attrs["sensed_area_m2"] = mask.sensed_area
     if mask.depth is not None:
         group.attrs["depth_m"] = mask.depth
     if mask.offset != (0.0, 0.0):
         group.attrs["offset_m"] = mask.offset
     group.create_dataset("positions", data=mask.positions).attrs.update({"units": "m", "axes": "point, (x, y)"})
     group.create_dataset("weights", data=mask.weights).attrs["units"] = "m^2"
+    if mask.outline is not None:
+        group.create_dataset("outline", data=mask.outline).attrs.update({"units": "m", "axes": "corner, (x, y)"})
 
 
 def _write_plan(file: h5py.File, plan: ScanPlan, time_zero: float, visit: NDArray[np.int64] | None) -> None:

@@ -59,7 +59,7 @@ def list_frames(path: Path) -> tuple[Frame, ...]:
 def read_scan(path: Path, frame: int = 0) -> Recording:
     """Read the stored A-lines of one frame of a scan file; points not measured yet are left out.
 
-    The weights of a partial scan are those of its points, scaled to sum to the aperture's area again.
+    The weights of a partial scan are those of its points, scaled to sum to the sensed area again.
 
     Parameters
     ----------
@@ -122,6 +122,7 @@ def _read(path: Path, file: h5py.File, frame: int) -> Recording:
         grid=None,
         depth=float(mask.attrs["depth_m"]) if "depth_m" in mask.attrs else None,
         planned=points,
+        outline=np.asarray(mask["outline"], np.float64) if "outline" in mask else None,
         provenance={
             "scan_id": str(file.attrs["scan_id"]),
             "plan_id": str(plan.attrs["id"]),

@@ -59,7 +59,7 @@ class Recording:
     positions
         (M, 2) metres, centred on the aperture; (M, 1) on a line.
     weights
-        (M,) areas in m² that sum to aperture², on a line lengths in m that sum to it; ``None`` when the file has none.
+        (M,) areas in m² whose sum is the sensed area, on a line lengths in m; ``None``: those of the sensors' cells.
     sampling_interval, sound_speed, aperture, time_zero
         Seconds, metres per second (``None`` when the file states none), metres, seconds. Where the A-lines differ in
         their time zero, which ``shots`` tells, it is the earliest.
@@ -89,6 +89,9 @@ class Recording:
     planned: int
     provenance: dict[str, str]
     shots: Shots | None = None
+    outline: FloatArray | None = None
+    """Convex outline of the sensed area (:class:`steradian.masks.Mask`), ``None`` where the file does not say: scans
+    measured before it was kept have weights that sum to aperture², whatever their sensors cover."""
 
     def keep(self, wanted: NDArray[np.bool_]) -> Recording:
         """Return the A-lines that are ``wanted`` (M,); their weights make up for the others' in proportion."""

@@ -4,9 +4,11 @@
 
     /                           attributes: format, schema_version, scan_id, created, software, driver, scanner,
                                 scanner_model, simulated, tuning_map, geometry_crc32c
-    /mask                       attributes: id, aperture_m, depth_m, offset_m (absent if none), arrangement (JSON)
+    /mask                       attributes: id, aperture_m, sensed_area_m2 (m for a line), depth_m, offset_m (absent if
+                                none), arrangement (JSON)
         positions (M, 2) f8     x, y in metres, centred on the aperture
-        weights   (M,)   f8     areas in m², sum = aperture²
+        weights   (M,)   f8     areas in m², sum = sensed_area_m2 (in older files, which lack it, aperture²)
+        outline   (V, 2) f8     corners of the sensed area; absent where not known
     /plan                       attributes: id, pulse_rate_hz, averages, samples, sampling_interval_s,
                                             sound_speed_m_s, order, time_zero_s, frames, document (JSON)
         visit     (M,)   i8     indices of points in the order of interrogation

@@ -26,6 +26,7 @@ class MaskRepository(Repository[MaskRow]):
             depth=mask.depth,
             count=mask.count,
             weight_ratio=mask.weight_ratio,
+            sensed_area=mask.sensed_area,
             arrangement=mask.arrangement,
             document=mask.model_dump_json(),
         )

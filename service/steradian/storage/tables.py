@@ -76,6 +76,7 @@ class MaskRow(Table):
     depth: Mapped[float | None]
     count: Mapped[int]
     weight_ratio: Mapped[float]
+    sensed_area: Mapped[float | None]
     arrangement: Mapped[dict[str, Any]]
     document: Mapped[str] = mapped_column(Text, deferred=True)
 

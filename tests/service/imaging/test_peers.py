@@ -18,7 +18,8 @@ def test_a_depth_independent_row_of_the_spectrum_is_finuffts() -> None:
     traces = rng.standard_normal((400, 64))
     modes = 20
     # a record so short beside the aperture that κ(j, l) = l to 1e-9 for every j
-    volume = reconstruct(traces, positions, sampling_interval=1e-10, sound_speed=300.0, aperture=1.0, modes=modes)
+    same = {"weights": np.full(400, 1 / 400), "aperture": 1.0, "modes": modes}
+    volume = reconstruct(traces, positions, sampling_interval=1e-10, sound_speed=300.0, **same)
     lines = np.fft.rfft(traces, axis=1)
     l = 11  # noqa: E741
     angles = 2 * np.pi * positions

@@ -12,6 +12,8 @@ import pytest
 
 from steradian.errors import Cancelled, InvalidInput
 from steradian.imaging import Axes, ReconstructionPlan, Volume, reconstruct, voronoi_weights
+from steradian.imaging.outlines import holds
+from steradian.imaging.weights import sensed_outline
 
 RNG = np.random.default_rng(0)
 POSITIONS = (RNG.random((40, 2)) - 0.5) * 0.01
@@ -153,31 +155,33 @@ def test_duplicate_sensors_add_up_like_one_with_the_sum_of_their_weights() -> No
     weights = np.full(43, 1e-4 / 40)
     weights[:3] = weights[40:] = 0.5e-4 / 40
     twice = reconstruct(np.concatenate([TRACES, TRACES[:3]]), positions, weights=weights, **COMMON).values
-    once = reconstruct(TRACES, POSITIONS, **COMMON).values
+    once = reconstruct(TRACES, POSITIONS, weights=np.full(40, 1e-4 / 40), **COMMON).values
     np.testing.assert_allclose(twice, once, atol=1e-5 * np.abs(once).max())
 
 
-def test_voronoi_areas_fill_the_aperture_and_are_a_grids_cells() -> None:
+def test_voronoi_areas_are_the_cells_within_what_is_sensed() -> None:
     axis = (np.arange(8) - 3.5) / 8
     positions = np.stack(np.meshgrid(axis, axis * 0.5, indexing="ij"), axis=-1).reshape(-1, 2)
     np.testing.assert_allclose(voronoi_weights(positions, (1.0, 0.5)), 1 / 128, rtol=1e-6)
+    np.testing.assert_allclose(voronoi_weights(positions / 2, (1.0, 0.5)), 1 / 512, rtol=1e-6)
     scattered = RNG.random((200, 2)) - 0.5
     scattered[:2] = [[0.5, 0.5], [-0.5, 0.1]]
     weights = voronoi_weights(scattered, 1.0)
-    assert weights.sum() == pytest.approx(1.0)
+    assert weights.sum() == pytest.approx(1.0, abs=0.02)  # but for the corners without a sensor
     assert weights.min() > 0
     # a Monte Carlo of the same cells
-    points = RNG.random((20000, 2)) - 0.5
+    points = 1.2 * (RNG.random((40000, 2)) - 0.5)
+    points = points[holds(sensed_outline(scattered, 1.0), points)]
     owner = ((points[:, None] - scattered[None]) ** 2).sum(-1).argmin(1)
-    assert np.abs(np.bincount(owner, minlength=200) / 20000 - weights).max() < 0.002
-    np.testing.assert_allclose(voronoi_weights([-0.4, 0.0, 0.1], 1.0), [0.3, 0.25, 0.45])
+    assert np.abs(np.bincount(owner, minlength=200) * 1.44 / 40000 - weights).max() < 0.002
 
 
-def test_voronoi_needs_three_places_and_shares_those_of_duplicates() -> None:
-    with pytest.raises(InvalidInput, match="at least 3"):
-        voronoi_weights(np.zeros((5, 2)), 1.0)
-    weights = voronoi_weights([-0.4, 0.0, 0.1, 0.1], 1.0)
-    np.testing.assert_allclose(weights, [0.3, 0.25, 0.225, 0.225])
+def test_cells_of_a_line_end_half_a_mean_spacing_beyond_it_and_sensors_at_one_place_share_theirs() -> None:
+    np.testing.assert_allclose(voronoi_weights([-0.4, 0.0, 0.1], 10.0), [0.325, 0.25, 0.175])
+    np.testing.assert_allclose(voronoi_weights([-0.4, 0.0, 0.1, 0.1], 1.0), [0.325, 0.25, 0.0875, 0.0875])
+    np.testing.assert_allclose(voronoi_weights(np.zeros((5, 2)), (1.0, 0.5)), 0.1)
+    with pytest.raises(InvalidInput, match="positions"):
+        voronoi_weights(np.zeros((0, 2)), 1.0)
 
 
 def test_each_mip_removes_its_own_axis() -> None:

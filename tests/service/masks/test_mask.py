@@ -7,14 +7,16 @@ from steradian import InvalidInput, Mask, custom_mask, grid_mask
 
 
 def test_grid_positions_and_weights():
-    """An odd grid is symmetric, an even one sits on the modes' places −n/2 … n/2−1; weights share the area."""
+    """An odd grid is symmetric, an even one sits on the modes' places −n/2 … n/2−1; each stands for its cell."""
     odd = grid_mask(13.56e-3, 41, 300e-6)
     np.testing.assert_allclose(odd.positions.min(axis=0), [-6e-3, -6e-3])
     np.testing.assert_allclose(odd.positions.max(axis=0), [6e-3, 6e-3])
     even = grid_mask(13.56e-3, 226, 60e-6)
     np.testing.assert_allclose(even.positions.min(axis=0), -6.78e-3)
     np.testing.assert_allclose(even.positions.max(axis=0), 6.72e-3)
-    assert odd.weights.sum() == pytest.approx(13.56e-3**2, rel=1e-12)
+    np.testing.assert_allclose(odd.weights, 300e-6**2, rtol=1e-12)
+    assert odd.sensed_area == pytest.approx((41 * 300e-6) ** 2, rel=1e-12)
+    assert even.sensed_area == pytest.approx(13.56e-3**2, rel=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -46,14 +46,14 @@ def test_a_complete_scan_comes_back_bit_exact_in_mask_order(path, plan, alines):
 
 
 def test_a_partial_scan_has_its_points_and_rescaled_weights(path, plan, alines):
-    """What is missing is left out; the weights of the rest sum to the aperture again."""
+    """What is missing is left out; the weights of the rest sum to the sensed area again."""
     with AlineStore(path) as store:
         store.append(alines[:20])
     recording = open_recording(path)
     assert len(recording.traces) == 20
     assert recording.planned == plan.mask.count
     np.testing.assert_array_equal(recording.positions, plan.mask.positions[np.sort(plan.visit[:20])])
-    assert recording.weights.sum() == pytest.approx(plan.mask.area)
+    assert recording.weights.sum() == pytest.approx(plan.mask.sensed_area)
 
 
 def test_the_file_is_readable_by_plain_hdf5_while_it_is_written(path, alines):

@@ -48,7 +48,7 @@ def measure(run: Run) -> Part:
 def _curve(speed: float, seed: int, quick: bool) -> SoundSpeedCurve:
     side, depth, count, radius = (7.2e-3, 2.0e-3, 400, 1.6e-3) if quick else (13.56e-3, 3.6e-3, 1605, 3.0e-3)
     interval, samples = (16e-9, 400) if quick else (8e-9, 1024)
-    mask = equi_steradian_mask(side, depth, count)
+    mask = equi_steradian_mask(side, depth, count, weighting="analytic")
     balls = phantoms.yarn(seed, centre=(0.0, 0.0, depth), radius=radius)
     clean = phantoms.pressure(balls, mask.positions, samples=samples, sampling_interval=interval, sound_speed=speed)
     traces = phantoms.add_noise(clean, 30.0, convention="peak", seed=seed)

@@ -67,7 +67,7 @@ SMALL = Scene(5.04e-3, 1.4e-3, 222, 1.1e-3, 84, 420, 10e-9, (0.3e-3, 2.7e-3), 14
 def measure(run: Run) -> Part:
     """Reconstruct yarns of several seeds, and k-Wave's, both ways."""
     scene = SMALL if run.quick else Scene()
-    mask = equi_steradian_mask(scene.aperture, scene.depth, scene.points)
+    mask = equi_steradian_mask(scene.aperture, scene.depth, scene.points, weighting="analytic")
     total = len(scene.seeds) + 2
     rows = []
     for done, seed in enumerate(scene.seeds):

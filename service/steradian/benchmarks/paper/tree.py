@@ -91,7 +91,7 @@ class Line:
     def equiangular(self) -> tuple[NDArray[np.int64], Mask]:
         """Columns of 32 equiangular sensors and their mask."""
         grid = ScannerGrid(count=self.columns, interval=SPACING)
-        mask = equiangular_mask(self.aperture, self.depth, COUNT, grid=grid)
+        mask = equiangular_mask(self.aperture, self.depth, COUNT, grid=grid, weighting="analytic")
         return np.rint(mask.positions[:, 0] / SPACING).astype(np.int64) + self.columns // 2, mask
 
 

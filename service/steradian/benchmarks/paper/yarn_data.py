@@ -82,7 +82,7 @@ class Points:
     def equi_steradian(self) -> tuple[NDArray[np.int64], Mask]:
         """Points of the equi-steradian mask, which sits on the scan's grid."""
         grid = ScannerGrid(count=self.side, interval=self.pitch)
-        mask = equi_steradian_mask(self.aperture, DEPTH, POINTS // self.scale**2, grid=grid)
+        mask = equi_steradian_mask(self.aperture, DEPTH, POINTS // self.scale**2, grid=grid, weighting="analytic")
         columns = np.rint(mask.positions / self.pitch).astype(np.int64) + self.side // 2
         return columns[:, 0] * self.side + columns[:, 1], mask
 

@@ -61,7 +61,9 @@ class Description(Value):
         union_mode="left_to_right",
     )
     grid: GridDescription | None = Field(default=None, description="Instead of positions")
-    weights: FloatArray | None = Field(default=None, description="(M,) areas of the sensors, of any scale")
+    weights: FloatArray | None = Field(
+        default=None, description="(M,) areas of the sensors, of any scale; scaled to what these sense"
+    )
     aperture: float | None = quantity("lengths", "Side of the square aperture around the origin", gt=0, default=None)
     depth: float | None = quantity("lengths", "Distance of the point of interest", gt=0, default=None)
     lengths: Literal["m", "mm", "um"] = "m"

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.errors import InvalidInput
-from steradian.masks import Mask, Weighting, custom_mask
+from steradian.imaging.weights import find_lattice
+from steradian.masks import Mask, custom_mask
 
 FLAT = 1e-4
 """An axis along which the sensors spread less than this share of their largest extent is no axis of theirs."""
@@ -31,10 +32,10 @@ class Sensors:
         Side X in metres.
     grid
         Sensors per axis where they fill a square grid, else ``None``.
-    lattice
-        Whether they fill any rectangular grid: then each stands for the same area.
     weights
-        (M,) areas of any scale, or ``None``.
+        (M,) areas of any scale, or ``None``: those of the sensors' cells.
+    sensed_area
+        What ``weights`` sum to in m² (m for a line); ``None``: found from the positions.
     origin
         What the source's file says of the frame: the names of its lateral axes and the coordinates of our origin.
     """
@@ -42,20 +43,19 @@ class Sensors:
     positions: NDArray[np.float64]
     aperture: float
     grid: int | None
-    lattice: bool
     weights: NDArray[np.float64] | None
+    sensed_area: float | None
     origin: dict[str, Any]
 
     def mask(self, source: str) -> Mask:
-        """Make the mask; sensors without weights on no grid get the areas of their Voronoi cells.
+        """Make the mask; sensors without weights get the areas of their cells (:func:`custom_mask`).
 
         Raises
         ------
         InvalidInput
             When a sensor lies outside the aperture, or two at the same place.
         """
-        weighting: Weighting = "analytic" if self.lattice or self.weights is not None else "voronoi"
-        mask = custom_mask(self.positions, self.aperture, self.weights, weighting=weighting)
+        mask = custom_mask(self.positions, self.aperture, self.weights, sensed_area=self.sensed_area)
         return mask.replace(arrangement=mask.arrangement | {"source": source} | self.origin)
 
 
@@ -65,6 +65,7 @@ def place_sensors(
     aperture: float | None = None,
     bounds: NDArray[np.float64] | None = None,
     weights: NDArray[np.float64] | None = None,
+    sensed_area: float | None = None,
 ) -> Sensors:
     """Find the plane of sensors and centre them.
 
@@ -83,7 +84,9 @@ def place_sensors(
     bounds
         (A, 2) lowest and highest coordinate of the aperture along each axis of ``given``, in metres.
     weights
-        (M,) areas, if known.
+        (M,) areas of any scale, if known.
+    sensed_area
+        What they sum to in m² (m for a line), if known.
 
     Raises
     ------
@@ -97,13 +100,14 @@ def place_sensors(
         raise InvalidInput("positions", "not all finite", "finite numbers (m)")
     lateral = _lateral_axes(points)
     chosen, box = points[:, lateral], None if bounds is None else bounds[lateral]
-    lattice = _lattice(chosen)
+    lattice = find_lattice(chosen)
     if aperture is not None:
         centre, side = np.zeros(len(lateral)), aperture
     elif box is not None and _is_square_around(box, chosen):
         centre, side = box.mean(axis=1), float(np.ptp(box, axis=1)[0])
     elif lattice is not None:
-        centre, side = lattice.centre, float((lattice.counts * lattice.pitch).max())
+        centre = lattice.first + lattice.counts // 2 * lattice.pitch
+        side = float((lattice.counts * lattice.pitch).max())
     else:
         low, high = chosen.min(axis=0), chosen.max(axis=0)
         extent = float((high - low).max())
@@ -118,8 +122,8 @@ def place_sensors(
         positions=np.ascontiguousarray(placed),
         aperture=side,
         grid=int(lattice.counts[0]) if full and lattice is not None else None,
-        lattice=lattice is not None,
         weights=weights,
+        sensed_area=sensed_area,
         origin={"axes": [NAMES[axis] for axis in lateral], "centre_m": centre.tolist()},
     )
 
@@ -136,36 +140,6 @@ def _lateral_axes(points: NDArray[np.float64]) -> list[int]:
         return list(range(points.shape[1]))
     depth = next((axis for axis in range(3) if axis not in wide), 2) if wide else 2
     return [(depth + 1) % 3, (depth + 2) % 3]
-
-
-@dataclass(frozen=True)
-class _Lattice:
-    counts: NDArray[np.int64]
-    pitch: NDArray[np.float64]
-    centre: NDArray[np.float64]
-
-
-def _lattice(points: NDArray[np.float64]) -> _Lattice | None:
-    """Tell whether points fill a rectangular grid of at least two on each axis."""
-    first, places = points.min(axis=0), []
-    pitch = np.empty(points.shape[1])
-    for axis, line in enumerate(points.T):
-        ranked = np.sort(line)
-        gaps = np.diff(ranked)
-        steps = gaps[gaps > FLAT / 10 * np.ptp(line)]
-        if not len(steps):
-            return None
-        pitch[axis] = np.ptp(line) / len(steps)
-        place = (line - first[axis]) / pitch[axis]
-        places.append(np.rint(place).astype(np.int64))
-        if np.abs(place - places[-1]).max() > 0.01:
-            return None
-    counts = np.array([place.max() + 1 for place in places])
-    if counts.prod() != len(points):
-        return None
-    if len(np.unique(np.ravel_multi_index(tuple(places), tuple(counts)))) != len(points):
-        return None
-    return _Lattice(counts, pitch, first + counts // 2 * pitch)
 
 
 def _is_square_around(box: NDArray[np.float64], points: NDArray[np.float64]) -> bool:

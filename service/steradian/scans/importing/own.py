@@ -29,7 +29,7 @@ FORMAT = "steradian"
 GROUPS = {"mask", "plan", "alines", "run"}
 DATASETS = {
     "fired",
-    *(f"mask/{name}" for name in ("positions", "weights")),
+    *(f"mask/{name}" for name in ("positions", "weights", "outline")),
     *(f"plan/{name}" for name in ("visit", "wavelengths", "frame_excitation")),
     *(f"alines/{name}" for name in ("samples", *schema.COLUMNS)),
     *(f"run/{name}" for name in ("queue", "upload", "reference")),

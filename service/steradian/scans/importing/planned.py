@@ -57,6 +57,7 @@ def read_mask(file: h5py.File) -> Mask:
         aperture=_needed(file, "mask", "aperture_m"),
         positions=untrusted.array(file, "mask/positions"),
         weights=untrusted.array(file, "mask/weights"),
+        outline=untrusted.array(file, "mask/outline") if "mask/outline" in file else None,
         depth=untrusted.figure(file, "mask", "depth_m"),
         arrangement=arrangement,
         offset=offset or (0.0, 0.0),

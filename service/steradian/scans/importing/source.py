@@ -24,6 +24,7 @@ class Stated:
     bounds: NDArray[np.float64] | None = None
     """(A, 2) limits of the aperture."""
     weights: NDArray[np.float64] | None = None
+    """(M,) areas in m², in m on a line."""
     aperture: float | None = None
     sampling_interval: float | None = None
     sound_speed: float | None = None
@@ -72,13 +73,14 @@ class Source:
 
     def recording(self) -> Recording:
         """Read the first frame into memory."""
-        sensors = self.sensors
+        sensors, mask = self.sensors, self.sensors.mask(self.format)
         blocks = [np.array(rows) for start, rows in self.table.blocks() if start < self.table.points]
         return Recording(
             traces=np.concatenate(blocks),
             scale=self.scale,
             positions=sensors.positions,
-            weights=None if sensors.lattice and sensors.weights is None else sensors.mask(self.format).weights,
+            weights=mask.weights,
+            outline=mask.outline,
             sampling_interval=self.sampling_interval,
             sound_speed=self.sound_speed,
             aperture=sensors.aperture,
@@ -115,7 +117,8 @@ def make_source(
         raise InvalidInput("sampling_interval", "missing", f"> 0 (s); neither {name} nor a description states it")
     weights = said.weights if said.weights is not None else stated.weights
     aperture = said.metres(said.aperture) or stated.aperture
-    sensors = place_sensors(points, aperture=aperture, bounds=stated.bounds, weights=weights)
+    area = None if said.weights is not None or weights is None else float(weights.sum())
+    sensors = place_sensors(points, aperture=aperture, bounds=stated.bounds, weights=weights, sensed_area=area)
     delay = said.seconds(said.time_zero)
     return Source(
         format=kind,
