@@ -23,14 +23,13 @@ from steradian.imaging import checks, memory
 from steradian.imaging.band import refined, signal_band, thinned, thinning
 from steradian.imaging.checks import Sensors
 from steradian.imaging.iterative_options import Iterative
-from steradian.imaging.operators import ForwardOperator, quiet_padding
+from steradian.imaging.operators import ForwardOperator
 from steradian.imaging.regularisers import proximal
 from steradian.imaging.response import FilmResponse
 from steradian.imaging.volume import Axes, RealArray, Volume
 from steradian.progress import IsCancelled, Progress
 from steradian.ranges import SAMPLING_INTERVAL, SOUND_SPEED, real
 
-_MOST_PADDING = 16.0
 _POWER_STEPS = 6
 _SAFETY = 1.1  # of the largest singular value found by so many power steps
 
@@ -98,7 +97,7 @@ def reconstruct_iteratively(
     depth_range
         First and last depth in metres. Sound from elsewhere is not in the model, so take in all there is.
     lateral_padding
-        None: as much as keeps the periodic copies of the volume out of the record.
+        None: as much as keeps the periodic copies of the volume out of the record; refused where that is above 16.
     response
         The film's response, part of the model.
     memory_limit
@@ -134,13 +133,6 @@ def reconstruct_iteratively(
     first, last, coarse = _slices(depth_range, data.shape[1], factor, step)
     measured = thinned(data, factor, kind)
     measured *= measured.dtype.type(real("scale", scale, "a finite factor"))
-    duration = data.shape[1] * sampling_interval + max(0.0, time_zero)
-    padding = lateral_padding
-    if padding is None:
-        padding = quiet_padding(
-            positions, aperture=aperture, duration=duration, sound_speed=sound_speed, depth=coarse[0] * factor * step
-        )
-        padding = min(padding, _MOST_PADDING)
     model = ForwardOperator(
         positions,
         samples=measured.shape[1],
@@ -150,7 +142,7 @@ def reconstruct_iteratively(
         modes=modes,
         depth_range=(coarse[0] * factor * step, coarse[1] * factor * step),
         time_zero=time_zero,
-        lateral_padding=padding,
+        lateral_padding=lateral_padding,
         response=response,
         tolerance=tolerance,
         wrap=wrap,

@@ -48,6 +48,7 @@ else:
 
 _PAD = 24  # propagation.PAD, which needs Numba to import
 _BATCH = 32  # samples of a cell
+MOST_PADDING = 16.0
 _BLOCKS = 32  # most blocks of columns a piece of work has
 
 
@@ -80,8 +81,12 @@ class ForwardOperator(_Base):
 
     Parameters
     ----------
-    positions, samples, sampling_interval, sound_speed, aperture, modes, depth_range, time_zero, lateral_padding
+    positions, samples, sampling_interval, sound_speed, aperture, modes, depth_range, time_zero
         As in :func:`steradian.imaging.reconstruct`; volumes have the shape of its image.
+    lateral_padding
+        Factor by which the aperture is extended sideways. None: as much as keeps the periodic copies of the volume out
+        of the record (:func:`quiet_padding`), about (aperture + c·duration)/aperture; transforms and memory grow by it
+        along each axis. With less, copies are heard: 1 is exact for a medium that repeats.
     response
         The film's response inside the model; None: an ideal sensor.
     highest_frequency
@@ -113,7 +118,7 @@ class ForwardOperator(_Base):
         modes: int | Sequence[int],
         depth_range: tuple[float, float] | None = None,
         time_zero: float = 0.0,
-        lateral_padding: float = 1.0,
+        lateral_padding: float | None = None,
         response: FilmResponse | None = None,
         highest_frequency: float | None = None,
         tolerance: float = 1e-4,
@@ -124,6 +129,8 @@ class ForwardOperator(_Base):
         threads: int | None = None,
     ) -> None:
         positions, _, aperture = checks.of_mask(positions, None, aperture)
+        positions = checks.places(positions)
+        aperture = checks.apertures(aperture, positions.shape[1])
         samples = checks.whole("samples", samples, 4, checks.MOST_SAMPLES)
         sampling_interval = SAMPLING_INTERVAL.check("sampling_interval", sampling_interval)
         sound_speed = SOUND_SPEED.check("sound_speed", sound_speed)
@@ -143,13 +150,21 @@ class ForwardOperator(_Base):
         step = sampling_interval * sound_speed
         whole = (0.0, (samples - 1) * step)
         depth_range = whole if depth_range is None else checks.depths(depth_range, whole[1])
+        if lateral_padding is None:
+            common["lateral_padding"] = quiet_padding(
+                positions,
+                aperture=aperture,
+                duration=samples * sampling_interval + max(0.0, time_zero),
+                sound_speed=sound_speed,
+                depth=depth_range[0],
+            )
         deepest = int(np.floor(depth_range[1] / step + 1e-6)) + 1
         heard = samples + max(0, int(np.ceil(time_zero / sampling_interval)))
         # the mirror image's next copy lies at L − z; its sound comes no earlier than sample L − z
         record = fast_size(deepest + heard)
         plan = _ModelPlan(
             positions,
-            weights=np.ones(len(np.asarray(positions))),  # a plan's weights are no part of the model
+            weights=_any_weights(len(positions), aperture),
             samples=samples,
             depth_range=depth_range,
             time_zero=time_zero,
@@ -160,7 +175,7 @@ class ForwardOperator(_Base):
         self._plan, g = plan, plan.geometry
         self._stride = plan._source_stride
         columns = _points(g)
-        self._voxels = _ModelPlan(columns, weights=np.ones(len(columns)), samples=g.shape[-1], **common)
+        self._voxels = _ModelPlan(columns, weights=_any_weights(len(columns), aperture), samples=g.shape[-1], **common)
         self._voxels._source_stride = self._stride
         self._factors, self._band = self._columns(highest_frequency)
         self._response = response
@@ -339,6 +354,11 @@ class ForwardOperator(_Base):
         return self._plan.transforms()[0], self._plan.transforms()[1]
 
 
+def _any_weights(count: int, aperture: tuple[float, ...]) -> NDArray[np.float64]:
+    """Weights of a plan that needs some: they are no part of the model."""
+    return np.full(count, float(np.prod(aperture)) / count)
+
+
 def _tables(t: Any) -> tuple[Any, ...]:
     return t.radices, t.twiddles, t.twiddle_starts, t.generic, t.generic_starts
 
@@ -369,10 +389,19 @@ def quiet_padding(
         In m/s.
     depth
         Where the volume begins, in m.
+
+    Raises
+    ------
+    InvalidInput
+        If more is needed than a transform takes.
     """
     x = np.asarray(positions, np.float64)
     x = x[:, None] if x.ndim == 1 else x
     sides = np.broadcast_to(np.asarray(aperture, np.float64), (x.shape[1],))
     heard = np.sqrt(max(0.0, (sound_speed * duration) ** 2 - depth**2))
     needed = (np.abs(x).max(axis=0) + sides / 2 + heard) / sides
-    return float(max(1.0, needed.max()))
+    padding = float(max(1.0, needed.max()))
+    if padding > MOST_PADDING:
+        allowed = f"at most {MOST_PADDING:g}: a shorter record, a wider aperture or modes, or a padding of your own"
+        raise InvalidInput("lateral_padding", f"{padding:.3g}, needed against periodic copies", allowed)
+    return padding

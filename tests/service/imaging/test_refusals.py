@@ -45,7 +45,7 @@ OFF_UNIT: dict[str, Any] = {
         (
             "weights",
             {"weights": 1e6 * MASK.weights},
-            r"a sum of 183.* 1e-07 to 4 times the aperture's 0\.000183874 m²",
+            r"a sum of 144.* 1e-07 to 4 times the aperture's 0\.000183874 m²",
         ),
         ("weights", {"weights": MASK.weights / MASK.weights.sum()}, "a sum of 1;"),
         ("weights", {"weights": ["a"] * MASK.count}, "one weight a sensor"),
