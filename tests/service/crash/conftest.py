@@ -122,12 +122,12 @@ def embedded(tmp_path_factory):
 
 @pytest.fixture(name="start_scan")
 def _start_scan():
-    """Asks for a scan of 69 points; returns its identifier."""
+    """Asks for a scan of 53 points; returns its identifier."""
     return start_scan
 
 
 def start_scan(url, pulse_rate=1):
-    with httpx.Client(base_url=f"{url}/api/v1", timeout=30) as http:
+    with httpx.Client(base_url=f"{url}/api/v1", timeout=90) as http:
         equi = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 60}
         mask = http.post("/masks", json=equi).json()
         plan = http.post("/plans", json={"mask_id": mask["id"], "samples": 256, "pulse_rate": pulse_rate}).json()

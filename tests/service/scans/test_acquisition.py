@@ -94,8 +94,8 @@ def test_a_queued_scan_runs_to_its_end_and_every_shot_is_accounted_for(bench):
     bench.work.step()
     row = bench.scans.get(identifier)
     assert bench.states(identifier) == ["queued", "arming", "running", "completing", "complete"]
-    assert row.summary == {"points": 69, "stored": 69, "fired": 69}
-    assert (row.stage, row.done, row.total) == ("A-lines", 69, 69)
+    assert row.summary == {"points": 53, "stored": 53, "fired": 53}
+    assert (row.stage, row.done, row.total) == ("A-lines", 53, 53)
     assert count_alines(bench.data.scan_file(identifier)) == row.summary
 
 
@@ -181,8 +181,8 @@ def test_a_paused_scan_fires_nothing_and_goes_on_when_wished(bench):
     row = bench.scans.get(identifier)
     ended = ["running", "completing", "complete"]
     assert bench.states(identifier)[2:] == ["running", "pausing", "paused", "arming", *ended]
-    assert row.summary == {"points": 69, "stored": 69, "fired": 69}
-    assert fired[0] == fired[1] < 69
+    assert row.summary == {"points": 53, "stored": 53, "fired": 53}
+    assert fired[0] == fired[1] < 53
     told = {entry["state"]: (entry["who"], entry["why"]) for entry in row.history[:6]}
     assert told["pausing"] == ("ann", "coffee")
     assert told["arming"] == ("ann", "back")
@@ -231,7 +231,7 @@ def test_an_interrupted_scan_goes_on_when_wished_and_only_then(bench):
     row = bench.scans.get(identifier)
     assert bench.states(identifier)[-5:] == ["interrupted", "arming", "running", "completing", "complete"]
     assert row.history[-4]["who"] == "ann"
-    assert 0 < stored < row.summary["stored"] == 69
+    assert 0 < stored < row.summary["stored"] == 53
 
 
 def test_a_wish_that_nobody_was_there_to_hear_fires_nothing_later(bench):
@@ -303,10 +303,10 @@ def test_while_the_disk_is_full_the_laser_rests_and_the_scan_says_so(bench, monk
     bench.meanwhile(act)
     assert stages[0].state is S.RUNNING
     assert "disk" in stages[0].stage
-    assert stored[0] == stored[1] < 69
+    assert stored[0] == stored[1] < 53
     row = bench.scans.get(identifier)
     assert (row.state, row.stage) == (S.COMPLETE, "A-lines")
-    assert row.summary == {"points": 69, "stored": 69, "fired": 69}
+    assert row.summary == {"points": 53, "stored": 53, "fired": 53}
 
 
 def test_a_laser_that_rested_for_a_full_disk_for_too_long_comes_back_only_when_wished(tmp_path, monkeypatch):
@@ -333,7 +333,7 @@ def test_a_laser_that_rested_for_a_full_disk_for_too_long_comes_back_only_when_w
     bench.meanwhile(act)
     row = bench.scans.get(identifier)
     assert (row.state, row.desired_state, row.error_code) == (S.INTERRUPTED, W.PAUSED, "scan-interrupted")
-    assert row.summary["fired"] == row.summary["stored"] < 69
+    assert row.summary["fired"] == row.summary["stored"] < 53
     bench.work._recovery = Recovery(within=60.0)
     bench.scans.desire(identifier, W.RUNNING, None)
     bench.work.step()
