@@ -10,8 +10,6 @@ import logging
 import os
 import signal
 import threading
-import time
-from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -81,8 +79,6 @@ class Acquisition:
         Where the scanner is.
     stopping
         Set when the service ends: the scan under way is made safe and left ``interrupted``.
-    clock
-        Seconds, to pace the reports.
     recovery
         How soon after an interruption the laser may come back by itself.
     """
@@ -94,11 +90,10 @@ class Acquisition:
         data: DataDirectory,
         port: ScannerPort,
         stopping: threading.Event,
-        clock: Callable[[], float] = time.monotonic,
         recovery: Recovery = DEFAULT,
     ) -> None:
         self._scans, self._plans, self._data, self._port = scans, plans, data, port
-        self._stopping, self._clock, self._recovery = stopping, clock, recovery
+        self._stopping, self._recovery = stopping, recovery
         self._emergency = EmergencyWatch(EmergencyLatch(data.emergency))
         self._scanner = ScannerRepository(scans.database, scans.clock)
 
@@ -168,10 +163,13 @@ class Acquisition:
     def _run(self, row: ScanRow) -> None:
         """Work on a scan that is ``arming``, until it is over or interrupted."""
         self._scanner.report("connected", "scanning")
-        watch = ScanWatch(self._scans, row.id, self._stopping, self._clock, self._emergency)
+        watch = ScanWatch(self._scans, row.id, self._stopping, self._emergency)
         try:
-            summary = self._measure(row, watch)
-            watch.over()
+            try:
+                summary = self._measure(row, watch)
+                watch.over()
+            finally:
+                watch.close()
             self._finish(row.id, summary.end)
             self._scanner.report("connected", "idle")
         except (ResumeRefused, ScanInterrupted) as error:

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections import deque
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 
 from sqlalchemy.exc import DBAPIError
 
 import fabry_perot
+from steradian.errors import SteradianError
 from steradian.scans.control import Control, Phase, Wish
 from steradian.scans.emergency import EmergencyWatch
 from steradian.storage.scans import ScanRepository
 from steradian.storage.states import DesiredScanState, ScanState, route
 
 POLL = 0.2
-"""Seconds between looks for work, at what is wished of a scan, and between progress reports."""
+"""Seconds between looks for work, and between looks at what is wished of a scan and reports of its progress."""
 _log = logging.getLogger(__name__)
 _S = ScanState
 _STATES = {
@@ -38,9 +40,10 @@ _WISHES = {
 
 
 class ScanWatch(Control):
-    """Writes progress and states of one scan, and reads wishes, the latter at most every :data:`POLL` seconds.
+    """Writes progress and states of one scan, and reads wishes, every :data:`POLL` seconds.
 
-    A database that does not answer never holds up the A-lines: what it missed it learns when it is back.
+    All talk with the database is in a thread of its own: one that is locked or gone holds up nobody who stores A-lines.
+    Until it is back the wish is the last that was known; what happened meanwhile is noted then, in order.
 
     Parameters
     ----------
@@ -48,102 +51,117 @@ class ScanWatch(Control):
         The scan.
     stopping
         Set when the service ends: then the session aborts.
-    clock
-        Seconds.
     emergency
         Stops the scanner by itself; the session then learns that the scan is to be aborted.
     """
 
     def __init__(
-        self,
-        scans: ScanRepository,
-        identifier: str,
-        stopping: threading.Event,
-        clock: Callable[[], float],
-        emergency: EmergencyWatch,
+        self, scans: ScanRepository, identifier: str, stopping: threading.Event, emergency: EmergencyWatch
     ) -> None:
         super().__init__()
-        self._scans, self._id, self._stopping, self._clock = scans, identifier, stopping, clock
-        self._emergency = emergency
-        self._written = self._asked = float("-inf")
+        self._scans, self._id, self._stopping, self._emergency = scans, identifier, stopping, emergency
+        self._wish, self._why, self._who = Wish.RUN, "", "acquisition"
+        self._notes: deque[Callable[[], None]] = deque()
         self._last: tuple[str, int, int] | None = None
-        self._wish = Wish.RUN
-        self._reason, self._who = "", "acquisition"
-        self._phase: Phase | None = None
+        self._reported: tuple[str, int, int] | None = None
+        self._failure: SteradianError | None = None
+        self._answers = True
+        self._news, self._closing = threading.Event(), threading.Event()
+        self._settle()
+        self._clerk = threading.Thread(target=self._work, name="scan-watch", daemon=True)
+        self._clerk.start()
 
     def guarding(self, scanner: fabry_perot.Scanner) -> AbstractContextManager[None]:
         """Have the emergency stop reach a connected scanner until the block ends."""
         return self._emergency.guarding(scanner)
 
     def wish(self) -> Wish:
-        """Return what is wanted now."""
-        if self._stopping.is_set():
+        """Return what is wanted now, as far as the database has told; raises what it says against the scan."""
+        if self._stopping.is_set() or self._emergency.standing is not None:
             return Wish.ABORT
-        if (press := self._emergency.standing) is not None:
-            self._reason, self._who = press.why, press.who
-            return Wish.ABORT
-        if self._clock() - self._asked >= POLL:
-            self._asked = self._clock()
-            try:
-                row = self._scans.get(self._id)
-                self._wish = _WISHES[row.desired_state]
-                self._reason, self._who = row.reason or "requested", row.wished_by or "acquisition"
-                if self._phase is not None:
-                    self._lead(row.state)
-            except DBAPIError as error:
-                _log.warning("what is wished of scan %s cannot be read: %s", self._id, error.orig)
+        if self._failure is not None:
+            raise self._failure
         return self._wish
 
     def enter(self, phase: Phase) -> None:
         """Lead the scan to the state of a phase."""
-        self._phase = phase
         if self._stopping.is_set():
             return  # it is to be interrupted
-        try:
-            self._lead(self._scans.get(self._id).state)
-        except DBAPIError as error:
-            _log.warning("scan %s is now %s, which cannot be noted: %s", self._id, phase, error.orig)
-
-    def _lead(self, present: ScanState) -> None:
-        """Bring the scan's state in line with the session's phase."""
-        state, why = _STATES.get(self._phase or Phase.COMPLETING, (present, ""))
-        if state is present:
-            return
-        who = "acquisition" if why else self._who
-        for following in route(present, state):
-            self._scans.transition(self._id, following, why=why or self._reason, who=who)
+        press = self._emergency.standing
+        why, who = (self._why, self._who) if press is None else (press.why, press.who)
+        self._note(lambda: self._lead(phase, why, who))
 
     def progress(self, done: int, total: int) -> None:
         """Note how far the scan is."""
         self._last = ("A-lines", done, total)
-        if self._clock() - self._written < POLL:
-            return
-        self._written = self._clock()
-        try:
-            self._scans.report(self._id, *self._last)
-        except DBAPIError as error:  # the A-lines go on into the file
-            _log.warning("progress of scan %s is lost: %s", self._id, error.orig)
 
     def blocked(self, why: str | None) -> None:
         """Note that the scan stands because nothing can be stored, or goes on."""
         _log.warning("scan %s: %s", self._id, why or "A-lines can be stored again")
-        stage, reason = (f"blocked: {why}", why) if why else ("A-lines", "A-lines can be stored again")
-        try:
-            if self._scans.get(self._id).stage != stage:
-                self._scans.tell(self._id, stage, reason)
-        except DBAPIError as error:
-            _log.warning("that scan %s is blocked cannot be noted: %s", self._id, error.orig)
+        self._note(lambda: self._tell(why))
 
     def wait(self, seconds: float) -> None:
         """Let time pass, unless the service ends."""
         self._stopping.wait(seconds)
 
     def over(self) -> None:
-        """Write the last progress; waits for a database that does not answer."""
-        while self._last is not None:
-            try:
-                return self._scans.report(self._id, *self._last)
-            except DBAPIError:
-                if self._stopping.wait(1.0):
-                    return None
-        return None
+        """Write what is left to write; waits for a database that does not answer, unless the service ends."""
+        self.close()
+        while self._is_behind and self._failure is None:
+            self._settle()
+            if self._is_behind and self._stopping.wait(1.0):
+                return
+
+    def close(self) -> None:
+        """End the thread; what it could not write is left."""
+        self._closing.set()
+        self._news.set()
+        self._clerk.join()
+
+    def _note(self, deed: Callable[[], None]) -> None:
+        self._notes.append(deed)
+        self._news.set()
+
+    def _work(self) -> None:
+        while not self._closing.is_set():
+            self._news.wait(POLL)
+            self._news.clear()
+            self._settle()
+
+    @property
+    def _is_behind(self) -> bool:
+        return bool(self._notes) or self._last != self._reported
+
+    def _settle(self) -> None:
+        """Read what is wished and write what there is to write, as far as the database answers."""
+        try:
+            row = self._scans.get(self._id)
+            self._why, self._who = row.reason or "requested", row.wished_by or "acquisition"
+            self._wish = _WISHES[row.desired_state]
+            while self._notes:
+                self._notes[0]()
+                self._notes.popleft()
+            if (last := self._last) is not None and last != self._reported:
+                self._scans.report(self._id, *last)
+                self._reported = last
+            self._answers = True
+        except DBAPIError as error:
+            if self._answers:
+                _log.warning("scan %s goes on without the database: %s", self._id, error.orig)
+            self._answers = False
+        except SteradianError as error:
+            self._failure = error
+
+    def _lead(self, phase: Phase, reason: str, person: str) -> None:
+        """Bring the scan's state in line with a phase of the session."""
+        present = self._scans.get(self._id).state
+        state, why = _STATES.get(phase, (present, ""))
+        if state is present:
+            return
+        for following in route(present, state):
+            self._scans.transition(self._id, following, why=why or reason, who="acquisition" if why else person)
+
+    def _tell(self, why: str | None) -> None:
+        stage, reason = (f"blocked: {why}", why) if why else ("A-lines", "A-lines can be stored again")
+        if self._scans.get(self._id).stage != stage:
+            self._scans.tell(self._id, stage, reason)

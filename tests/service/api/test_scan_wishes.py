@@ -68,6 +68,6 @@ def test_that_the_disk_is_full_is_shown_and_told(server, http, scan):
 def test_shots_and_coverage_say_which_frame(http, scan_with_alines):
     scan = scan_with_alines["scan"]
     shots = http.get(f"/scans/{scan['id']}/shots").json()
-    assert shots["points"] == list(range(69))
-    assert shots["frames"] == [0] * 69
+    assert shots["points"] == list(range(53))
+    assert shots["frames"] == [0] * 53
     assert http.get(f"/scans/{scan['id']}/coverage").json()["frames"] == 1

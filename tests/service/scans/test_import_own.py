@@ -56,13 +56,13 @@ def _external(name, kind, shape):
     ("name", "kind", "shape"),
     [
         ("fired", "i8", ()),
-        ("run/queue", "i8", (69,)),
+        ("run/queue", "i8", (53,)),
         ("run/upload", "i8", (5,)),
         ("run/reference", "f8", (4,)),
-        ("plan/wavelengths", "f8", (69,)),
+        ("plan/wavelengths", "f8", (53,)),
         ("plan/frame_excitation", "f8", (1,)),
-        ("plan/visit", "i8", (69,)),
-        ("alines/shot", "u4", (69,)),
+        ("plan/visit", "i8", (53,)),
+        ("alines/shot", "u4", (53,)),
     ],
 )
 def test_no_dataset_may_lie_in_a_file_of_the_server(tmp_path, own, monkeypatch, name, kind, shape):
@@ -120,8 +120,8 @@ REFUSED = {
     "a dataset for a group": (dataset_for_a_group, "run is nothing"),
     "a newer version": (attribute("/", "schema_version", 99), "schema version 99"),
     "no version": (attribute("/", "schema_version", np.zeros((2, 2))), "shape"),
-    "an order that visits a point twice": (value("plan/visit", 0, 5), "each of 69 points once"),
-    "an order beyond the points": (value("plan/visit", 0, 69), "each of 69 points once"),
+    "an order that visits a point twice": (value("plan/visit", 0, 5), "each of 53 points once"),
+    "an order beyond the points": (value("plan/visit", 0, 53), "each of 53 points once"),
     "a position that is none": (value("mask/positions", (3, 0), np.nan), "positions"),
     "a position outside": (value("mask/positions", (3, 0), 1.0), "within the aperture"),
     "a weight below zero": (value("mask/weights", 3, -1e-6), "weights"),

@@ -1,0 +1,131 @@
+"""What a session and the database tell each other never holds up the A-lines."""
+
+import sqlite3
+import threading
+import time
+from contextlib import contextmanager
+
+import h5py
+import numpy as np
+import pytest
+
+from fabry_perot.simulator import launch
+from steradian.masks import equi_steradian_mask
+from steradian.plans import ScanPlan
+from steradian.scans.control import End, Phase, Wish
+from steradian.scans.emergency import EmergencyWatch
+from steradian.scans.run import run_scan
+from steradian.scans.watch import ScanWatch
+from steradian.storage.database import Database
+from steradian.storage.emergency import EmergencyLatch
+from steradian.storage.masks import MaskRepository
+from steradian.storage.paths import DataDirectory
+from steradian.storage.plans import PlanRepository
+from steradian.storage.scans import ScanRepository
+from steradian.storage.states import DesiredScanState, ScanState
+
+RATE = 50.0
+
+
+class Desk:
+    """A database with a scan that is being armed, and its watch."""
+
+    def __init__(self, folder):
+        self.data = DataDirectory(folder)
+        self.data.create()
+        self.database = Database(self.data.metadata_url)
+        self.database.migrate()
+        self.scans = ScanRepository(self.database)
+        mask = equi_steradian_mask(aperture=13.56e-3, depth=3.6e-3, count=60)
+        self.plan = ScanPlan.create(mask=mask, samples=256, pulse_rate=RATE)
+        MaskRepository(self.database).put(mask)
+        row = PlanRepository(self.database).put(self.plan)[0]
+        self.id = self.scans.queue(row, simulated=True).id
+        self.scans.transition(self.id, ScanState.ARMING, why="test")
+        self.stopping = threading.Event()
+
+    def watch(self, kind=ScanWatch):
+        return kind(self.scans, self.id, self.stopping, EmergencyWatch(EmergencyLatch(self.data.emergency)))
+
+    @contextmanager
+    def locked(self):
+        """Nobody else writes to the database until the block ends."""
+        connection = sqlite3.connect(self.database.engine.url.database, isolation_level=None)
+        connection.execute("BEGIN IMMEDIATE")
+        try:
+            yield
+        finally:
+            connection.rollback()
+            connection.close()
+
+    @property
+    def row(self):
+        return self.scans.get(self.id)
+
+    def until(self, condition):
+        deadline = time.monotonic() + 60
+        while not condition():
+            assert time.monotonic() < deadline, self.row.history
+            threading.Event().wait(0.01)
+
+
+@pytest.fixture
+def desk(tmp_path):
+    desk = Desk(tmp_path)
+    yield desk
+    desk.database.close()
+
+
+def test_a_locked_database_takes_nothing_from_the_rate_of_a_lines(desk, tmp_path):
+    """By the scanner's clock: the laser fires on, a shot every 20 ms, while the database is locked; later it learns."""
+    lock = desk.locked()
+
+    class Locks(ScanWatch):
+        locked = False
+
+        def progress(self, done, total):
+            if done >= 10 and not self.locked:
+                self.locked = True
+                lock.__enter__()
+            super().progress(done, total)
+
+    watch, path = desk.watch(Locks), tmp_path / "scan.h5"
+    try:
+        with launch(speed=1.0) as simulator:
+            summary = run_scan(desk.plan, simulator.url, path, control=watch)
+        assert (summary.end, summary.stored) == (End.COMPLETE, desk.plan.mask.count)
+        assert desk.row.done < summary.stored, "the database was locked all the time"
+    finally:
+        lock.__exit__(None, None, None)
+    with h5py.File(path) as file:
+        fired = np.sort(file["alines/fire_time_s"][:])
+    assert np.diff(fired) == pytest.approx(1 / RATE, rel=0.01), "not a pulse was left out"
+    watch.over()
+    assert (desk.row.done, desk.row.state) == (summary.stored, ScanState.RUNNING)
+
+
+def test_what_happened_while_the_database_was_locked_is_noted_in_order_when_it_is_back(desk):
+    watch = desk.watch()
+    with desk.locked():
+        for phase in (Phase.RUNNING, Phase.RECOVERING, Phase.RUNNING, Phase.PAUSING, Phase.PAUSED):
+            watch.enter(phase)
+        watch.blocked("the disk is full")
+        watch.progress(7, 60)
+        assert watch.wish() is Wish.RUN
+        assert desk.row.state is ScanState.ARMING
+    watch.over()
+    states = [entry["state"] for entry in desk.row.history]
+    assert states == ["queued", "arming", "running", "recovering", "running", "pausing", "paused"]
+    assert (desk.row.stage, desk.row.done) == ("A-lines", 7)
+
+
+def test_a_wish_is_heard_and_the_last_one_known_holds(desk):
+    desk.scans.desire(desk.id, DesiredScanState.PAUSED, "let me see")
+    watch = desk.watch()
+    assert watch.wish() is Wish.PAUSE, "at once, before anything is fired"
+    desk.scans.desire(desk.id, DesiredScanState.RUNNING, "go on")
+    desk.until(lambda: watch.wish() is Wish.RUN)
+    desk.scans.desire(desk.id, DesiredScanState.STOPPED, "enough")
+    desk.until(lambda: watch.wish() is Wish.STOP)
+    watch.close()
+    assert watch.wish() is Wish.STOP
