@@ -43,6 +43,9 @@ class AsyncScanner:
         self._coming: asyncio.Future[ALineBatch | None] | None = None
         """The next batch; one whose consumer was cancelled meanwhile is for the next consumer."""
 
+    def __repr__(self) -> str:
+        return repr(self._scanner).replace("Scanner", type(self).__name__, 1)
+
     async def _run(self, function: Callable[P, T], *given: P.args, **named: P.kwargs) -> T:
         loop = asyncio.get_running_loop()
         return await loop.run_in_executor(self._calls, functools.partial(function, *given, **named))

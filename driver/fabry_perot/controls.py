@@ -37,6 +37,13 @@ class Controls:
         self._session, self._host = session, session.host
         self._keeper = Keeper(session.host, recovery)
 
+    def __repr__(self) -> str:
+        known = self._host.capabilities
+        if known is None:
+            return f"<{type(self).__name__}: not connected>"
+        kind = " (simulated)" if known.simulated else ""
+        return f"<{type(self).__name__}: {known.model} {known.serial}{kind}, {self.state}>"
+
     @property
     def capabilities(self) -> Capabilities:
         """Limits and identity."""

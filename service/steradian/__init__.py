@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from steradian import quality
     from steradian.errors import InvalidInput, SteradianError
-    from steradian.imaging import ReconstructionPlan, Volume, reconstruct
+    from steradian.files import open as open
+    from steradian.imaging import Iterative, ReconstructionPlan, Volume, reconstruct
     from steradian.masks import (
         Mask,
         custom_mask,
@@ -22,13 +23,16 @@ if TYPE_CHECKING:
         hexagonal_mask,
     )
     from steradian.plans import ScanPlan
+    from steradian.reconstructions.scan import Scan
 
 __version__ = "0.1.0"
 
 _HOMES = {
     "InvalidInput": "steradian.errors",
+    "Iterative": "steradian.imaging",
     "Mask": "steradian.masks",
     "ReconstructionPlan": "steradian.imaging",
+    "Scan": "steradian.reconstructions.scan",
     "ScanPlan": "steradian.plans",
     "SteradianError": "steradian.errors",
     "Volume": "steradian.imaging",
@@ -37,13 +41,16 @@ _HOMES = {
     "equiangular_mask": "steradian.masks",
     "grid_mask": "steradian.masks",
     "hexagonal_mask": "steradian.masks",
+    "open": "steradian.files",
     "reconstruct": "steradian.imaging",
 }
 
 __all__ = [
     "InvalidInput",
+    "Iterative",
     "Mask",
     "ReconstructionPlan",
+    "Scan",
     "ScanPlan",
     "SteradianError",
     "Volume",
@@ -54,7 +61,7 @@ __all__ = [
     "hexagonal_mask",
     "quality",
     "reconstruct",
-]
+]  # and open, which would take the place of Python's own in "from steradian import *"
 
 
 def __getattr__(name: str) -> object:
@@ -63,3 +70,7 @@ def __getattr__(name: str) -> object:
     if name in _HOMES:
         return getattr(importlib.import_module(_HOMES[name]), name)
     raise AttributeError(f"module 'steradian' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, "open"])

@@ -93,6 +93,11 @@ def image(service, scan):
     return service.done("/reconstructions", scan_id=scan["id"], parameters=PARAMETERS)
 
 
+def test_a_result_tells_the_parameters_that_took_effect(image):
+    assert image["parameters"]["sound_speed"] == image["report"]["sound_speed_m_s"] == 1500.0
+    assert image["parameters"]["modes"] == PARAMETERS["modes"]
+
+
 def test_a_scan_is_followed_while_it_runs_and_ends_as_its_full_reconstruction(service, scan, image):
     service.done("/reconstructions", scan_id=scan["id"], follow=True, parameters=PARAMETERS)  # its kernels are there
     slow = service.start_scan(service.plan(pulse_rate=1, averages=2))

@@ -111,6 +111,13 @@ class ScanReport:
     bad_frames: int
     age: float = 0.0
 
+    def __repr__(self) -> str:
+        names = ("held", "wasted", "resumes", "restarts", "reconnects", "repaired", "bad_frames")
+        seen = {name: getattr(self, name) for name in names} | {"refired": len(self.refired)}
+        rest = "".join(f", {count:,} {name.replace('_', ' ')}" for name, count in seen.items() if count)
+        old = f", heard {self.age:.3g} s ago" if self.age else ""
+        return f"<ScanReport: {self.stored:,} of {self.points:,} stored, {self.fired:,} shots fired{rest}{old}>"
+
     @property
     def balanced(self) -> bool:
         """Whether fired = stored + held + re-fired (+ wasted), counted in shots."""

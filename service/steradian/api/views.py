@@ -166,7 +166,7 @@ class ReconstructionView(BaseModel):
     mask_id: str | None = Field(description="The other mask of a what-if")
     frame: int | None = Field(description="Which frame of the scan, if it has several")
     simulated: bool = Field(description="Whether the scan came from a simulated scanner")
-    parameters: dict[str, Any]
+    parameters: dict[str, Any] = Field(description="As asked for; when it has succeeded, as they took effect")
     priority: int = Field(description="Smaller ones run first, equal ones in the order they were asked for")
     state: ReconstructionState
     desired_state: DesiredJobState
@@ -198,7 +198,7 @@ class ReconstructionView(BaseModel):
             mask_id=job.payload.get("mask_id"),
             frame=job.payload.get("frame"),
             simulated=row.simulated,
-            parameters=row.parameters,
+            parameters=(job.result or {}).get("parameters") or row.parameters,
             priority=job.priority,
             state=job.state,
             desired_state=job.desired_state,

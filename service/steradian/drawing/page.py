@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 RESOLUTION = 120
+PICTURES = (".png", ".pdf", ".svg")
+"""Endings of the names of pictures."""
 LEAST = 1100
 """Narrower pages are this wide and shrunk, letters and all."""
 

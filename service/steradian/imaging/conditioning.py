@@ -6,7 +6,7 @@ The steps run in the order of the fields. Nothing is done by default.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -236,4 +236,4 @@ class Display:
             top = float(size.max()) or 1.0
             floor = 10 ** (-self.log_range_db / 20)
             values = (20 * np.log10(np.maximum(size / top, floor))).astype(values.dtype)
-        return Volume(values, volume.axes, volume.spacing)
+        return replace(volume, values=values)

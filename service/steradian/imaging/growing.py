@@ -157,7 +157,7 @@ class GrowingReconstruction:
         stages._images(plan, depths, image, how)
         values = image[:size].reshape(plan.geometry.shape)
         values *= values.dtype.type(1.0 / part_of_sum)
-        return Volume(values, plan.geometry.axes(), plan.geometry.spacing)
+        return Volume(values, plan.geometry.axes(), plan.geometry.spacing, plan.geometry.sound_speed)
 
     def _wanted(self) -> NDArray[np.float64]:
         """Factors of h, (M,), for the sensors so far."""

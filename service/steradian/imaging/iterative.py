@@ -296,4 +296,5 @@ def _volume(values: RealArray, model: ForwardOperator, upsampling: int, depths: 
         for X, n in zip(g.aperture, g.modes, strict=True)
     ]
     spacing = (*(X / n / upsampling for X, n in zip(g.aperture, g.modes, strict=True)), step)
-    return Volume(values, Axes(lateral[0], lateral[1] if len(lateral) == 2 else None, depths), spacing)
+    axes = Axes(lateral[0], lateral[1] if len(lateral) == 2 else None, depths)
+    return Volume(values, axes, spacing, g.sound_speed)

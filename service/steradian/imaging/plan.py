@@ -251,7 +251,7 @@ class ReconstructionPlan:
         if data.dtype not in (np.float32, np.float64, np.int16, np.int32):
             data = data.astype(np.int32 if data.dtype.kind in "iu" and data.dtype.itemsize < 4 else np.float64)
         values = execute(self, data, scale, progress, cancelled)
-        return Volume(values.reshape(g.shape), g.axes(), g.spacing)
+        return Volume(values.reshape(g.shape), g.axes(), g.spacing, g.sound_speed)
 
     def transforms(self) -> tuple[Transform, Transform, Transform, Transform, Transform, Transform]:
         """Tables: forward x, y; time; depth; inverse x, y."""

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steradian.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes as Plot
 
 RealArray: TypeAlias = NDArray[np.floating[Any]]
 """A float32 or float64 array."""
@@ -43,11 +48,14 @@ class Volume:
         Coordinates of the voxel centres in metres.
     spacing
         Voxel size in metres, one number an axis of ``values`` in the same order.
+    sound_speed
+        Speed of sound in m/s that it was reconstructed with; None where it was not reconstructed.
     """
 
     values: RealArray
     axes: Axes
     spacing: tuple[float, ...]
+    sound_speed: float | None = None
 
     @property
     def dimensions(self) -> int:
@@ -98,3 +106,56 @@ class Volume:
         self.coordinates(axis)
         projected: RealArray = self.values.max(axis=self.names.index(axis))
         return projected
+
+    def __repr__(self) -> str:
+        voxels, size = (" × ".join(each) for each in (map(str, self.values.shape), self._steps()))
+        ends = [f"{name} {1e3 * line[0]:.4g} to {1e3 * line[-1]:.4g}" for name, line in self._lines()]
+        amount = f"{self.values.dtype}, {self.values.nbytes / 1e6:.3g} MB"
+        return f"<Volume: {voxels} voxels of {size} µm, {', '.join(ends)} mm, {amount}>"
+
+    def _steps(self) -> list[str]:
+        return [f"{1e6 * step:.4g}" for step in self.spacing]
+
+    def _lines(self) -> list[tuple[str, NDArray[np.float64]]]:
+        return [(name, self.coordinates(name)) for name in self.names]
+
+    def _repr_html_(self) -> str:
+        return str(_shown().html(self))
+
+    def plot(self, axis: Literal["x", "y", "z"] = "z", axes: Plot | None = None) -> Plot:
+        """Show the maximum-intensity projection along one axis; of an image from a line of sensors, the image.
+
+        Parameters
+        ----------
+        axis
+            The axis that disappears.
+        axes
+            A matplotlib plot to draw into; None: a new one.
+
+        Raises
+        ------
+        InvalidInput
+            If the image has no such axis.
+        """
+        plot: Plot = _shown().plot(self, axis, axes)
+        return plot
+
+    def save(self, path: str | Path) -> None:
+        """Write the volume into a file, whole or not at all, as the ending of its name says.
+
+        ``.h5`` (docs/volume-file.md), which :func:`steradian.open` reads; ``.nii``, ``.nii.gz``, ``.nrrd``,
+        ``.vtkhdf``, ``.tif`` and ``.zarr`` for other programs; ``.png``: the z-projection.
+
+        Raises
+        ------
+        InvalidInput
+            When the ending is another one, or the format cannot hold the volume.
+        Conflict
+            When there is a folder of that name.
+        """
+        _shown().save(self, Path(path))
+
+
+def _shown() -> Any:
+    """Return what draws and stores volumes: files and pictures lie above the numerics, so it is asked for by name."""
+    return importlib.import_module("steradian.reconstructions.shown")

@@ -42,7 +42,11 @@ def write_mask(mask: Mask, path: Path) -> None:
             np.save(buffer, np.column_stack([mask.positions, mask.weights]))
             data = buffer.getvalue()
         case ending:
-            raise InvalidInput("file", f"{path.name} ({ending or 'no ending'})", ".json, .csv or .npy")
+            raise InvalidInput(
+                "file",
+                f"{path.name} ({ending or 'no ending'})",
+                ".json, .csv or .npy; or .png, .pdf or .svg for a picture",
+            )
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(path.name + ".new")
     draft.write_bytes(data)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, Self
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,9 @@ from steradian.imaging import outlines
 from steradian.imaging.checks import MOST_AREA
 from steradian.ranges import LENGTH
 from steradian.validation import FloatArray, Value, content_hash, quantity
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 AREA_TOLERANCE = 1e-9
 """Relative deviation of Σ weights from the outline's area that is still rounding."""
@@ -149,3 +153,57 @@ class Mask(Value):
         if several:
             return np.array([[*point["offset"], point["depth"]] for point in several], dtype=np.float64)
         return np.empty((0, 3)) if self.depth is None else np.array([[*self.offset, self.depth]])
+
+    def __repr__(self) -> str:
+        from steradian.masks.picture import title_of
+
+        name, _, rest = title_of(self).partition(" mask, ")
+        return f"<Mask: {name.lower()}, {rest}>"
+
+    __str__ = __repr__
+
+    def __eq__(self, other: object) -> bool:
+        return self.id == other.id if isinstance(other, Mask) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self.id)
+
+    def _repr_html_(self) -> str:
+        from steradian.drawing.inline import plotted
+
+        return plotted(repr(self), self.plot)
+
+    def plot(self, axes: Axes | None = None) -> Axes:
+        """Show the sensors, coloured by what each stands for; :meth:`save` draws a whole page.
+
+        Parameters
+        ----------
+        axes
+            A matplotlib plot to draw into; None: a new one.
+        """
+        from steradian.drawing.inline import own_axes
+        from steradian.masks.picture import draw_points
+
+        axes = own_axes(axes)
+        draw_points(axes, self)
+        return axes
+
+    def save(self, path: str | Path) -> None:
+        """Write the mask into a file, or a page of pictures of it, as the ending of its name says.
+
+        ``.json`` keeps everything, ``.csv`` and ``.npy`` positions and weights; ``.png``, ``.pdf`` and ``.svg`` are
+        pictures.
+
+        Raises
+        ------
+        InvalidInput
+            When the ending is another one.
+        """
+        from steradian.drawing.page import PICTURES
+        from steradian.masks.files import write_mask
+        from steradian.masks.picture import draw_mask
+
+        if Path(path).suffix.lower() in PICTURES:
+            draw_mask(self, Path(path))
+        else:
+            write_mask(self, Path(path))

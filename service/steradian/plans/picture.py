@@ -43,7 +43,7 @@ def plan_page(plan: ScanPlan, cost: Preview | None = None, *, width: int = WIDTH
     cost = cost or preview(plan)
     figure = page(width, SHAPE)
     grid = figure.add_gridspec(2, 2, width_ratios=(1.1, 1))
-    _draw_way(figure.add_subplot(grid[:, 0]), plan, cost)
+    draw_way(figure.add_subplot(grid[:, 0]), plan, cost)
     _draw_seconds(figure.add_subplot(grid[0, 1]), cost)
     _draw_moves(figure.add_subplot(grid[1, 1]), plan)
     order = str(plan.order).replace("_", " ")
@@ -51,9 +51,11 @@ def plan_page(plan: ScanPlan, cost: Preview | None = None, *, width: int = WIDTH
     return figure
 
 
-def _draw_way(axes: Axes, plan: ScanPlan, cost: Preview) -> None:
+def draw_way(axes: Axes, plan: ScanPlan, cost: Preview | None = None) -> None:
+    """Show the way of the beam, coloured by the time at which it passes."""
     from matplotlib.collections import LineCollection
 
+    cost = cost or preview(plan)
     points = MM * plan.mask.film_positions[plan.visit]
     when = np.linspace(0, cost.total_seconds, len(points))
     pieces = np.stack([points[:-1], points[1:]], axis=1)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Literal, Self
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,9 @@ from steradian.plans.progressive import progressive
 from steradian.plans.scanner import Link, Motion, ScannerLimits, Tuning
 from steradian.ranges import SAMPLING_INTERVAL, SOUND_SPEED
 from steradian.validation import FloatArray, Value, content_hash, quantity
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 EXCITATION = (200e-9, 3e-6)
 """Excitation wavelengths of light that anybody excites with, in m."""
@@ -135,3 +139,58 @@ class ScanPlan(Value):
         if not 1 <= points <= self.mask.count:
             raise InvalidInput("points", points, f"1 to {self.mask.count}")
         return subset_mask(self.mask, self.visit[:points].tolist(), weighting=weighting)
+
+    def __repr__(self) -> str:
+        frames = f" in {self.frame_count} frames" if self.frame_count > 1 else ""
+        record = f"{self.samples} samples every {1e9 * self.sampling_interval:g} ns"
+        order = str(self.order).replace("_", " ")
+        return f"<ScanPlan: {self.mask.count:,} points{frames} at {self.pulse_rate:g} Hz, {record}, order {order}>"
+
+    __str__ = __repr__
+
+    def __eq__(self, other: object) -> bool:
+        return self.id == other.id if isinstance(other, ScanPlan) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self.id)
+
+    def _repr_html_(self) -> str:
+        from steradian.drawing.inline import plotted
+
+        return plotted(repr(self), self.plot)
+
+    def plot(self, axes: Axes | None = None) -> Axes:
+        """Show the way of the beam; :meth:`save` draws a whole page.
+
+        Parameters
+        ----------
+        axes
+            A matplotlib plot to draw into; None: a new one.
+        """
+        from steradian.drawing.inline import own_axes
+        from steradian.plans.picture import draw_way
+
+        axes = own_axes(axes)
+        draw_way(axes, self)
+        return axes
+
+    def save(self, path: str | Path) -> None:
+        """Write the plan with its mask into a ``.json`` file, or a page of pictures (``.png``, ``.pdf``, ``.svg``).
+
+        Raises
+        ------
+        InvalidInput
+            When the ending is another one.
+        """
+        from steradian.drawing.page import PICTURES
+        from steradian.plans.files import write_value
+        from steradian.plans.picture import draw_plan
+
+        ending = Path(path).suffix.lower()
+        if ending in PICTURES:
+            draw_plan(self, Path(path))
+        elif ending == ".json":
+            write_value(self, Path(path))
+        else:
+            allowed = ".json; or .png, .pdf or .svg for a picture"
+            raise InvalidInput("file", f"{Path(path).name} ({ending or 'no ending'})", allowed)

@@ -64,6 +64,11 @@ class Report:
     seconds: dict[str, float] = field(default_factory=dict)
     """Wall time of each stage."""
 
+    def __repr__(self) -> str:
+        voxels = " × ".join(map(str, self.shape))
+        sensors = f"{self.sensors:,} of {self.planned:,} sensors at {self.sound_speed_m_s:g} m/s"
+        return f"<Report: {voxels} voxels from {sensors}, {sum(self.seconds.values()):.3g} s>"
+
     @contextmanager
     def timed(self, stage: str) -> Iterator[None]:
         """Note the wall time of a stage."""
@@ -126,7 +131,7 @@ def write_reconstruction(
     cancelled: IsCancelled | None = None,
 ) -> Report:
     """Do the same as :func:`reconstruct_scan` with a recording that has been read; the report is completed."""
-    report.parameters = chosen.model_dump(mode="json")
+    report.parameters = used(recording, chosen)
     with report.timed("even out"):
         if recording.shots is not None:
             recording, report.shots = even_out(recording, chosen.shots)
@@ -200,6 +205,12 @@ def reconstruct_recording(
     volume = plan.run(traces, progress=progress, cancelled=cancelled)
     assert isinstance(volume, Volume)  # noqa: S101 - one set of traces
     return volume
+
+
+def used(recording: Recording, parameters: ReconstructionParameters) -> dict[str, Any]:
+    """Return the parameters as they take effect: also those of which the recording decides."""
+    decided = {"sound_speed": _sound_speed(recording, parameters), "modes": _modes(recording, parameters)}
+    return parameters.model_dump(mode="json") | decided
 
 
 def conditioned(recording: Recording, parameters: ReconstructionParameters) -> NDArray[np.float32]:

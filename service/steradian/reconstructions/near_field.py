@@ -6,6 +6,7 @@ distance is: right below sparse sensors it stands as bright dots at their positi
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -64,7 +65,7 @@ def from_depth(volume: Volume, depth: float) -> Volume:
     if not first:
         return volume
     axes = type(volume.axes)(volume.axes.x, volume.axes.y, volume.axes.z[first:])
-    return Volume(volume.values[..., first:], axes, volume.spacing)
+    return replace(volume, values=volume.values[..., first:], axes=axes)
 
 
 def _voxels(volume: Volume, places: NDArray[np.float64]) -> list[NDArray[Any]]:

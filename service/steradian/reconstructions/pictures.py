@@ -61,7 +61,7 @@ def draw_projection(
 ) -> Drawn:
     """Draw a projection that is there already, in the order of ``volume``'s axes; see :func:`draw_mip`."""
     across, up = PLANES[axis]
-    lowest, highest, ending = _range(projected, display)
+    lowest, highest, ending = scale_of(projected, display)
     label = "initial pressure (dB of its maximum)" if lowest else "initial pressure (arb. u.)"
     bar = Bar(colours(display.colour_map)[::-1], Scale(highest, lowest, label), bool(ending))
     image = projected.T[::-1] if up == "y" else projected.T  # y points up, depth down from the sensor plane
@@ -93,7 +93,7 @@ def draw_depth_coded(volume: Volume, path: Path, display: Display = LINEAR) -> D
     # plane by plane, so that each is looked at twice while it is in the cache
     places = np.stack([plane.argmax(axis=1) for plane in shown.values])
     projected = np.take_along_axis(shown.values, places[..., None], axis=2)[..., 0]
-    lowest, highest, ending = _range(projected, display)
+    lowest, highest, ending = scale_of(projected, display)
     brightness = np.clip((projected - lowest) / (highest - lowest), 0, 1)
     depths = 1e3 * shown.axes.z[places]
     first, last = _depth_span(depths[brightness >= BRIGHT], 1e3 * shown.spacing[2])
@@ -105,7 +105,7 @@ def draw_depth_coded(volume: Volume, path: Path, display: Display = LINEAR) -> D
     return _sheet(shown, ("x", "y"), pixels, title, ending, bar, display).save(path)
 
 
-def _range(projected: NDArray[Any], display: Display) -> tuple[float, float, str]:
+def scale_of(projected: NDArray[Any], display: Display) -> tuple[float, float, str]:
     """Lowest and highest value of the scale, and in words where it ends if not at the maximum."""
     lowest = -display.log_range_db if display.log_range_db else 0.0
     top = float(projected.max())
@@ -133,7 +133,7 @@ def _sheet(
 ) -> Sheet:
     """Lay a projection on a sheet, its longest side of the size wanted."""
     across, up = plane
-    spans = [_span(volume, name) for name in plane]
+    spans = [span_of(volume, name) for name in plane]
     scale = display.size / max(last - first for first, last in spans)
     width, height = (max(1, round((last - first) * scale)) for first, last in spans)
     nearest = float(volume.axes.z[0])
@@ -152,7 +152,7 @@ def _sheet(
     )
 
 
-def _span(volume: Volume, name: str) -> tuple[float, float]:
+def span_of(volume: Volume, name: str) -> tuple[float, float]:
     """From the first voxel's outer edge to the last one's, in mm."""
     places = 1e3 * volume.coordinates(name)
     half = 0.5e3 * volume.spacing[volume.names.index(name)]

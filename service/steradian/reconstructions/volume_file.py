@@ -1,9 +1,10 @@
-"""Volume files: a reconstruction's values with axes, units and provenance, in HDF5.
+"""Volume files: a reconstruction's values with axes, units and provenance, in HDF5; ``docs/volume-file.md`` has more.
 
 ::
 
     /          attributes: format, schema_version, software, parameters (JSON), provenance (JSON)
     values     (Nx, Ny, Nz) f4   attributes: axes "x, y, z", spacing_m (3,), origin_m (3,), near_field_m
+    x, y, z    (Nx,) (Ny,) (Nz,) f8   centres of the voxels in metres: dimension scales of values and projections
     mip_x, mip_y, mip_z          maximum-intensity projections along x, y and z
 
 From a line of sensors ``values`` is (Nx, Nz), its axes "x, z", and there are no projections.
@@ -12,6 +13,7 @@ From a line of sensors ``values`` is (Nx, Nz), its axes "x, z", and there are no
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -55,10 +57,11 @@ def write_volume(
                     "format": FORMAT,
                     "schema_version": VERSION,
                     "software": f"steradian {__version__}",
-                    "parameters": json.dumps(parameters),
+                    "parameters": json.dumps(_with_speed(parameters, volume)),
                     "provenance": json.dumps(provenance),
                 }
             )
+            write_axes(file, {name: volume.coordinates(name) for name in volume.names})
             values = file.create_dataset("values", data=volume.values)
             values.attrs.update(
                 {
@@ -71,9 +74,33 @@ def write_volume(
             if volume.dimensions == 3:
                 for axis, image in (projections or project(volume)).items():
                     file.create_dataset(f"mip_{axis}", data=image)
+            attach_axes(file)
         draft.replace(path)
     finally:
         draft.unlink(missing_ok=True)
+
+
+def write_axes(file: h5py.File, coordinates: Mapping[str, NDArray[np.float64]]) -> None:
+    """Write the coordinates in metres of the voxels' centres, as dimension scales."""
+    for name, line in coordinates.items():
+        file.create_dataset(name, data=line).attrs["units"] = "m"
+        file[name].make_scale(name)
+
+
+def attach_axes(file: h5py.File) -> None:
+    """Attach the scales to the values and to every projection, which lacks the axis of its name."""
+    names = [name for name in "xyz" if name in file]
+    for dataset in ("values", *(f"mip_{name}" for name in names)):
+        if dataset not in file:
+            continue
+        left = [name for name in names if name != dataset.removeprefix("mip_")]
+        for dimension, name in zip(file[dataset].dims, left, strict=True):
+            dimension.label = name
+            dimension.attach_scale(file[name])
+
+
+def _with_speed(parameters: dict[str, Any], volume: Volume) -> dict[str, Any]:
+    return parameters if volume.sound_speed is None else parameters | {"sound_speed": volume.sound_speed}
 
 
 def read_projection(path: Path, axis: Literal["x", "y", "z"]) -> NDArray[np.floating[Any]]:
@@ -91,7 +118,7 @@ def read_projection(path: Path, axis: Literal["x", "y", "z"]) -> NDArray[np.floa
     try:
         with h5py.File(path, "r") as file:
             return np.asarray(file[f"mip_{axis}" if f"mip_{axis}" in file else "values"])
-    except (OSError, KeyError) as error:
+    except (OSError, KeyError, ValueError) as error:
         raise DamagedFile(f"{path} cannot be read as a volume: {error}") from error
 
 
@@ -115,6 +142,7 @@ def read_volume(path: Path) -> Volume:
             spacing, origin = (tuple(map(float, values.attrs[name])) for name in ("spacing_m", "origin_m"))
             lines = zip(origin, spacing, values.shape, strict=True)
             x, *y, z = (first + step * np.arange(count) for first, step, count in lines)
-            return Volume(np.asarray(values), Axes(x, y[0] if y else None, z), spacing)
-    except (OSError, KeyError) as error:
+            speed = json.loads(file.attrs["parameters"]).get("sound_speed")
+            return Volume(np.asarray(values), Axes(x, y[0] if y else None, z), spacing, speed)
+    except (OSError, KeyError, ValueError) as error:
         raise DamagedFile(f"{path} cannot be read as a volume: {error}") from error

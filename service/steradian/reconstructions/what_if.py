@@ -21,7 +21,7 @@ from steradian.imaging import Volume
 from steradian.masks import Mask
 from steradian.progress import IsCancelled, Progress
 from steradian.quality import compare, correlation, disc, of_interest
-from steradian.reconstructions.job import reconstruct_recording, write_json
+from steradian.reconstructions.job import reconstruct_recording, used, write_json
 from steradian.reconstructions.near_field import from_depth, near_field
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.shots import even_out
@@ -141,7 +141,7 @@ def what_if(
     report.diameter_m, report.threshold = diameter, threshold
     report.weights = chosen.weights
     report.shape, report.spacing_m = image.values.shape, tuple(map(float, image.spacing))
-    report.parameters, report.provenance = chosen.model_dump(mode="json"), recording.provenance
+    report.parameters, report.provenance = used(recording, chosen), recording.provenance
     report.saved["reconstruction_seconds"] = seconds["reconstruct_all"] - seconds["reconstruct_mask"]
     output.mkdir(parents=True, exist_ok=True)
     with _timed(seconds, "draw"):

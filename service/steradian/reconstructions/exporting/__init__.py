@@ -14,9 +14,36 @@ from steradian.errors import Conflict, InvalidInput
 from steradian.progress import IsCancelled, Progress
 from steradian.reconstructions.exporting.source import VolumeSource, open_volume
 
-__all__ = ["VolumeFormat", "export_volume"]
+__all__ = ["ENDINGS", "VolumeFormat", "export_volume", "format_of"]
 
 VolumeFormat: TypeAlias = Literal["hdf5", "nifti", "tiff", "ome-zarr", "vtkhdf", "nrrd", "png"]
+ENDINGS: dict[str, VolumeFormat] = {
+    ".nii": "nifti",
+    ".gz": "nifti",
+    ".tif": "tiff",
+    ".tiff": "tiff",
+    ".zarr": "ome-zarr",
+    ".vtkhdf": "vtkhdf",
+    ".nrrd": "nrrd",
+    ".png": "png",
+    ".h5": "hdf5",
+    ".hdf5": "hdf5",
+}
+"""Format of a volume by the ending of its name."""
+
+
+def format_of(path: Path) -> VolumeFormat:
+    """Return the format that a name's ending stands for.
+
+    Raises
+    ------
+    InvalidInput
+        When it stands for none.
+    """
+    found = ENDINGS.get(path.suffix.lower())
+    if found is None:
+        raise InvalidInput("file", f"{path.name} ({path.suffix or 'no ending'})", f"a name in {', '.join(ENDINGS)}")
+    return found
 
 
 def export_volume(

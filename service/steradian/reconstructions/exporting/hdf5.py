@@ -19,6 +19,7 @@ import h5py
 import numpy as np
 
 from steradian.reconstructions.exporting.source import VolumeSource
+from steradian.reconstructions.volume_file import attach_axes, write_axes
 
 CHUNK_SIDE = 64
 
@@ -28,14 +29,14 @@ def write_hdf5(source: VolumeSource, path: Path) -> None:
     old = source.values
     with h5py.File(path, "w") as file:
         file.attrs.update(old.parent.attrs)
-        for name, first, step, count in zip(source.names, source.origin, source.spacing, old.shape, strict=True):
-            file.create_dataset(name, data=first + step * np.arange(count)).attrs["units"] = "m"
+        lines = zip(source.names, source.origin, source.spacing, old.shape, strict=True)
+        write_axes(file, {name: first + step * np.arange(count) for name, first, step, count in lines})
         file.create_dataset("spacing_m", data=np.array(source.spacing))
         chunks = tuple(min(CHUNK_SIDE, side) for side in old.shape)
         values = file.create_dataset(
             "values", old.shape, old.dtype, chunks=chunks, compression="gzip", compression_opts=1, shuffle=True
         )
-        values.attrs.update(old.attrs)
+        values.attrs.update({name: said for name, said in old.attrs.items() if not name.startswith("DIMENSION_")})
         for start in range(0, old.shape[0], CHUNK_SIDE):
             source.check(start, old.shape[0])
             values[start : start + CHUNK_SIDE] = old[start : start + CHUNK_SIDE]
@@ -44,3 +45,4 @@ def write_hdf5(source: VolumeSource, path: Path) -> None:
         for name in ("mip_x", "mip_y", "mip_z"):
             if name in old.parent:
                 file.create_dataset(name, data=old.parent[name][()])
+        attach_axes(file)

@@ -1,0 +1,95 @@
+"""Opening what Steradian has written, whatever it is."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from steradian.errors import DamagedFile, InvalidInput, NotFound
+
+if TYPE_CHECKING:
+    from steradian.imaging import Volume
+    from steradian.masks import Mask
+    from steradian.plans import ScanPlan
+    from steradian.reconstructions.scan import Scan
+
+    Opened: TypeAlias = Mask | ScanPlan | Scan | Volume
+
+HDF5 = b"\x89HDF\r\n\x1a\n"
+KNOWN = "a mask or plan (.json), a scan or a volume (.h5) of Steradian, or the folder of a reconstruction"
+
+
+def open(path: str | Path) -> Opened:
+    """Open a mask, a plan, a scan or a volume; what a file is, is told by its content.
+
+    Parameters
+    ----------
+    path
+        A file written by Steradian; or a folder that a reconstruction has left, for its volume.
+
+    Returns
+    -------
+    Mask, ScanPlan, Scan or Volume
+        Shows what it is when it is printed.
+
+    Raises
+    ------
+    NotFound
+        When there is no such file.
+    DamagedFile
+        When it is none of these, or damaged.
+    InvalidInput
+        When a value in it is out of range, or it is a table of a mask's points, which lacks the aperture.
+    """
+    wanted = Path(path)
+    if wanted.is_dir() and (wanted / "volume.h5").is_file():
+        wanted = wanted / "volume.h5"
+    if not wanted.is_file():
+        raise NotFound("file", str(path))
+    with wanted.open("rb") as file:
+        start = file.read(16)
+    if start.startswith(HDF5):
+        return _of_hdf5(wanted)
+    if start.lstrip().startswith(b"{"):
+        return _of_json(wanted)
+    if start.startswith(b"\x93NUMPY") or wanted.suffix.lower() == ".csv":
+        allowed = "a file that says what it is; steradian.masks.read_mask(path, aperture) reads tables of points"
+        raise InvalidInput("file", wanted.name, allowed)
+    raise DamagedFile(f"{wanted} is not {KNOWN}")
+
+
+def _of_hdf5(path: Path) -> Scan | Volume:
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            kind = file.attrs.get("format")
+    except OSError as error:
+        raise DamagedFile(f"{path} cannot be read as HDF5: {error}") from error
+    if kind == "steradian-scan":
+        from steradian.reconstructions.scan import Scan
+
+        return Scan(path)
+    if kind == "steradian-volume":
+        from steradian.reconstructions.volume_file import read_volume
+
+        return read_volume(path)
+    told = "has no format" if kind is None else f"has the format {kind!r}"
+    raise DamagedFile(f"{path} is HDF5, but {told}; not {KNOWN} ('steradian import' reads recordings of others)")
+
+
+def _of_json(path: Path) -> Mask | ScanPlan:
+    from steradian.masks import Mask
+    from steradian.plans import ScanPlan
+    from steradian.plans.files import read_value
+
+    try:
+        said: Any = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise DamagedFile(f"{path} is not JSON: {error}") from error
+    if "mask" in said:
+        return read_value(ScanPlan, path)
+    if "positions" in said:
+        return read_value(Mask, path)
+    raise DamagedFile(f"{path} is JSON, but neither a mask (positions) nor a plan (mask)")

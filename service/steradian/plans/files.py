@@ -1,0 +1,48 @@
+"""Masks and plans as JSON files, written whole or not at all."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TypeVar
+
+from pydantic import ValidationError
+
+from steradian.errors import DamagedFile, NotFound
+from steradian.masks import Mask
+from steradian.plans.plan import ScanPlan
+from steradian.validation import invalid_input
+
+Kind = TypeVar("Kind", Mask, ScanPlan)
+
+
+def read_value(kind: type[Kind], path: Path) -> Kind:
+    """Read a mask or a plan.
+
+    Raises
+    ------
+    NotFound
+        When there is no such file.
+    DamagedFile
+        When it is not JSON.
+    InvalidInput
+        When a value in it is out of range.
+    """
+    if not path.is_file():
+        raise NotFound("file", str(path))
+    try:
+        text = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise DamagedFile(f"{path} is not JSON: {error}") from error
+    try:
+        return kind.model_validate(text)
+    except ValidationError as error:
+        raise invalid_input(kind, error) from error
+
+
+def write_value(value: Mask | ScanPlan, path: Path) -> None:
+    """Write a mask or a plan under a temporary name and rename it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_name(path.name + ".new")
+    draft.write_text(value.model_dump_json() + "\n", encoding="utf-8")
+    draft.replace(path)

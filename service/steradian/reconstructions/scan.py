@@ -1,0 +1,165 @@
+"""A scan file in a person's hands: what it holds, its A-lines, and the way to a volume."""
+
+from __future__ import annotations
+
+import shutil
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from steradian.drawing.inline import WIDTH, own_axes, plotted
+from steradian.drawing.page import PICTURES, colour_bar, dress, page, save
+from steradian.errors import InvalidInput
+from steradian.imaging import Volume
+from steradian.masks import Mask
+from steradian.plans import ScanPlan
+from steradian.reconstructions.imported import Imported, read_imported
+from steradian.reconstructions.job import reconstruct_recording
+from steradian.reconstructions.parameters import ReconstructionParameters
+from steradian.scans.reading import read_scan
+from steradian.scans.recording import Recording
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+class Scan:
+    """A scan file, finished or still growing; :func:`steradian.open` makes one.
+
+    Plan and counts are read when it is opened, A-lines when they are asked for.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Raises
+    ------
+    DamagedFile
+        When it cannot be read as a scan.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self._said: Imported = read_imported(self.path)
+
+    @property
+    def plan(self) -> ScanPlan:
+        """The plan it was made for, with its mask."""
+        return self._said.plan
+
+    @property
+    def mask(self) -> Mask:
+        """Where was sensed."""
+        return self.plan.mask
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the A-lines are no measurement."""
+        return self._said.simulated
+
+    @property
+    def planned(self) -> int:
+        """A-lines that the plan asks for, in all frames."""
+        return int(self._said.summary["points"])
+
+    @cached_property
+    def stored(self) -> int:
+        """A-lines that were stored when the file was opened."""
+        return int(self._said.summary["stored"])
+
+    def recording(self, frame: int = 0) -> Recording:
+        """Read the A-lines of one frame that are stored and intact, with their positions, weights and times.
+
+        Raises
+        ------
+        InvalidInput
+            When there is no such frame.
+        DamagedFile
+            When it holds no A-line.
+        """
+        return read_scan(self.path, frame)
+
+    def reconstruct(self, *, frame: int = 0, **parameters: Any) -> Volume:
+        """Reconstruct one frame.
+
+        Parameters
+        ----------
+        frame
+            From 0.
+        parameters
+            As in the HTTP API, for example ``modes=226, depth_range=(1e-3, 8e-3), method="iterative"``; what is left
+            out is as the scan says.
+
+        Raises
+        ------
+        InvalidInput
+            When a parameter is unknown, out of range or does not fit the scan.
+        """
+        return reconstruct_recording(self.recording(frame), ReconstructionParameters.create(**parameters))
+
+    def plot(self, axes: Axes | None = None, *, frame: int = 0) -> Axes:
+        """Show the A-lines of a frame, those nearest to the middle first.
+
+        Parameters
+        ----------
+        axes
+            A matplotlib plot to draw into; None: a new one.
+        frame
+            From 0.
+        """
+        axes = own_axes(axes)
+        found = self.recording(frame)
+        order = np.argsort(np.linalg.norm(found.positions, axis=1), kind="stable")
+        scale = np.broadcast_to(np.asarray(found.scale, np.float32), len(order))
+        traces = found.traces[order] * scale[order, None]
+        end = float(np.percentile(np.abs(traces), 99.9)) or 1.0
+        first = 1e6 * found.time_zero
+        last = first + 1e6 * found.sampling_interval * traces.shape[1]
+        extent = (0.0, float(len(order)), last, first)
+        shown = axes.imshow(traces.T, extent=extent, aspect="auto", cmap="RdBu_r", vmin=-end, vmax=end)
+        colour_bar(axes, shown, "pressure (arb. u.)")
+        title = f"{len(order):,} A-lines" + ("" if len(order) == found.planned else f" of {found.planned:,}")
+        dress(axes, title=title, across="A-line, from the middle outwards", up="time (µs)")
+        return axes
+
+    def save(self, path: str | Path) -> None:
+        """Copy the file to ``.h5``, or draw its A-lines (``.png``, ``.pdf``, ``.svg``).
+
+        ``steradian export`` writes it for other programs.
+
+        Raises
+        ------
+        InvalidInput
+            When the ending is another one.
+        """
+        wanted = Path(path)
+        ending = wanted.suffix.lower()
+        if ending in PICTURES:
+            figure = page(2 * WIDTH, 0.6)
+            self.plot(figure.add_subplot())
+            save(figure, wanted)
+        elif ending == ".h5":
+            wanted.parent.mkdir(parents=True, exist_ok=True)
+            draft = wanted.with_name(wanted.name + ".new")
+            shutil.copyfile(self.path, draft)
+            draft.replace(wanted)
+        else:
+            allowed = ".h5; or .png, .pdf or .svg for a picture"
+            raise InvalidInput("file", f"{wanted.name} ({ending or 'no ending'})", allowed)
+
+    def __repr__(self) -> str:
+        lines = (
+            f"{self.stored:,} of {self.planned:,} A-lines"
+            if self.stored < self.planned
+            else f"{self.planned:,} A-lines"
+        )
+        plan, kind = self.plan, ", simulated" if self.simulated else ""
+        frames = f" in {plan.frame_count} frames" if plan.frame_count > 1 else ""
+        record = f"{plan.samples} samples every {1e9 * plan.sampling_interval:g} ns"
+        return f"<Scan {self.path.name}: {lines}{frames}, {record}{kind}>"
+
+    def _repr_html_(self) -> str:
+        return plotted(repr(self), self.plot) if self.stored else f"<code>{repr(self)[1:-1]}</code>"
