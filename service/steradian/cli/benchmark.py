@@ -63,6 +63,21 @@ def masks(json_file: JsonFile = None) -> None:
 
 
 @app.command()
+def amplitudes(
+    json_file: JsonFile = None,
+    page: Annotated[Path | None, typer.Option(help="Also write the table into this page, docs/amplitudes.md.")] = None,
+) -> None:
+    """Compare amplitudes of a ball and a vessel tree through masks and an import with dense grids of the same area."""
+    from steradian.benchmarks import amplitudes as measured
+
+    with progress_bar() as progress:
+        rows = measured.amplitudes(progress=progress)
+    if page is not None:
+        measured.write_page(page, rows)
+    _publish("amplitudes", rows, json_file)
+
+
+@app.command()
 def link(json_file: JsonFile = None) -> None:
     """Time the scanner's link: A-lines decoded per second beside the raw rate, and stored durably under full load."""
     from steradian.benchmarks.link import link as measure

@@ -1,0 +1,133 @@
+"""Amplitudes of a ball and a vessel tree through masks and an imported field, beside dense grids of the same area."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian import phantoms
+from steradian.imaging import Volume, reconstruct
+from steradian.imaging.outlines import Outline, holds
+from steradian.masks import (
+    Mask,
+    PointOfInterest,
+    combined_mask,
+    custom_mask,
+    equi_steradian_mask,
+    grid_mask,
+    hexagonal_mask,
+    poisson_disc_mask,
+    random_mask,
+)
+from steradian.progress import Progress
+
+SIDE, SPEED, INTERVAL, DEPTH = 12e-3, 1500.0, 16e-9, 3.6e-3
+SAMPLES, MODES, PITCH = 448, 120, 100e-6
+SHOWN = (2.2e-3, 5e-3)
+BEGIN, END = "<!-- amplitudes: begin, written by `steradian benchmark amplitudes` -->", "<!-- amplitudes: end -->"
+
+Row = dict[str, Any]
+
+
+def arrangements(count: int = 1600) -> dict[str, Mask]:
+    """Six arrangements of about ``count`` points, and a rectangular field as an import makes it."""
+    share = SIDE**2 / count
+    aims = [PointOfInterest(depth=DEPTH, count=count // 2, offset=(x, 0.0)) for x in (-2e-3, 2e-3)]
+    line = round(np.sqrt(count))
+    field = (np.argwhere(np.ones((2 * line, line))) - [line, line / 2]) * (SIDE / 2 / line)
+    return {
+        "equi-steradian": equi_steradian_mask(SIDE, DEPTH, count),
+        "grid": grid_mask(SIDE, line, SIDE / line, centred=True),
+        "hexagonal": hexagonal_mask(SIDE, float(np.sqrt(share * 2 / np.sqrt(3)))),
+        "random": random_mask(SIDE, count),
+        "Poisson-disc": poisson_disc_mask(SIDE, float(np.sqrt(0.7 * share))),
+        "combined": combined_mask(SIDE, aims),
+        "imported field": custom_mask(field, SIDE),
+    }
+
+
+def objects() -> dict[str, phantoms.Balls]:
+    """Return a ball of s = 100 µm and amplitude 1, and vessels whose axes are about 1."""
+    ball = phantoms.Balls(np.array([[0.0, 0.0, DEPTH]]), np.array([100e-6]), np.array([1.0]))
+    return {"ball": ball, "tree": phantoms.vessels(0, radius=2.5e-3, thickest=150e-6, generations=4)}
+
+
+def amplitudes(*, count: int = 1600, progress: Progress | None = None) -> list[Row]:
+    """Measure amplitudes.
+
+    Parameters
+    ----------
+    count
+        About how many points a mask has.
+    progress
+        Told after each mask.
+
+    Returns
+    -------
+    list of dict
+        One row an arrangement: points, sensed area (mm²), and for each object the amplitude of the image through the
+        mask (``ball``, ``tree``) and through a dense grid over the same area (``ball_dense``, ``tree_dense``).
+    """
+    rows: list[Row] = []
+    made, seen = arrangements(count), objects()
+    for done, (name, mask) in enumerate(made.items()):
+        row: Row = {"mask": name, "points": mask.count, "sensed_mm2": 1e6 * mask.sensed_area}
+        assert mask.outline is not None  # noqa: S101
+        for what, balls in seen.items():
+            row[what] = _amplitude(balls, mask.positions, mask.weights)
+            dense = _dense(mask.outline)
+            row[f"{what}_dense"] = _amplitude(balls, dense, np.full(len(dense), PITCH**2))
+        rows.append(row)
+        if progress:
+            progress("masks", done + 1, len(made))
+    return rows
+
+
+def _dense(outline: Outline) -> NDArray[np.float64]:
+    """Points every 100 µm within the outline."""
+    axis = (np.arange(MODES) + 0.5 - MODES / 2) * PITCH
+    points = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    found: NDArray[np.float64] = points[holds(outline, points)]
+    return found
+
+
+def _amplitude(balls: phantoms.Balls, positions: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
+    """Factor by which the true volume fits the image best, by least squares."""
+    traces = phantoms.pressure(balls, positions, samples=SAMPLES, sampling_interval=INTERVAL, sound_speed=SPEED)
+    volume: Volume = reconstruct(
+        traces,
+        positions,
+        weights=weights,
+        sampling_interval=INTERVAL,
+        sound_speed=SPEED,
+        aperture=SIDE,
+        modes=MODES,
+        depth_range=SHOWN,
+    )
+    truth = phantoms.sampled(balls, volume).values.astype(np.float64)
+    return float(np.vdot(truth, volume.values) / np.vdot(truth, truth))
+
+
+def table(rows: list[Row]) -> str:
+    """Write the rows as markdown, the true amplitude beside them."""
+    lines = [
+        "| arrangement | points | sensed (mm²) | ball, true 1 | dense | ratio | tree, true 1 | dense | ratio |",
+        "|---|--:|--:|--:|--:|--:|--:|--:|--:|",
+    ]
+    for row in rows:
+        cells = [row["mask"], f"{row['points']:,}", f"{row['sensed_mm2']:.1f}"]
+        for what in objects():
+            here, dense = row[what], row[f"{what}_dense"]
+            cells += [f"{here:.3f}", f"{dense:.3f}", f"{here / dense:.3f}"]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def write_page(page: Path, rows: list[Row]) -> None:
+    """Put the table between the page's marks."""
+    text = page.read_text(encoding="utf-8")
+    before, after = text.partition(BEGIN)[0], text.partition(END)[2]
+    page.write_text(f"{before}{BEGIN}\n{table(rows)}\n{END}{after}", encoding="utf-8")

@@ -1,0 +1,64 @@
+"""One object has one amplitude, through whatever arrangement it was sensed; and README says what it prints."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from steradian.benchmarks.amplitudes import BEGIN, END, amplitudes, table, write_page
+from steradian.scans.importing.geometry import place_sensors
+
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture(scope="module")
+def rows():
+    return amplitudes(count=900)
+
+
+def test_amplitudes_are_those_of_a_dense_grid_over_the_same_area(rows):
+    """Within 5 % for six arrangements and an imported rectangle, a ball and a vessel tree."""
+    assert len(rows) == 7
+    for row in rows:
+        for what in ("ball", "tree"):
+            assert row[what] == pytest.approx(row[f"{what}_dense"], rel=0.05), (row["mask"], what)
+
+
+def test_a_ball_has_the_share_of_the_half_space_that_is_seen(rows):
+    """Over a disc of 6 mm, 3.6 mm away, 1 − z/√(z² + R²) of its amplitude."""
+    disc = rows[0]
+    assert disc["sensed_mm2"] == pytest.approx(113.1, abs=0.1)
+    assert disc["ball"] == pytest.approx(1 - 3.6 / (3.6**2 + 6**2) ** 0.5, rel=0.02)
+
+
+def test_the_page_takes_the_table_between_its_marks(rows, tmp_path):
+    """The rest of the page stays; writing it again changes nothing."""
+    page = tmp_path / "page.md"
+    page.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n")
+    write_page(page, rows)
+    first = page.read_text()
+    write_page(page, rows)
+    assert page.read_text() == first
+    assert first == f"before\n{BEGIN}\n{table(rows)}\n{END}\nafter\n"
+
+
+def test_readmes_first_example_shows_the_amplitude_beside_its_truth():
+    """Run word for word."""
+    code = re.search(r"## A first reconstruction\n\n```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
+    done = subprocess.run([sys.executable, "-c", code[1]], capture_output=True, text=True, check=True)
+    found = re.search(r"amplitude (\S+), true (\S+):", done.stdout)
+    assert float(found[1]) == pytest.approx(float(found[2]), rel=0.05)
+    assert "(226, 226, 1024) brightest at depth 0.0036" in done.stdout
+
+
+def test_an_imported_rectangular_field_stands_for_its_own_area():
+    """A field of 16 × 10 mm, every 200 µm, in the square aperture that an import finds for it."""
+    field = np.argwhere(np.ones((80, 50))) * 2e-4
+    sensors = place_sensors(field)
+    assert sensors.aperture == pytest.approx(16e-3)
+    mask = sensors.mask("npy")
+    assert mask.sensed_area == pytest.approx(160e-6)
+    np.testing.assert_allclose(mask.weights, 4e-8)
