@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from driver_reference import rice
 
-from fabry_perot.codes import Operation, Result, Type
+from fabry_perot.codes import MAX_GROUP, MAX_MISSING, Operation, Result, Type
 from fabry_perot.device import DeviceTiming
+from fabry_perot.device.handlers import LEAST_PAYLOAD
+from fabry_perot.device.operations import MAX_STEPS
 from fabry_perot.encoding import Encoding, encode
 from fabry_perot.errors import FrameError
-from fabry_perot.framing import Deframer, Frame, crc32c, encode_frame
-from fabry_perot.host import HostTiming
+from fabry_perot.framing import MAX_PAYLOAD, UART_PAYLOAD, USB_PAYLOAD, Deframer, Frame, crc32c, encode_frame
+from fabry_perot.host import HostTiming, Recovery
 from fabry_perot.messages import (
     LAYOUT,
     MISSING,
@@ -139,7 +141,20 @@ def test_the_time_limits_are_the_codes():
     assert f"| HELLO | every {host.hello_period // 1000} ms, {host.hello_tries} times |" in DOCUMENT
     assert f"| REQ | every {host.request_period // 1000} ms, {host.request_tries} times" in DOCUMENT
     assert f"| ABORT | every {host.abort_period // 1000} ms" in DOCUMENT
-    assert f"without STATUS for {host.silence // 1000} ms" in DOCUMENT
+    assert f"| LEASE | at most every {host.lease_period // 1000} ms" in DOCUMENT
+    assert f"and every {host.ack_period // 1000} ms while" in DOCUMENT
+    assert f"asked for at most every {2 * host.ack_period // 1000} ms" in DOCUMENT
+    assert f"index after {host.upload_period // 1000} ms" in DOCUMENT
+    assert f"| FAULT | every {device.fault_period // 1000} ms" in DOCUMENT
+    assert f"{device.shutter // 1000} ms after it was told to close" in DOCUMENT
+    silence = f"silence | without STATUS for {host.silence // 1000} ms the host repeats HELLO"
+    assert f"{silence}, after {host.patience // 10**6} s" in DOCUMENT
+    assert f"at most {MAX_PAYLOAD} bytes; {UART_PAYLOAD} on a UART, {USB_PAYLOAD} on USB" in DOCUMENT
+    assert f"lesser of both sides', at least {LEAST_PAYLOAD}" in DOCUMENT
+    assert f"steps (2 … {MAX_STEPS})" in DOCUMENT
+    assert f"× 0 … {MAX_MISSING}" in DOCUMENT
+    assert f"group (1 … {MAX_GROUP}; 1)" in DOCUMENT
+    assert f"No more than {Recovery().within:g} s have passed" in DOCUMENT
     assert f"one START within {device.arm_timeout // 1_000_000} s" in DOCUMENT
 
 

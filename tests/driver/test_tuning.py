@@ -44,9 +44,9 @@ def test_nothing_is_armed_while_a_sweep_is_under_way(bench):
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        ({"x": 20_000_000}, "x_nm"),
-        ({"steps": 1}, "wavelength_pm"),
-        ({"from_pm": 1}, "wavelength_pm"),
+        ({"x": 20_000_000}, r"\(x\)"),
+        ({"steps": 1}, "steps"),
+        ({"from_pm": 1}, "from_pm"),
         ({"y": "a"}, "malf"),
     ],
 )

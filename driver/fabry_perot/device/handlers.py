@@ -35,16 +35,19 @@ from fabry_perot.messages import (
 )
 from fabry_perot.states import DeviceState, Event
 
+LEAST_PAYLOAD = 64
+"""Largest payload of a line is never agreed to be less, in bytes."""
+
 if TYPE_CHECKING:
     from fabry_perot.device.core import Device
 
 
 def _hello(device: Device, frame: Frame) -> None:
     hello = unpack(Hello, frame.payload)
-    if hello.nonce != device.nonce:
-        device.new_session(hello.nonce)
-        device.line_payload = max(64, min(device.max_payload, hello.max_payload))
     version = PROTOCOL if hello.oldest <= PROTOCOL <= hello.newest else 0
+    if version and hello.nonce != device.nonce:
+        device.new_session(hello.nonce)
+        device.line_payload = max(LEAST_PAYLOAD, min(device.max_payload, hello.max_payload))
     ring, plan = device.ring, device.plan
     answer = HelloAck(
         nonce=hello.nonce,

@@ -58,8 +58,13 @@ def _plan_new(device: Device, body: Body) -> Outcome:
     ):
         if not bounds[name][0] <= value <= bounds[name][1]:
             return Result.OUT_OF_RANGE, {"field": name}
-    if not (0 < plan <= 0xFFFFFFFF and 0 < length <= 0xFFFFFFFF and 0 <= start < length):
-        return Result.OUT_OF_RANGE, {"field": "length"}
+    for value, name, low, high in (
+        (plan, "plan", 1, 0xFFFFFFFF),
+        (length, "length", 1, 0xFFFFFFFF),
+        (start, "start", 0, length - 1),
+    ):
+        if not low <= value <= high:
+            return Result.OUT_OF_RANGE, {"field": name}
     if encoding not in bounds["encodings"]:
         return Result.OUT_OF_RANGE, {"field": "encoding"}
     if not 1 <= group <= MAX_GROUP:
@@ -138,10 +143,14 @@ def _tune_scan(device: Device, body: Body) -> Outcome:
     sweep = {name: int(body[name]) for name in ("from_pm", "to_pm")}
     for axis, value in place.items():
         if not bounds[f"{axis}_nm"][0] <= value <= bounds[f"{axis}_nm"][1]:
-            return Result.OUT_OF_RANGE, {"field": f"{axis}_nm"}
+            return Result.OUT_OF_RANGE, {"field": axis}
     low, high = bounds["wavelength_pm"]
-    if not (low <= sweep["from_pm"] < sweep["to_pm"] <= high and 2 <= steps <= MAX_STEPS):
-        return Result.OUT_OF_RANGE, {"field": "wavelength_pm"}
+    if not low <= sweep["from_pm"] <= high:
+        return Result.OUT_OF_RANGE, {"field": "from_pm"}
+    if not sweep["from_pm"] < sweep["to_pm"] <= high:
+        return Result.OUT_OF_RANGE, {"field": "to_pm"}
+    if not 2 <= steps <= MAX_STEPS:
+        return Result.OUT_OF_RANGE, {"field": "steps"}
     wavelengths = np.linspace(sweep["from_pm"], sweep["to_pm"], steps).round().astype(np.int64)
     levels, ready = device.instrument.tune(place["x"], place["y"], wavelengths, device.now)
     device.answer_at = ready

@@ -19,6 +19,7 @@ from fabry_perot.messages import (
     CAPS_REQUEST,
     MISSING,
     Abort,
+    AbortAck,
     ALineAck,
     Hello,
     HelloAck,
@@ -29,6 +30,8 @@ from fabry_perot.messages import (
 )
 from fabry_perot.states import RUNNING, DeviceState, HostState
 
+_SESSIONLESS = frozenset({Type.HELLO_ACK, Type.BUSY, Type.ABORT_ACK})
+"""Answered to by nonce, or by level and number, rather than by session."""
 SOON = 1000
 """Nothing is due within so many µs of a look at it, unless a frame comes in."""
 
@@ -81,6 +84,8 @@ class Host:
         self.contact = (0, 0)
         """Host time and device time of the last proof that application and running device heard of each other."""
         self._abort: Abort | None = None
+        self._aborts = nonce
+        """Number of the last ABORT: an answer to another host's, or to an earlier one, confirms nothing."""
         self._abort_due = 0
 
     @property
@@ -138,7 +143,7 @@ class Host:
         if not frames and 0 <= now - self._polled_at < SOON:
             return
         for frame in frames:
-            if not self._mine(frame) and frame.type not in (Type.HELLO_ACK, Type.BUSY):
+            if not self._mine(frame) and frame.type not in _SESSIONLESS:
                 self.foreign_frames += 1
             elif (handler := HANDLERS.get(frame.type)) is not None:
                 try:
@@ -274,7 +279,7 @@ class Host:
         """Renew the laser's lease: the consumer is alive. Repetitions without a fresh echo send nothing."""
         if self.status is None or self.hello is None or self.device_state not in RUNNING or self.aborting:
             return
-        if self.status.device_time <= self._echo_sent or now - self._leased_at < self.timing.lease_period // 4:
+        if self.status.device_time <= self._echo_sent or now - self._leased_at < self.timing.lease_period:
             return
         self._echo_sent, self._leased_at = self.status.device_time, now
         self.contact = (now, self.status.device_time)
@@ -303,14 +308,16 @@ class Host:
 
     def abort(self, level: AbortLevel, now: int) -> None:
         """Send ABORT until it is acknowledged."""
-        self._abort = Abort(level, (self._abort.number + 1) if self._abort else 1)
+        self._aborts = (self._aborts + 1) & 0xFFFFFFFF
+        self._abort = Abort(level, self._aborts)
         self._abort_due = now
         self.poll(now)
 
-    def abort_acknowledged(self, number: int) -> None:
-        """Stop repeating ABORT ``number``."""
-        if self._abort is not None and self._abort.number == number:
+    def abort_acknowledged(self, ack: AbortAck) -> None:
+        """Stop repeating the ABORT that ``ack`` answers."""
+        if self._abort == (ack.level, ack.number):
             self._abort = None
+            self.device_state = DeviceState(ack.state)
 
     @property
     def aborting(self) -> bool:

@@ -111,9 +111,7 @@ def _status(host: Host, frame: Frame, now: int) -> None:
 
 
 def _abort_ack(host: Host, frame: Frame, now: int) -> None:
-    ack = unpack(AbortAck, frame.payload)
-    host.device_state = DeviceState(ack.state)
-    host.abort_acknowledged(ack.number)
+    host.abort_acknowledged(unpack(AbortAck, frame.payload))
 
 
 def _fault(host: Host, frame: Frame, now: int) -> None:

@@ -40,5 +40,5 @@ class HostTiming:
     ack_period: int = 100_000
     upload_period: int = 250_000
     abort_period: int = 20_000
-    lease_period: int = 100_000
+    lease_period: int = 25_000
     ttl: int = 500_000
