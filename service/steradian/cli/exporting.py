@@ -10,20 +10,6 @@ import typer
 from steradian.cli.console import progress_bar, show_end
 from steradian.errors import InvalidInput
 
-ENDINGS = {
-    ".nii": "nifti",
-    ".gz": "nifti",
-    ".tif": "tiff",
-    ".tiff": "tiff",
-    ".zarr": "ome-zarr",
-    ".vtkhdf": "vtkhdf",
-    ".nrrd": "nrrd",
-    ".png": "png",
-    ".h5": "hdf5",
-    ".hdf5": "hdf5",
-}
-"""Format of a volume by the ending of its name."""
-
 
 def export(
     source: Annotated[
@@ -61,6 +47,8 @@ def export(
 
 
 def _by_ending(path: Path) -> str:
+    from steradian.reconstructions.exporting import ENDINGS
+
     found = ENDINGS.get(path.suffix.lower())
     if found is None:
         allowed = f"-f {'|'.join(dict.fromkeys(ENDINGS.values()))}, or a name that ends in {', '.join(ENDINGS)}"

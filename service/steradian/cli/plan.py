@@ -9,10 +9,10 @@ from typing import Annotated
 import typer
 
 from steradian.cli.console import console, duration, frequency, length, quantity, show_end, show_figures, speed
-from steradian.cli.files import read_value, write_value
 from steradian.errors import InvalidInput
 from steradian.masks import Mask
 from steradian.plans import Link, Motion, Preview, ScannerLimits, ScanPlan, VisitOrder, preview
+from steradian.plans.files import read_value, write_value
 
 
 def plan(

@@ -13,9 +13,9 @@ from ulid import ULID
 
 from fabry_perot.shapes import NAMES, by_name
 from steradian.cli.console import console, progress_bar, show_end, show_figures
-from steradian.cli.files import read_value
 from steradian.errors import DamagedFile, InvalidInput
 from steradian.plans import ScanPlan
+from steradian.plans.files import read_value
 
 if TYPE_CHECKING:
     from steradian.scans.control import Control

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from steradian.cli.console import files_of, length, progress_bar, quantity, show_end, show_figures, speed
-from steradian.cli.files import read_value
+from steradian.plans.files import read_value
 
 
 def what_if(

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steradian.cli.files import write_value
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
+from steradian.plans.files import write_value
 from steradian.reconstructions.volume_file import read_volume
 
 YARN = Path(__file__).parents[2] / "data" / "yarn_kwave_slice.npz"

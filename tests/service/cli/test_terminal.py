@@ -12,9 +12,9 @@ import pytest
 pexpect = pytest.importorskip("pexpect")
 
 from fabry_perot.simulator import launch  # noqa: E402
-from steradian.cli.files import write_value  # noqa: E402
 from steradian.masks import grid_mask  # noqa: E402
 from steradian.plans import ScanPlan  # noqa: E402
+from steradian.plans.files import write_value  # noqa: E402
 
 POINTS = 2116
 ANSWER = r"laser off; ([\d,]+) of 2,116 stored in scan\.h5 \([^)]*\); go on with: steradian scan resume scan\.h5"

@@ -6,10 +6,10 @@ import typer
 from typer.testing import CliRunner
 
 from steradian import InvalidInput, ScanPlan, grid_mask
-from steradian.cli.files import read_value
 from steradian.cli.plan import plan
 from steradian.errors import DamagedFile
 from steradian.masks import write_mask
+from steradian.plans.files import read_value
 
 app = typer.Typer()
 app.command()(plan)

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from fabry_perot.simulator import launch
-from steradian.cli.files import write_value
 from steradian.masks import grid_mask
 from steradian.plans import ScanPlan
+from steradian.plans.files import write_value
 from steradian.scans.check import check_scan_file
 
 GIB = 2**30

@@ -10,10 +10,10 @@ from ulid import ULID
 
 from fabry_perot.simulator import launch
 from steradian.cli.app import app
-from steradian.cli.files import write_value
 from steradian.errors import DamagedFile, InvalidInput, NotFound
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
+from steradian.plans.files import write_value
 from steradian.scans.control import Control, Wish
 from steradian.scans.proof import ResumeRefused
 from steradian.scans.run import run_scan
