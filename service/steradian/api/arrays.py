@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import h5py
 import numpy as np
 from fastapi import Request
 from fastapi.responses import Response, StreamingResponse
 from starlette.exceptions import HTTPException
 
 from steradian.errors import DamagedFile, InvalidInput
+from steradian.scans.locking import open_to_read
 
 NPY: Final = "application/x-npy"
 RAW: Final = "application/octet-stream"
@@ -121,7 +121,7 @@ def respond(
         When the file cannot be read.
     """
     try:
-        with h5py.File(path, "r") as file:
+        with open_to_read(path) as file:
             shape, dtype = file[dataset].shape, file[dataset].dtype
     except (OSError, KeyError) as error:
         raise DamagedFile(f"{path.name} cannot be read: {error}") from error
@@ -133,7 +133,7 @@ def respond(
         raise InvalidInput("slice", chosen or ":", f"at most {limit} bytes, not {size}")
     about = (headers or {}) | {"X-Shape": ",".join(map(str, selection.shape)), "X-Dtype": dtype.str}
     if kind == JSON:
-        with h5py.File(path, "r") as file:
+        with open_to_read(path) as file:
             values = np.asarray(file[dataset][selection.index])
         body = {
             "shape": selection.shape,
@@ -160,7 +160,7 @@ def _pieces(path: Path, dataset: str, head: bytes, selection: Selection, dtype: 
     first, *others = selection.index
     if not selection.count:
         return
-    with h5py.File(path, "r") as file:
+    with open_to_read(path) as file:
         if isinstance(first, int):
             yield np.ascontiguousarray(file[dataset][selection.index]).tobytes()
             return

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import h5py
 import numpy as np
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse
@@ -22,6 +21,7 @@ from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.errors import DamagedFile, NotFound
 from steradian.scans import schema
+from steradian.scans.locking import open_to_read
 from steradian.scans.rows import RowTable
 
 router = APIRouter(prefix=f"{V1}/scans", tags=["scans"], route_class=GuardedRoute)
@@ -153,7 +153,7 @@ def _file(services: Services, scan_id: str) -> Path:
 def _columns(services: Services, scan_id: str) -> dict[str, Any]:
     path = _file(services, scan_id)
     try:
-        with h5py.File(path, "r") as file:
+        with open_to_read(path) as file:
             return RowTable.of_file(file).columns | {
                 "weights": np.asarray(file["mask/weights"]),
                 "fired": file["fired"][()],

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 
 from steradian.errors import DamagedFile
 from steradian.plans import ScanPlan
 from steradian.scans import schema
 from steradian.scans.importing.planned import read_plan
+from steradian.scans.locking import open_to_read
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def read_imported(path: Path) -> Imported:
         When a value in it is out of range.
     """
     try:
-        with h5py.File(path, "r") as file:
+        with open_to_read(path) as file:
             stored = int((np.asarray(file["alines/status"]) == schema.STORED).sum())
             summary = {"points": len(file["alines/status"]), "stored": stored, "fired": int(file["fired"][()])}
             return Imported(read_plan(file), bool(file.attrs["simulated"]), summary)

@@ -21,6 +21,7 @@ from steradian.errors import DiskFull, ScanFailed, ScanInterrupted, SteradianErr
 from steradian.scans.control import End
 from steradian.scans.emergency import EmergencyWatch
 from steradian.scans.layout import check_disk, scan_file_bytes
+from steradian.scans.locking import open_to_read
 from steradian.scans.proof import ResumeRefused
 from steradian.scans.run import ScanSummary, resume_scan, run_scan
 from steradian.scans.session import DEFAULT
@@ -227,13 +228,12 @@ class Acquisition:
 
 def count_alines(path: Path) -> dict[str, Any]:
     """Count what a scan file holds: ``points``, ``stored``, ``fired``; empty when there is no readable file."""
-    import h5py
     import numpy as np
 
     from steradian.scans import schema
 
     try:
-        with h5py.File(path, "r") as file:
+        with open_to_read(path) as file:
             status = np.asarray(file["alines/status"])
             stored = int((status == schema.STORED).sum())
             return {"points": len(status), "stored": stored, "fired": int(file["fired"][()])}

@@ -13,6 +13,7 @@ from steradian.errors import DamagedFile, NotFound
 from steradian.progress import Progress
 from steradian.scans import schema
 from steradian.scans.layout import geometry_checksum
+from steradian.scans.locking import open_to_read
 from steradian.scans.rows import RowTable
 from steradian.scans.store import AlineStore
 
@@ -79,7 +80,7 @@ def check_scan_file(path: Path, *, repair: bool = True, progress: Progress | Non
     if not path.is_file():
         raise NotFound("file", str(path))
     try:
-        with h5py.File(path, "r") as file:
+        with open_to_read(path) as file:
             _check_frame(path, file)
             table = RowTable.of_file(file)
             whole, strength = _verify(file, table, progress)

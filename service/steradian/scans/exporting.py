@@ -22,6 +22,7 @@ from steradian.progress import IsCancelled, Progress
 from steradian.scans import schema
 from steradian.scans.aligning import align, common_grid
 from steradian.scans.importing import ipasc
+from steradian.scans.locking import open_to_read
 from steradian.scans.rows import RowTable
 
 ScanFormat = Literal["ipasc"]
@@ -72,7 +73,7 @@ def export_scan(
     draft = destination.with_name(f".{destination.name}.exporting")
     try:
         try:
-            file = h5py.File(scan, "r")
+            file = open_to_read(scan)
         except OSError as error:
             raise DamagedFile(f"{scan} cannot be read as a scan: {error}") from error
         with file:

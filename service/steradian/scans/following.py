@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from steradian.errors import DamagedFile, InvalidInput
 from steradian.scans import schema
+from steradian.scans.locking import open_to_read
 from steradian.scans.reading import _check_kind, list_frames, shots_of
 from steradian.scans.recording import Recording, Shots
 from steradian.scans.rows import RowTable
@@ -70,7 +71,7 @@ class ScanFollower:
     def __init__(self, path: Path, frame: int = 0) -> None:
         self.path = path
         try:
-            with h5py.File(path, "r") as file:
+            with open_to_read(path) as file:
                 _check_kind(path, file)
                 points = len(file["mask/weights"])
                 frames = len(file["alines/status"]) // points
@@ -99,7 +100,7 @@ class ScanFollower:
             When the file cannot be read any more.
         """
         try:
-            with h5py.File(self.path, "r") as file:
+            with open_to_read(self.path) as file:
                 return self._take(file, most)
         except (OSError, KeyError) as error:
             raise DamagedFile(f"{self.path} cannot be read as a scan: {error}") from error
@@ -162,7 +163,7 @@ class Quiet:
         """A-lines stored, and to be stored; -1 of 0 when there is no file yet."""
         if not self._path.is_file():
             return -1, 0
-        with h5py.File(self._path, "r") as file:
+        with open_to_read(self._path) as file:
             status = np.asarray(file["alines/status"])
             return int((status == schema.STORED).sum()), len(status)
 

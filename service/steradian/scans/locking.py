@@ -1,4 +1,4 @@
-"""One writer of a scan file at a time."""
+"""One writer of a scan file at a time, and any number of readers meanwhile."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import errno
 import struct
 import sys
 from pathlib import Path
+
+import h5py
 
 from steradian.errors import Conflict
 
@@ -17,7 +19,8 @@ def lock(handle: int, path: Path) -> None:
     """Hold a file for writing until it is closed; the system lets go of it when the process dies.
 
     The lock belongs to the open file and not to the process, and it is of another kind than the HDF5 library's: readers
-    are not disturbed. Where there are no such locks, nothing is held.
+    are not disturbed. On NFS both kinds are one, see :func:`open_to_read`. Where there are no such locks, nothing is
+    held.
 
     Raises
     ------
@@ -36,3 +39,21 @@ def lock(handle: int, path: Path) -> None:
             raise Conflict(f"{path} is being written by another process") from error
         if error.errno not in (errno.EINVAL, errno.ENOLCK, errno.EOPNOTSUPP):
             raise
+
+
+def open_to_read(path: Path) -> h5py.File:
+    """Open a scan file, also one that somebody writes to.
+
+    The HDF5 library locks what it opens, and NFS makes of its lock one of the same kind as the writer's, which keeps
+    every reader out, the writer's own included. The file's structure never changes while it is written and each row
+    proves itself, so then it is opened without.
+
+    Raises
+    ------
+    OSError
+        When it is no HDF5 file or cannot be read.
+    """
+    try:
+        return h5py.File(path, "r")
+    except OSError:
+        return h5py.File(path, "r", locking=False)

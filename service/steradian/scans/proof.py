@@ -5,7 +5,6 @@ from __future__ import annotations
 import secrets
 from dataclasses import dataclass
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +14,7 @@ from steradian.plans import ScanPlan
 from steradian.scans.check import CheckReport
 from steradian.scans.excitation import tune_excitation
 from steradian.scans.layout import tuning_map_hash
+from steradian.scans.locking import open_to_read
 from steradian.scans.store import AlineStore
 
 SHOTS = 16
@@ -88,7 +88,7 @@ def require(findings: list[Finding]) -> None:
 
 def compare_identity(store: AlineStore, plan: ScanPlan | None, capabilities: fabry_perot.Capabilities) -> list[Finding]:
     """Compare plan, tuning map and scanner with those that the file was made for."""
-    with h5py.File(store.path, "r") as file:
+    with open_to_read(store.path) as file:
         plan_id, serial = str(file["plan"].attrs["id"]), str(file.attrs["scanner"])
         tuning, simulated = str(file.attrs.get("tuning_map", "")), bool(file.attrs["simulated"])
     pairs = [("the scanner", serial, capabilities.serial)]

@@ -11,6 +11,7 @@ import numpy as np
 from steradian.errors import DamagedFile, InvalidInput
 from steradian.scans import schema
 from steradian.scans.course import Course
+from steradian.scans.locking import open_to_read
 from steradian.scans.recording import Recording, Shots
 from steradian.scans.rows import RowTable
 
@@ -43,7 +44,7 @@ def list_frames(path: Path) -> tuple[Frame, ...]:
         When the file is truncated, of another kind or newer.
     """
     try:
-        with h5py.File(path, "r") as file:
+        with open_to_read(path) as file:
             _check_kind(path, file)
             course = Course.of_file(file)
             stored = np.asarray(file["alines/status"]).reshape(-1, course.points) == schema.STORED
@@ -77,7 +78,7 @@ def read_scan(path: Path, frame: int = 0) -> Recording:
         When the file is truncated, of another kind or newer, or holds no A-line.
     """
     try:
-        with h5py.File(path, "r") as file:
+        with open_to_read(path) as file:
             _check_kind(path, file)
             return _read(path, file, frame)
     except (OSError, KeyError) as error:

@@ -24,7 +24,7 @@ from steradian.errors import DamagedFile, InvalidInput
 from steradian.scans import schema
 from steradian.scans.course import Course
 from steradian.scans.layout import create_scan_file, is_full
-from steradian.scans.locking import lock
+from steradian.scans.locking import lock, open_to_read
 from steradian.scans.rows import pack, row_checksums
 from steradian.scans.storable import StorableAline, columns_of
 
@@ -76,7 +76,7 @@ class AlineStore:
         self._file = path.open("r+b", buffering=0)
         try:
             lock(self._file.fileno(), path)
-            with h5py.File(path, "r") as file:
+            with open_to_read(path) as file:
                 self._locate(file)
         except (OSError, KeyError) as error:
             self._file.close()

@@ -1,5 +1,6 @@
 """A scan file is valid at every moment and holds what was acknowledged."""
 
+import fcntl
 import os
 import shutil
 import signal
@@ -16,10 +17,12 @@ sys.path.insert(0, str(Path(__file__).parent))
 from faulty_disk import FULL, FaultyDisk
 
 from steradian.errors import Conflict, DamagedFile, InvalidInput, NotFound
+from steradian.scans import store
 from steradian.scans.check import check_scan_file
 from steradian.scans.exporting import export_scan
 from steradian.scans.following import ScanFollower
 from steradian.scans.importing import import_scan
+from steradian.scans.locking import lock
 from steradian.scans.recording import open_recording
 from steradian.scans.store import AlineStore, create_scan_file
 
@@ -234,3 +237,26 @@ def test_a_file_has_one_writer_and_any_readers(path, alines):
             AlineStore(path)
     with AlineStore(path) as store:
         assert store.stored == 9
+
+
+def test_where_both_kinds_of_locks_are_one_a_running_scan_is_written_and_followed(path, alines, monkeypatch, tmp_path):
+    """On NFS the writer's lock is one for the HDF5 library, too; here the writer holds both kinds."""
+
+    def lock_like_nfs(handle, path):
+        lock(handle, path)
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+    monkeypatch.setattr(store, "lock", lock_like_nfs)
+    with AlineStore(path) as writer:
+        follower = ScanFollower(path)
+        writer.append(alines[:7])
+        with pytest.raises(OSError, match="unable to lock file"):
+            h5py.File(path, "r")
+        with pytest.raises(Conflict, match="another process"):
+            AlineStore(path)
+        assert len(follower.take().points) == len(open_recording(path).traces) == 7
+        writer.append(alines[7:])
+        assert len(follower.take().points) == len(alines) - 7
+        export_scan(path, tmp_path / "out.hdf5")
+        assert check_scan_file(path).is_sound
+    assert h5py.File(path, "r").close() is None

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.errors import DamagedFile, NotFound, SteradianError
+from steradian.scans.locking import open_to_read
 
 MOST_LINKS = 5_000_000
 MOST_DEPTH = 32
@@ -193,7 +194,7 @@ def _attribute_kind(file: h5py.File, place: str, name: str, shape: tuple[int, ..
 
 def _open(path: Path) -> h5py.File:
     try:
-        return h5py.File(path, "r")
+        return open_to_read(path)
     except (OSError, *BROKEN) as error:
         raise DamagedFile(f"{path.name} cannot be read as HDF5: {_said(error, path)}") from error
 
