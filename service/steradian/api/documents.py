@@ -7,9 +7,10 @@ import json
 from typing import Annotated, Any, TypeAlias
 
 from fastapi import APIRouter, FastAPI, Path, Request
-from fastapi.responses import HTMLResponse
+from fastapi.responses import HTMLResponse, JSONResponse, RedirectResponse, Response
 
 from steradian.api.problems import Problem
+from steradian.api.security import V1
 
 router = APIRouter()
 
@@ -64,6 +65,14 @@ def describe(app: FastAPI) -> None:
         return document
 
     app.openapi = openapi  # type: ignore[method-assign]
+
+
+@router.get("/", include_in_schema=False)
+def read_start(request: Request) -> Response:
+    """Point to the documentation: a browser is led there, anybody else is told where it is."""
+    if "text/html" in request.headers.get("accept", ""):
+        return RedirectResponse("/docs")
+    return JSONResponse({"name": "steradian", "docs": "/docs", "openapi": "/openapi.json", "api": f"{V1}/"})
 
 
 @router.get("/docs", include_in_schema=False)

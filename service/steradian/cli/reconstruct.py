@@ -9,6 +9,7 @@ import typer
 
 from steradian.cli.console import (
     Quantity,
+    console,
     duration,
     files_of,
     frequency,
@@ -169,10 +170,24 @@ def reconstruct(
         "volume": " × ".join(map(str, report.shape)) + f" ({report.axes}), {spacing} µm",
         "pictures": f"from {1e3 * report.near_field_m:.2f} mm depth, colours to the {report.scale_percentile:g}th"
         " percentile",
+        **_fit(report),
         "sound speed": f"{report.sound_speed_m_s:g} m/s",
         "sensed": _area(report),
         "seconds": ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in report.seconds.items()),
         "files": files_of(output),
     }
     show_figures("Reconstruction", figures)
+    if report.missing is not None:
+        console().print(f"[yellow]warning[/]: {report.missing}", soft_wrap=True)
     show_end(("volume", output / "volume.h5"), ("all results", output))
+
+
+def _fit(report: Report) -> dict[str, object]:
+    """Say how the method iterative ended."""
+    if report.fit is None:
+        return {}
+    why = {"discrepancy": "the noise is reached", "change": "the image stands still", "iterations": "as many as asked"}
+    return {
+        "iterations": f"{report.fit.iterations} ({why[report.fit.stopped]})",
+        "misfit": f"{100 * report.fit.misfit:.2g} % of the A-lines, in the band that holds signal",
+    }

@@ -257,7 +257,8 @@ class _Descent:
 
     def _look(self, iteration: int) -> None:
         if self._progress is not None:
-            self._progress("iterations", iteration, self._options.iterations)
+            misfit = f", misfit {100 * self.residuals[-1]:.1f} %" if self.residuals else ""
+            self._progress(f"iterations{misfit}", iteration, self._options.iterations)
         if self._cancelled is not None and self._cancelled():
             raise Cancelled("cancelled during: iterations")
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Literal, TypeAlias, get_args
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
@@ -18,6 +18,9 @@ from steradian.imaging.response import Correction
 from steradian.imaging.volume import Volume
 from steradian.imaging.windows import Shape, Window
 from steradian.progress import IsCancelled, Progress
+
+if TYPE_CHECKING:
+    from steradian.imaging.iterative import IterativeResult
 
 Method: TypeAlias = DirectMethod | Literal["iterative"]
 
@@ -42,6 +45,7 @@ def reconstruct(
     wrap: bool = False,
     correction: Correction | None = None,
     iterative: Iterative | None = None,
+    on_fit: Callable[[IterativeResult], None] | None = None,
     scale: float = 1.0,
     dtype: DTypeLike | None = None,
     memory_limit: int | None = None,
@@ -103,6 +107,8 @@ def reconstruct(
         Of the film's response over frequency and angle: a regularised filter, or for "iterative" part of the model.
     iterative
         Regulariser and stopping rule of that method, and of no other.
+    on_fit
+        Called with how the image was found, by that method.
     scale
         Factor of the traces (pressure per count).
     dtype
@@ -135,7 +141,7 @@ def reconstruct(
         _refuse_unused(window, time_padding, correction)
         from steradian.imaging.iterative import reconstruct_iteratively
 
-        return reconstruct_iteratively(
+        found = reconstruct_iteratively(
             data,
             positions,
             sampling_interval=sampling_interval,
@@ -156,7 +162,10 @@ def reconstruct(
             threads=threads,
             progress=progress,
             cancelled=cancelled,
-        ).volume
+        )
+        if on_fit is not None:
+            on_fit(found)
+        return found.volume
     if iterative is not None:
         raise InvalidInput(
             "iterative", "given", f"None with the method {method}; these options are of 'iterative' alone"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -21,6 +21,7 @@ from steradian.imaging.weights import sensed_outline
 from steradian.progress import IsCancelled, Progress
 from steradian.ranges import SOUND_SPEED
 from steradian.reconstructions.kept_plans import KeptPlans
+from steradian.reconstructions.missing import Missing, missing_points
 from steradian.reconstructions.near_field import from_depth, near_field
 from steradian.reconstructions.parameters import DEFAULT_SPACING, ReconstructionParameters
 from steradian.reconstructions.projections import project, project_from
@@ -31,10 +32,34 @@ from steradian.scans.recording import Recording, open_recording
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
+    from steradian.imaging.iterative import IterativeResult
+
 NOT_AREAS = 0.05
 """So far from the area that the sensors cover the sum of weights must be to be noted."""
 WITHOUT_WEIGHTS = ("interpolated", "iterative")
 """Methods that weights play no part in."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How the method iterative found an image.
+
+    Attributes
+    ----------
+    iterations
+        How many were done.
+    stopped
+        "discrepancy", "change" or "iterations": what ended them.
+    misfit
+        ‖A f − g‖/‖g‖ when it was last looked at.
+    misfits
+        The same at the start of each iteration.
+    """
+
+    iterations: int
+    stopped: str
+    misfit: float
+    misfits: tuple[float, ...]
 
 
 @dataclass
@@ -54,6 +79,10 @@ class Report:
     """What to know of the image before it is trusted."""
     parameters: dict[str, object] = field(default_factory=dict)
     provenance: dict[str, str] = field(default_factory=dict)
+    missing: Missing | None = None
+    """What a partly measured scan lacks."""
+    fit: Fit | None = None
+    """How the method iterative found the image."""
     shots: Unevenness = field(default_factory=Unevenness)
     """What A-lines differed in, and how many were left out."""
     near_field_m: float = 0.0
@@ -68,6 +97,11 @@ class Report:
         voxels = " × ".join(map(str, self.shape))
         sensors = f"{self.sensors:,} of {self.planned:,} sensors at {self.sound_speed_m_s:g} m/s"
         return f"<Report: {voxels} voxels from {sensors}, {sum(self.seconds.values()):.3g} s>"
+
+    def note_fit(self, found: IterativeResult) -> None:
+        """Note how an image was found."""
+        misfits = tuple(round(value, 6) for value in found.residuals)
+        self.fit = Fit(found.iterations, found.stopped, misfits[-1], misfits)
 
     @contextmanager
     def timed(self, stage: str) -> Iterator[None]:
@@ -131,12 +165,14 @@ def write_reconstruction(
     cancelled: IsCancelled | None = None,
 ) -> Report:
     """Do the same as :func:`reconstruct_scan` with a recording that has been read; the report is completed."""
-    report.parameters = used(recording, chosen)
+    report.parameters, report.missing = used(recording, chosen), missing_points(recording)
     with report.timed("even out"):
         if recording.shots is not None:
             recording, report.shots = even_out(recording, chosen.shots)
     with report.timed("reconstruct"):
-        volume = reconstruct_recording(recording, chosen, plans=plans, progress=progress, cancelled=cancelled)
+        volume = reconstruct_recording(
+            recording, chosen, plans=plans, on_fit=report.note_fit, progress=progress, cancelled=cancelled
+        )
     report.axes = ", ".join(volume.names)
     report.shape, report.spacing_m = volume.values.shape, tuple(map(float, volume.spacing))
     report.sensors, report.planned = len(recording.positions), recording.planned
@@ -180,10 +216,11 @@ def reconstruct_recording(
     parameters: ReconstructionParameters,
     *,
     plans: KeptPlans | None = None,
+    on_fit: Callable[[IterativeResult], None] | None = None,
     progress: Progress | None = None,
     cancelled: IsCancelled | None = None,
 ) -> Volume:
-    """Reconstruct a recording in memory; see :func:`reconstruct_scan`."""
+    """Reconstruct a recording in memory; see :func:`reconstruct_scan` and :func:`steradian.imaging.reconstruct`."""
     recording, _ = even_out(recording, parameters.shots)
     traces = conditioned(recording, parameters)
     options = plan_options(recording, parameters)
@@ -198,6 +235,7 @@ def reconstruct_recording(
             **options,
             correction=correction,
             iterative=parameters.iterative if fitted else None,
+            on_fit=on_fit,
             progress=progress,
             cancelled=cancelled,
         )

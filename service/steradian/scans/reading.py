@@ -124,6 +124,8 @@ def _read(path: Path, file: h5py.File, frame: int) -> Recording:
         depth=float(mask.attrs["depth_m"]) if "depth_m" in mask.attrs else None,
         planned=points,
         outline=np.asarray(mask["outline"], np.float64) if "outline" in mask else None,
+        missing=np.delete(np.asarray(mask["positions"], dtype=np.float64), stored, axis=0),
+        offset=tuple(map(float, mask.attrs.get("offset_m", (0.0, 0.0)))),
         provenance={
             "scan_id": str(file.attrs["scan_id"]),
             "plan_id": str(plan.attrs["id"]),

@@ -65,10 +65,12 @@ class Recording:
         their time zero, which ``shots`` tells, it is the earliest.
     grid
         Sensors per axis where they fill a grid, else ``None``.
-    depth
-        Distance of the point of interest from the plane in metres, if there is one.
+    depth, offset
+        Distance of the point of interest from the plane in metres, if there is one, and its (x, y).
     planned
         Number of points the plan asked for; more than M for a partial scan.
+    missing
+        (K, 2) metres: those that have no A-line; ``None`` where the file does not tell.
     provenance
         Identifiers of mask, plan, scan and scanner, for the volume's own record.
     shots
@@ -92,6 +94,8 @@ class Recording:
     outline: FloatArray | None = None
     """Convex outline of the sensed area (:class:`steradian.masks.Mask`), ``None`` where the file does not say: scans
     measured before it was kept have weights that sum to aperture², whatever their sensors cover."""
+    missing: FloatArray | None = None
+    offset: tuple[float, ...] = (0.0, 0.0)
 
     def keep(self, wanted: NDArray[np.bool_]) -> Recording:
         """Return the A-lines that are ``wanted`` (M,); their weights make up for the others' in proportion."""

@@ -58,3 +58,15 @@ def test_the_page_for_people_loads_nothing_from_elsewhere(server, document):
     assert not re.search(r"(src|href)=\"(https?:)?//|<script|@import|url\(", page.text)
     for path in document["paths"]:
         assert path in page.text
+
+
+def test_the_bare_address_points_to_the_documentation(server):
+    """Whoever opens the address that the service prints finds the way: a browser is led to the page."""
+    with httpx.Client(base_url=server.url, timeout=90) as client:
+        answer = client.get("/")
+        assert answer.status_code == 200
+        for name in ("docs", "openapi", "api"):
+            assert client.get(answer.json()[name]).status_code == 200
+        led = client.get("/", headers={"accept": "text/html,application/xhtml+xml"}, follow_redirects=False)
+        assert led.is_redirect
+        assert client.get(led.headers["location"]).headers["content-type"].startswith("text/html")

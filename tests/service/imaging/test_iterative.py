@@ -113,7 +113,8 @@ def test_it_reports_cancels_and_refuses() -> None:
         traces, where, options=Iterative(iterations=4, discrepancy=None), progress=lambda *a: told.append(a), **LINE
     )
     assert told[0] == ("iterations", 0, 4)
-    assert told[-1] == ("iterations", 4, 4)
+    assert told[-1][0].startswith("iterations, misfit ")
+    assert told[-1][1:] == (4, 4)
     with pytest.raises(Cancelled):
         reconstruct_iteratively(traces, where, cancelled=lambda: True, **LINE)
     with pytest.raises(InvalidInput, match="memory_limit"):
