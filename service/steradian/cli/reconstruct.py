@@ -38,7 +38,7 @@ def _option(text: str, panel: str | None = None, kind: Quantity | None = None, d
 
 def _area(report: Report) -> str:
     if report.sensed_area_m2 is None:
-        return "weights play no part"
+        return "; ".join(["weights play no part", *report.notes])
     area = report.sensed_area_m2
     text = f"{1e3 * area:.4g} mm" if len(report.shape) == 2 else f"{1e6 * area:.4g} mm²"
     return "; ".join([text, *report.notes])

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 NOT_AREAS = 0.05
 """So far from the area that the sensors cover the sum of weights must be to be noted."""
+LOWERED = "the regulariser lowers amplitudes, by a third and more from few sensors; take those of a direct method"
 WITHOUT_WEIGHTS = ("interpolated", "iterative")
 """Methods that weights play no part in."""
 
@@ -179,6 +180,8 @@ def write_reconstruction(
     report.sound_speed_m_s = _sound_speed(recording, chosen)
     if chosen.method not in WITHOUT_WEIGHTS:
         _note_area(report, recording, _weights(recording, chosen))
+    elif chosen.method == "iterative" and chosen.iterative.regularisation != "none":
+        report.notes.append(LOWERED)
     report.provenance = recording.provenance
     output.mkdir(parents=True, exist_ok=True)
     with report.timed("project"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from typer.testing import CliRunner
 from steradian.cli.app import app
 from steradian.errors import InvalidInput
 from steradian.imaging.conditioning import Display
-from steradian.reconstructions.job import reconstruct_recording, reconstruct_scan
+from steradian.reconstructions.job import Report, reconstruct_recording, reconstruct_scan, write_reconstruction
 from steradian.reconstructions.kept_plans import KeptPlans
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.volume_file import read_volume
@@ -42,7 +43,10 @@ def test_the_command_line_fits_iteratively(recording: Path, tmp_path: Path) -> N
     assert volume.values.min() >= 0
     peak = np.unravel_index(volume.values.argmax(), volume.values.shape)
     assert volume.axes.z[peak[2]] == pytest.approx(0.6e-3, abs=60e-6)
-    used = json.loads((out / "report.json").read_text())["parameters"]
+    report = json.loads((out / "report.json").read_text())
+    assert report["sensed_area_m2"] is None
+    assert any("lowers amplitudes" in note for note in report["notes"])
+    used = report["parameters"]
     assert used["iterative"]["regularisation"] == "sparsity"
     assert used["film"]["kind"] == "simulated"
     assert ReconstructionParameters.create(**used).iterative.iterations == 4
@@ -72,3 +76,21 @@ def test_pictures_may_leave_out_what_is_below_zero(recording: Path) -> None:
     assert volume.values.min() < 0
     shown = Display(non_negative=True).apply(volume)
     np.testing.assert_array_equal(shown.values, np.maximum(volume.values, 0))
+
+
+def test_the_report_states_the_sensed_area_and_notes_weights_that_are_not_areas(
+    recording: Path, tmp_path: Path
+) -> None:
+    """As those of scans measured before, which sum to the aperture whatever was sensed."""
+    found = open_recording(recording)
+    assert found.weights is not None
+    chosen = ReconstructionParameters.create(sound_speed=1500.0)
+    report = write_reconstruction(found, tmp_path / "new", chosen, Report())
+    assert report.sensed_area_m2 == pytest.approx(found.weights.sum())
+    assert report.notes == []
+    old = replace(found, weights=1.27 * found.weights, outline=None)
+    noted = write_reconstruction(old, tmp_path / "old", chosen, Report())
+    assert any("1.27 times the area that the sensors cover" in note for note in noted.notes)
+    mended = write_reconstruction(old, tmp_path / "mended", chosen.replace(weights="voronoi"), Report())
+    assert mended.notes == []
+    assert mended.sensed_area_m2 == pytest.approx(report.sensed_area_m2)
