@@ -14,7 +14,7 @@ def import_(
     source: Annotated[
         Path,
         typer.Argument(
-            help="IPASC or k-Wave HDF5, MATLAB 7.3 with sensor_data and dt, .npy, .npz, .csv, or a scan file.",
+            help="IPASC or k-Wave HDF5, MATLAB with sensor_data and dt, .npy, .npz, .csv, or a scan file.",
             metavar="SOURCE",
         ),
     ],

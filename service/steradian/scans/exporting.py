@@ -3,7 +3,8 @@
 ``binary_time_series_data`` [detector, sample, wavelength, frame] in the pressure unit as float32; every tag a dataset
 in SI units; a group for each detector. The standard has no tag for the time of the first sample nor for what a point
 stands for, so these go under names of our own (:mod:`steradian.scans.importing.ipasc`). A-lines that begin at different
-times after their pulses are put on one grid of times (:mod:`steradian.scans.aligning`).
+times after their pulses are put on one grid of times (:mod:`steradian.scans.aligning`). Wavelengths of the light that nobody knows are 0, for
+PATATO opens no file without any.
 """
 
 from __future__ import annotations
@@ -162,6 +163,11 @@ class _Export:
             "speed_of_sound": float(plan["sound_speed_m_s"]),
             "photoacoustic_imaging_device_reference": self._device_name(),
             "scanning_method": "one detection point of the list after the other",
+            "acquisition_wavelengths": self._light,
+            "measurements_per_image": shape[0],
+            "overall_gain": 1.0,
+            "time_gain_compensation": np.ones(shape[1]),
+            "element_dependent_gain": np.ones(shape[0]),
             ipasc.TIME_ZERO: time_zero,
             ipasc.APERTURE: float(mask.attrs["aperture_m"]),
             ipasc.WEIGHTS: weights * (mask["weights"][()].sum() / weights.sum()),
@@ -169,8 +175,9 @@ class _Export:
         }
         if "depth_m" in mask.attrs:
             tags[ipasc.DEPTH] = float(mask.attrs["depth_m"])
-        if (self._light > 0).all():
-            tags["acquisition_wavelengths"] = self._light
+        times = self._scan["alines/fire_time_s"][()].reshape(self._frames, self._points)[:, kept]
+        if times.any():  # an imported scan may not know them
+            tags["measurement_timestamps"] = times.min(axis=1)
         group = self._made.create_group(ipasc.ACQUISITION)
         for name, value in tags.items():
             group[name] = _text(value) if isinstance(value, str) else value

@@ -100,6 +100,7 @@ def test_voxel_sizes_and_axes_by_vtk(tmp_path, volume, values, format):
     reader = {"nifti": vtkNIFTIImageReader, "nrrd": vtkNrrdReader, "vtkhdf": vtkHDFReader}[format]()
     spacing, origin, found = _vtk(reader, export_volume(volume, tmp_path / FORMATS[format], format=format))
     np.testing.assert_array_equal(found, values)
+    assert reader.GetOutput().GetPointData().GetScalars() is not None  # else a viewer shows an empty box
     np.testing.assert_allclose(spacing, 1e3 * np.array(SPACING), rtol=1e-6)
     if format == "nifti":  # this reader keeps the origin in a matrix of its own
         matrix = reader.GetSFormMatrix() or reader.GetQFormMatrix()

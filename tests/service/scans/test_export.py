@@ -1,8 +1,8 @@
 """Scans as IPASC files, judged by the consortium's own library."""
 
-import dataclasses
 import shutil
 import subprocess
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -21,7 +21,9 @@ def scan(tmp_path, plan, alines):
     path = tmp_path / "scan.h5"
     create_scan_file(path, plan, scan_id="s1", scanner="SIM-1", simulated=True, time_zero=2.5e-7)
     with AlineStore(path) as store:
-        store.append(dataclasses.replace(aline, time_zero_offset_s=2.5e-7) for aline in alines)
+        store.append(
+            replace(aline, time_zero_offset_s=2.5e-7, fire_time_s=12.5 + 0.02 * aline.point) for aline in alines
+        )
     return path
 
 
@@ -35,9 +37,7 @@ def test_a_lines_that_begin_at_different_times_come_out_at_their_times(tmp_path,
         return np.exp(-(((times - 1.2e-6) / 40e-9) ** 2))
 
     lines = [
-        dataclasses.replace(
-            aline, samples=np.rint(height * pulse(start + times)).astype(np.int16), time_zero_offset_s=start
-        )
+        replace(aline, samples=np.rint(height * pulse(start + times)).astype(np.int16), time_zero_offset_s=start)
         for aline, start in zip(alines, starts, strict=True)
     ]
     create_scan_file(tmp_path / "scan.h5", plan)
@@ -79,6 +79,24 @@ def test_pacfish_reads_every_mandatory_tag_and_finds_them_consistent(tmp_path, s
     np.testing.assert_allclose(data.get_field_of_view()[:4], plan.mask.aperture / 2 * np.array([-1, 1, -1, 1]))
 
 
+def test_pacfish_misses_only_what_nobody_knows(tmp_path, scan, plan):
+    """Of the standard's optional tags those are there that a scan knows: gains, times, wavelengths (0: unknown)."""
+    import pacfish
+    from pacfish.qualitycontrol import CompletenessChecker
+
+    data = pacfish.load_data(str(export_scan(scan, tmp_path / "out.hdf5")))
+    about = data.meta_data_acquisition
+    check = CompletenessChecker.check_metadatum_from_dict
+    missing = {tag.tag for tag in pacfish.MetadataAcquisitionTags.TAGS if check(about, tag)[1]}
+    energy, poses = "pulse_energy", "measurement_spatial_poses"
+    surroundings = {"temperature_control", "acoustic_coupling_agent", "frequency_domain_filter", "regions_of_interest"}
+    assert missing == {energy, poses} | surroundings
+    np.testing.assert_array_equal(data.get_acquisition_wavelengths(), [0.0])  # PATATO asks for its shape
+    assert about["measurements_per_image"] == plan.mask.count
+    assert about["overall_gain"] == 1
+    np.testing.assert_array_equal(about["measurement_timestamps"], [12.5])
+
+
 def test_samples_are_in_the_pressure_unit_and_in_the_masks_order(tmp_path, scan, plan, alines):
     """Row m is the A-line of position m, counts times scale."""
     with h5py.File(export_scan(scan, tmp_path / "out.hdf5")) as file:
@@ -116,8 +134,6 @@ def test_points_that_are_missing_or_torn_are_left_out(tmp_path, plan, alines):
 
 def test_frames_and_wavelengths_have_their_own_axes(tmp_path, plan, alines):
     """[detector, sample, wavelength, frame], with the wavelengths as a tag."""
-    from dataclasses import replace
-
     several = ScanPlan.create(mask=plan.mask, samples=plan.samples, frames=2, excitation=(7e-7, 8e-7, 9e-7))
     create_scan_file(tmp_path / "several.h5", several)
     rows = np.arange(several.aline_count)

@@ -189,6 +189,57 @@ def test_a_description_that_does_not_fit_is_refused_by_name(tmp_path, scan, chan
     assert not scan.exists()
 
 
+MM = (1e3 * foreign.grid()).tolist()
+
+
+@pytest.mark.parametrize(
+    ("about", "field", "words"),
+    [
+        ({"positions": MM}, "positions", 'sensors over 2.2 m; .*in m; it may say "lengths": "mm" or "um"'),
+        ({"positions": MM, "lengths": "um", "aperture": 2e6}, "aperture", 'aperture is 2e.06 um; .*"m" or "mm"'),
+        ({"grid": {"count": [12, 8], "interval": [0.2, 0.3]}}, "grid.interval", 'sensors over 2.2 m; .*"lengths"'),
+        ({"positions": MM, "lengths": "mm", "times": "s"}, "sampling_interval", 'is 20 s; .*"times": "us" or "ns"'),
+    ],
+)
+def test_numbers_in_another_unit_are_named_as_they_were_given(tmp_path, scan, about, field, words):
+    """Millimetres for metres: the message names the positions, not an aperture that nobody gave, and the way out."""
+    np.save(tmp_path / "a.npy", foreign.expected(foreign.grid()))
+    base = {"sampling_interval": 20, "times": "ns", "sound_speed": 1480}
+    with pytest.raises(InvalidInput, match=words) as refusal:
+        import_scan(tmp_path / "a.npy", scan, description=foreign.describe(tmp_path, **(base | about)))
+    assert refusal.value.field == field
+
+
+def test_numbers_of_a_file_in_another_unit_are_named_too(tmp_path, scan):
+    """A file's own positions are in metres, whatever a description says of its own numbers."""
+    np.savez(tmp_path / "a.npz", traces=foreign.expected(foreign.grid()), positions=MM, dt=2e-8, c=1480.0)
+    with pytest.raises(InvalidInput, match=r"positions is sensors over 2\.2 m; .*numbers of a file count as m"):
+        import_scan(tmp_path / "a.npz", scan)
+
+
+def test_the_formats_page_lists_every_name_that_is_understood(tmp_path):
+    """Names in the page's table are those of the code, in the order in which they are looked for."""
+    import re
+
+    from steradian.scans.importing import arrays, names
+
+    page = (Path(__file__).parents[3] / "docs" / "formats.md").read_text()
+    rows = re.findall(r"^\| ([^|]+) \| ((?:`[^`|]+`,? ?)+)\|", page.split("### Names")[1], re.MULTILINE)
+    told = {what.split(" (")[0]: tuple(re.findall("`([^`]+)`", row)) for what, row in rows}
+    assert told == {
+        "A-lines": arrays.TRACES,
+        "time between samples": names.INTERVAL,
+        "speed of sound": names.SPEED,
+        "time of the first sample": names.TIME_ZERO,
+        "positions": names.POSITIONS,
+        "mask": names.MASK,
+        "areas": names.WEIGHTS,
+        "side of the aperture": names.APERTURE,
+        "distance of the point of interest": names.DEPTH,
+        "pitches along x, y, z": (*names.STEPS, names.KGRID),
+    }
+
+
 def test_a_line_of_sensors_becomes_a_scan_of_a_line(tmp_path, scan):
     """A 2-D k-Wave archive (time, y) has positions (M, 1), lengths for weights, and gives an image."""
     traces = np.random.default_rng(4).normal(size=(64, 30)).astype("f4")

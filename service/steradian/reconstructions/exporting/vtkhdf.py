@@ -10,12 +10,14 @@ import numpy as np
 from steradian.reconstructions.exporting.source import VolumeSource
 
 NAME = "initial_pressure"
+SCALARS = "Scalars"
+"""What VTK is to take the values for: without it no array is active, and a viewer shows an empty box."""
 
 
 def write_vtkhdf(source: VolumeSource, path: Path) -> None:
     """Write a volume as VTKHDF (version 2.0) in millimetres.
 
-    The format wants its type as an ASCII string and the values as [z, y, x].
+    The format wants its texts as ASCII strings of fixed length and the values as [z, y, x].
     """
     nx, ny, nz = source.shape
     with h5py.File(path, "w") as file:
@@ -30,6 +32,7 @@ def write_vtkhdf(source: VolumeSource, path: Path) -> None:
         values = points.create_dataset(
             NAME, (nz, ny, nx), source.dtype, chunks=(1, ny, nx), compression="gzip", compression_opts=1
         )
+        values.attrs.create("Attribute", SCALARS, dtype=h5py.string_dtype("ascii", len(SCALARS)))
         start = 0
         for slab in source.depth_slabs():
             values[start : start + len(slab)] = slab

@@ -1,4 +1,4 @@
-"""Importing recorded data: own scan files, IPASC, k-Wave, MATLAB 7.3, npy, npz and CSV become scans like any other.
+"""Importing recorded data: own scan files, IPASC, k-Wave, MATLAB, npy, npz and CSV become scans like any other.
 
 What is imported counts as untrusted: see :mod:`steradian.scans.importing.untrusted`.
 """
@@ -46,7 +46,7 @@ def import_scan(
     Parameters
     ----------
     source
-        One of our scan files, IPASC HDF5, k-Wave output HDF5, MATLAB 7.3 or Octave HDF5 with ``sensor_data`` and
+        One of our scan files, IPASC HDF5, k-Wave output HDF5, MATLAB or Octave HDF5 with ``sensor_data`` and
         ``dt``, .npy, .npz or .csv.
     destination
         The scan file to make.

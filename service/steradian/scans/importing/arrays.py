@@ -21,13 +21,14 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from steradian.errors import DamagedFile, InvalidInput
+from steradian.scans.importing import names
 from steradian.scans.importing.description import Description, grid_points
 from steradian.scans.importing.geometry import MOST_POINTS
 from steradian.scans.importing.source import Source, Stated, make_source
 from steradian.scans.importing.tables import RawTable, Table, scratch, spill
 from steradian.scans.importing.untrusted import RATIO, RATIO_FROM, TRACE_BYTES
 
-TRACES = ("traces", "sensor_data", "p")
+TRACES = (*names.TRACES, "p")
 MOST_MEMBERS = 1000
 HEADER_BYTES = 1 << 16
 SMALL_BYTES = 256 << 20
@@ -84,14 +85,12 @@ def open_npz(path: Path, said: Description, folder: Path | None = None) -> Itera
     """
     try:
         with zipfile.ZipFile(path) as archive, scratch(folder) as spare:
-            names = _members(path, archive)
-            name = said.array or next((name for name in TRACES if name in names), None)
-            if name is None or name not in names:
-                raise DamagedFile(
-                    f"{path.name} has no array {name or TRACES[0]!r}; it holds {', '.join(sorted(names))}"
-                )
-            table, lateral, kwave = _member_table(archive, names[name], said, spare, is_p=name == "p")
-            stated = _stated_in(archive, names, lateral, simulated=kwave)
+            held = _members(path, archive)
+            name = said.array or next((name for name in TRACES if name in held), None)
+            if name is None or name not in held:
+                raise DamagedFile(f"{path.name} has no array {name or TRACES[0]!r}; it holds {', '.join(sorted(held))}")
+            table, lateral, kwave = _member_table(archive, held[name], said, spare, is_p=name == "p")
+            stated = _stated_in(archive, held, lateral, simulated=kwave)
             yield make_source("npz", table, stated, said, path.name, lateral)
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, EOFError, UnicodeDecodeError) as error:
         raise DamagedFile(f"{path.name} cannot be read as an .npz archive: {error}") from error
@@ -204,10 +203,10 @@ def _pieces(file: IO[bytes], kind: np.dtype[Any]) -> Iterator[NDArray[Any]]:
 
 
 def _stated_in(
-    archive: zipfile.ZipFile, names: dict[str, zipfile.ZipInfo], lateral: tuple[int, ...] | None, *, simulated: bool
+    archive: zipfile.ZipFile, held: dict[str, zipfile.ZipInfo], lateral: tuple[int, ...] | None, *, simulated: bool
 ) -> Stated:
     def small(*wanted: str) -> NDArray[Any] | None:
-        member = next((names[name] for name in wanted if name in names), None)
+        member = next((held[name] for name in wanted if name in held), None)
         return None if member is None else _small(archive, member)
 
     def number(*wanted: str) -> float | None:
@@ -216,16 +215,17 @@ def _stated_in(
             raise DamagedFile(f"{_name(archive)}: {wanted[0]} has the shape {value.shape}; expected one number")
         return None if value is None else float(value.reshape(-1)[0])
 
-    points, pitch = small("positions"), number("dx")
+    points, pitch = small(*names.POSITIONS), number(names.STEPS[0])
     if points is None and pitch is not None and lateral is not None:
-        points = grid_points(lateral, (pitch,) * len(lateral))
+        points = grid_points(lateral, (pitch, number(names.STEPS[1]) or pitch)[: len(lateral)])
     return Stated(
         points=points,
-        weights=None if (weights := small("weights")) is None else weights.astype(np.float64).reshape(-1),
-        aperture=number("aperture"),
-        sampling_interval=number("dt", "sampling_interval"),
-        sound_speed=number("c", "sound_speed"),
-        time_zero=number("time_zero", "t0") or 0.0,
+        weights=None if (weights := small(*names.WEIGHTS)) is None else weights.astype(np.float64).reshape(-1),
+        aperture=number(*names.APERTURE),
+        sampling_interval=number(*names.INTERVAL),
+        sound_speed=number(*names.SPEED),
+        time_zero=number(*names.TIME_ZERO) or 0.0,
+        depth=number(*names.DEPTH),
         simulated=simulated,
     )
 

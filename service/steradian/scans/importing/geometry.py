@@ -132,8 +132,8 @@ def _lateral_axes(points: NDArray[np.float64]) -> list[int]:
     spread = np.ptp(points, axis=0)
     wide = [axis for axis in range(points.shape[1]) if spread[axis] > FLAT * spread.max()]
     if len(wide) == 3:
-        words = " × ".join(f"{1e3 * side:.4g}" for side in spread)
-        raise InvalidInput("positions", f"sensors that fill {words} mm", "a plane or a line along the axes")
+        words = " × ".join(f"{side:.4g}" for side in spread)
+        raise InvalidInput("positions", f"sensors that fill {words} m", "a plane or a line along the axes")
     if len(wide) == 1 and len(points) > 1:
         return wide
     if points.shape[1] < 3:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.errors import DamagedFile, InvalidInput
-from steradian.scans.importing import mat5, untrusted
+from steradian.scans.importing import mat5, names, untrusted
 from steradian.scans.importing.description import Description, grid_points
 from steradian.scans.importing.geometry import MOST_POINTS
 from steradian.scans.importing.kwave import mask_points
@@ -26,12 +26,6 @@ from steradian.scans.importing.source import Source, Stated, make_source
 from steradian.scans.importing.tables import Hdf5Table, Table, scratch, slabs, spill
 
 FORMAT = "matlab"
-TRACES = ("sensor_data", "traces")
-INTERVAL = ("dt", "sampling_interval")
-SPEED = ("sound_speed", "c", "c0", "medium_sound_speed", "c_ref")
-POSITIONS, MASK = ("positions", "sensor_positions"), ("mask", "sensor_mask")
-APERTURE, TIME_ZERO, STEPS = ("aperture",), ("time_zero", "t0"), ("dx", "dy", "dz")
-VARIABLES = (*INTERVAL, *SPEED, *POSITIONS, *MASK, *APERTURE, *TIME_ZERO, *STEPS)
 
 
 @contextmanager
@@ -50,16 +44,16 @@ def open_matlab(path: Path, said: Description, folder: Path | None = None) -> It
 @contextmanager
 def open_matlab_5(path: Path, said: Description, folder: Path | None = None) -> Iterator[Source]:
     """Open a MATLAB file of version 5 to 7; raises like :func:`open_matlab`."""
-    names = (said.array,) if said.array else TRACES
-    with mat5.open_variables(path, VARIABLES, names) as file, scratch(folder) as spare:
+    wanted = (said.array,) if said.array else names.TRACES
+    with mat5.open_variables(path, (*names.NUMBERS, *names.GEOMETRY), wanted) as file, scratch(folder) as spare:
         yield _source(file, path.name, said, spare)
 
 
 def _source(file: h5py.File, called: str, said: Description, spare: Any) -> Source:
-    names = (said.array,) if said.array else TRACES
-    name = _find(file, names)
+    wanted = (said.array,) if said.array else names.TRACES
+    name = _find(file, wanted)
     if name is None:
-        raise DamagedFile(f"{called} has no variable {names[0]!r}")
+        raise DamagedFile(f"{called} has no variable {wanted[0]!r}")
     traces = untrusted.dataset(file, name, most_bytes=untrusted.TRACE_BYTES)
     if traces.ndim not in (2, 3):
         raise DamagedFile(f"{called}: {name} has {traces.ndim} axes; expected sensor, time or x, y, time")
@@ -69,9 +63,9 @@ def _source(file: h5py.File, called: str, said: Description, spare: Any) -> Sour
     return make_source(FORMAT, _table(traces, stated, said, spare), stated, said, called, lateral)
 
 
-def _find(file: h5py.File, names: tuple[str, ...]) -> str | None:
+def _find(file: h5py.File, wanted: tuple[str, ...]) -> str | None:
     """Name of the first variable that is there; structures give their field ``p``, Octave's groups their ``value``."""
-    for name in names:
+    for name in wanted:
         for place in (name, f"{name}/value", f"{name}/p", f"{name}/value/p/value"):
             if isinstance(file.get(place), h5py.Dataset):
                 return place
@@ -98,26 +92,29 @@ def _as_matlab_counts(traces: h5py.Dataset) -> Iterator[NDArray[Any]]:
 
 
 def _stated(file: h5py.File) -> Stated:
-    interval, speed = (_number(file, names) for names in (INTERVAL, SPEED))
+    interval, speed = (_number(file, wanted) for wanted in (names.INTERVAL, names.SPEED))
+    weights = _find(file, names.WEIGHTS)
     return Stated(
         points=_points(file),
-        aperture=_number(file, APERTURE),
+        weights=None if weights is None else untrusted.array(file, weights).astype(np.float64).reshape(-1),
+        depth=_number(file, names.DEPTH),
+        aperture=_number(file, names.APERTURE),
         sampling_interval=interval,
         sound_speed=speed,
-        time_zero=_number(file, TIME_ZERO) or 0.0,
+        time_zero=_number(file, names.TIME_ZERO) or 0.0,
     )
 
 
-def _number(file: h5py.File, names: tuple[str, ...]) -> float | None:
-    name = _find(file, names)
+def _number(file: h5py.File, wanted: tuple[str, ...]) -> float | None:
+    name = _find(file, wanted)
     return None if name is None or file[name].size != 1 else untrusted.number(file, name)
 
 
 def _points(file: h5py.File) -> NDArray[np.float64] | None:
-    name = _find(file, POSITIONS)
+    name = _find(file, names.POSITIONS)
     if name is not None:
         return _coordinates(untrusted.array(file, name, most_bytes=32 * MOST_POINTS), first="point")
-    name = _find(file, MASK)
+    name = _find(file, names.MASK)
     if name is None:
         return None
     mask = untrusted.dataset(file, name)
@@ -152,14 +149,14 @@ def _places(mask: h5py.Dataset) -> NDArray[np.int64]:
 
 
 def _steps(file: h5py.File, axes: int) -> tuple[float, ...]:
-    first = _number(file, ("dx", "kgrid/dx"))
+    first = _number(file, (names.STEPS[0], names.KGRID))
     if first is None:
         raise InvalidInput("dx", "missing", "> 0 (m), the pitch of the mask's grid, as a variable beside it")
-    return (first, *(_number(file, (name,)) or first for name in STEPS[1:axes]))
+    return (first, *(_number(file, (name,)) or first for name in names.STEPS[1:axes]))
 
 
 def _on_grid(file: h5py.File, stated: Stated, counts: tuple[int, ...]) -> Stated:
-    if _number(file, ("dx",)) is None:
+    if _number(file, names.STEPS[:1]) is None:
         return stated
     from dataclasses import replace
 

@@ -14,6 +14,7 @@ from steradian.errors import DamagedFile, InvalidInput, NotFound
 from steradian.progress import Progress
 from steradian.scans import schema
 from steradian.scans.importing import arrays, ipasc, kwave, mat5, matlab, untrusted
+from steradian.scans.importing import names as known
 from steradian.scans.importing.description import Description, read_description
 from steradian.scans.importing.source import Source
 
@@ -94,7 +95,7 @@ def _opened_hdf5(
         kind = _format(file)
     if ipasc.SERIES in names:
         return ipasc.open_ipasc(path, said, note)
-    if names.intersection((said.array,) if said.array else matlab.TRACES):
+    if names.intersection((said.array,) if said.array else known.TRACES):
         return matlab.open_matlab(path, said, folder)
     if names.issuperset(kwave.GRID):
         return kwave.open_kwave(path, said, companion, folder)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steradian.errors import InvalidInput
-from steradian.scans.importing.description import Description, grid_points
+from steradian.ranges import LENGTH, SAMPLING_INTERVAL
+from steradian.scans.importing.description import LENGTHS, TIMES, Description, grid_points
 from steradian.scans.importing.geometry import Sensors, place_sensors
 from steradian.scans.importing.tables import Table
 from steradian.scans.recording import Recording
@@ -115,6 +116,11 @@ def make_source(
     interval = said.seconds(said.sampling_interval) or stated.sampling_interval
     if interval is None:
         raise InvalidInput("sampling_interval", "missing", f"> 0 (s); neither {name} nor a description states it")
+    if interval not in SAMPLING_INTERVAL:
+        given = f"{said.sampling_interval:g} {said.times}" if said.sampling_interval else f"{interval:g} s"
+        hint = _hint(said.sampling_interval is not None, "times", said.times)
+        raise InvalidInput("sampling_interval", given, f"{SAMPLING_INTERVAL}; {hint}")
+    _require_extent(points, said)
     weights = said.weights if said.weights is not None else stated.weights
     aperture = said.metres(said.aperture) or stated.aperture
     area = None if said.weights is not None or weights is None else float(weights.sum())
@@ -134,6 +140,28 @@ def make_source(
         simulated=stated.simulated if said.simulated is None else said.simulated,
         provenance={"source": name},
     )
+
+
+def _require_extent(points: NDArray[np.floating[Any]], said: Description) -> None:
+    """Refuse sensors, or an aperture, that are wider than any scanner, in the words and the unit of what was given."""
+    if said.aperture is not None and said.aperture * said.length_unit not in LENGTH:
+        given = f"{said.aperture:g} {said.lengths}"
+        raise InvalidInput("aperture", given, f"{LENGTH}; {_hint(True, 'lengths', said.lengths)}")
+    spread = float(np.ptp(points, axis=0).max()) if np.isfinite(points).all() else 0.0
+    if spread > LENGTH.high:
+        field = "positions" if said.grid is None else "grid.interval"
+        described = said.grid is not None or isinstance(said.positions, np.ndarray)
+        unit = said.lengths if described else "m"
+        given = f"sensors over {spread / LENGTHS[unit]:.4g} {unit}"
+        raise InvalidInput(field, given, f"over at most {LENGTH.high:g} m; {_hint(described, 'lengths', unit)}")
+
+
+def _hint(described: bool, field: Literal["lengths", "times"], unit: str) -> str:
+    """Say how to state the unit of a description's numbers, or what unit a file's own count as."""
+    if not described:
+        return f"numbers of a file count as {unit}; others belong into a description, with its {field}"
+    others = " or ".join(f'"{name}"' for name in (LENGTHS if field == "lengths" else TIMES) if name != unit)
+    return f'the description\'s numbers are in {unit}; it may say "{field}": {others}'
 
 
 def _described_points(said: Description, stated: Stated, lateral: tuple[int, ...] | None) -> NDArray[np.floating[Any]]:
