@@ -3,8 +3,8 @@
 ``binary_time_series_data`` [detector, sample, wavelength, frame] in the pressure unit as float32; every tag a dataset
 in SI units; a group for each detector. The standard has no tag for the time of the first sample nor for what a point
 stands for, so these go under names of our own (:mod:`steradian.scans.importing.ipasc`). A-lines that begin at different
-times after their pulses are put on one grid of times (:mod:`steradian.scans.aligning`). Wavelengths of the light that nobody knows are 0, for
-PATATO opens no file without any.
+times after their pulses are put on one grid of times (:mod:`steradian.scans.aligning`). Wavelengths of the light that
+nobody knows are 0, for PATATO opens no file without any.
 """
 
 from __future__ import annotations

@@ -184,8 +184,9 @@ def _write(scan: _Scan, store: AlineStore, progress: Progress | None, cancelled:
         if cancelled and cancelled():
             raise Cancelled(f"the import was stopped after {start} of {total} A-lines")
         for first, piece in pieces(start, block):
-            kept = scan.stored[first : first + len(piece)]
-            require_sizes(piece[kept], scan.rows["scale"][first : first + len(piece)][kept], rows[first:][kept])
+            kept = rows[first : first + len(piece)]
+            kept = kept[scan.stored[kept]]
+            require_sizes(piece[kept - first], scan.rows["scale"][kept], kept)
             store.append(_alines(scan, first, piece), rows)
         if progress:
             progress("A-lines", min(start + len(block), total), total)
