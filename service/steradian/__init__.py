@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from steradian import quality
+    from steradian.comparisons import compare_masks
     from steradian.errors import InvalidInput, SteradianError
     from steradian.files import open as open
     from steradian.imaging import Iterative, ReconstructionPlan, Volume, reconstruct
@@ -36,6 +37,7 @@ _HOMES = {
     "ScanPlan": "steradian.plans",
     "SteradianError": "steradian.errors",
     "Volume": "steradian.imaging",
+    "compare_masks": "steradian.comparisons",
     "custom_mask": "steradian.masks",
     "equi_steradian_mask": "steradian.masks",
     "equiangular_mask": "steradian.masks",
@@ -54,6 +56,7 @@ __all__ = [
     "ScanPlan",
     "SteradianError",
     "Volume",
+    "compare_masks",
     "custom_mask",
     "equi_steradian_mask",
     "equiangular_mask",
