@@ -264,10 +264,7 @@ class ForwardOperator(_Base):
         size = int(np.prod(self.volume_shape))
         image = modes if self._plan._shared else np.empty(size, self._plan.dtype)
         _images(self._plan, modes, image, how)
-        del modes
-        if image.size > size:
-            image.resize(size, refcheck=False)
-        return image.reshape(self.volume_shape)
+        return image[:size].reshape(self.volume_shape)
 
     def _matvec(self, x: NDArray[Any]) -> NDArray[Any]:
         return self.forward(np.asarray(x).reshape(self.volume_shape)).ravel()

@@ -115,9 +115,11 @@ def service(request, tmp_path):
 def embedded(tmp_path_factory):
     """A running service with two workers and no database server."""
     service = Service(tmp_path_factory.mktemp("embedded"), workers=2)
-    service.start()
-    yield service
-    service.close()
+    try:
+        service.start()
+        yield service
+    finally:
+        service.close()
 
 
 @pytest.fixture(name="start_scan")

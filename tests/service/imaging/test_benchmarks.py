@@ -19,7 +19,7 @@ def test_the_speed_benchmark_runs_every_case_in_small() -> None:
     rows = speed(quick=True, repeats=1)
     assert len(rows) == 16
     for row in rows:
-        assert 0 < row["run_s"] < 5
+        assert row["run_s"] > 0
         assert row["ratio"] > 0
         if row["shape"].count("×") == 2:  # beside the tiny images of the small 2-D cases, scratch is not small
             assert row["extra_memory"] < 1.0, row["case"]
