@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 
 from steradian.errors import InvalidInput
 
-_GROUPS = Path("/sys/fs/cgroup")
+_MINE, _GROUPS = Path("/proc/self/cgroup"), Path("/sys/fs/cgroup")
 
 
 def require(needed: int, limit: int | None, shape: tuple[int, ...]) -> None:
@@ -49,7 +49,7 @@ def available() -> int | None:
     The least of what the machine has to spare, what the control groups of this process are still allowed (containers,
     batch systems), and the limit of its address space (``ulimit -v``).
     """
-    rooms = [room for room in (_of_machine(), *_of_groups(), _of_address_space()) if room is not None]
+    rooms = [room for room in (_of_machine(), *room_of_groups(_MINE, _GROUPS), _of_address_space()) if room is not None]
     return max(0, min(rooms)) if rooms else None
 
 
@@ -63,14 +63,14 @@ def _of_machine() -> int | None:
         return None
 
 
-def _of_groups() -> Iterator[int]:
-    """Room in the control groups of this process and in those around them, of version 2 or 1."""
-    for line in _lines(Path("/proc/self/cgroup")):
+def room_of_groups(mine: Path, groups: Path) -> Iterator[int]:
+    """Room in the control groups of a process, told by the file ``mine``, and in those around them; version 2 or 1."""
+    for line in _lines(mine):
         _, controllers, path = line.split(":", 2)
         if controllers == "":
-            root, most, used = _GROUPS, "memory.max", "memory.current"
+            root, most, used = groups, "memory.max", "memory.current"
         elif "memory" in controllers.split(","):
-            root, most, used = _GROUPS / "memory", "memory.limit_in_bytes", "memory.usage_in_bytes"
+            root, most, used = groups / "memory", "memory.limit_in_bytes", "memory.usage_in_bytes"
         else:
             continue
         inner = PurePosixPath(path.lstrip("/"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 from steradian.errors import InvalidInput
 from steradian.imaging import Correction, ElasticFilm, Iterative, ReconstructionPlan, Window, kaiser_bessel, reconstruct
 from steradian.imaging.iterative import reconstruct_iteratively
-from steradian.imaging.memory import available
+from steradian.imaging.memory import available, room_of_groups
 from steradian.imaging.operators import ForwardOperator
 from steradian.masks import equi_steradian_mask, equiangular_mask
 
@@ -194,3 +195,40 @@ def test_what_is_available_is_less_than_the_machine_has() -> None:
     there = available()
     assert there is not None
     assert 1 << 20 < there < 1 << 50
+
+
+@pytest.mark.parametrize(
+    ("told", "files", "room"),
+    [
+        (
+            "0::/batch/job\n",  # the group of a batch system is the narrower one; what files take is given back
+            {
+                "batch/memory.max": "8000",
+                "batch/memory.current": "7000",
+                "batch/memory.stat": "anon 1\ninactive_file 500\nactive_file 250\n",
+                "batch/job/memory.max": "max",
+                "batch/job/memory.current": "100",
+            },
+            [1750],
+        ),
+        (
+            "5:cpu:/\n4:memory:/docker/abc\n",  # seen from within a container only the root is there
+            {
+                "memory/memory.limit_in_bytes": "5000",
+                "memory/memory.usage_in_bytes": "4000",
+                "memory/memory.stat": "inactive_file 1\ntotal_inactive_file 300\ntotal_active_file 0\n",
+            },
+            [1300],
+        ),
+        ("0::/\n", {}, []),
+    ],
+    ids=["version 2", "version 1", "none"],
+)
+def test_the_room_of_control_groups_is_read_as_the_kernel_writes_it(
+    tmp_path: Path, told: str, files: dict[str, str], room: list[int]
+) -> None:
+    (tmp_path / "mine").write_text(told)
+    for name, content in files.items():
+        (tmp_path / "groups" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "groups" / name).write_text(content)
+    assert list(room_of_groups(tmp_path / "mine", tmp_path / "groups")) == room
