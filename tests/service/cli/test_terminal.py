@@ -54,7 +54,7 @@ def terminal(tmp_path):
         process.close(force=True)
 
 
-def stop_at(process, share=10):
+def stop_at(process, share=4):
     """Press Ctrl-C once so many hundredths of the A-lines are stored."""
     bar = re.compile(r"A-lines\D[^\r\n]*?(\d+)/2116")
     while True:
@@ -73,7 +73,7 @@ def read(path):
 
 def test_a_scan_is_stopped_by_ctrl_c_and_resumed(plan, terminal, tmp_path):
     """The first Ctrl-C answers with one line, and what that line says to type completes the scan, checked."""
-    scan = terminal("scan", "run", plan, "--simulator-speed", "4")
+    scan = terminal("scan", "run", plan, "--simulator-speed", "1")
     stop_at(scan)
     scan.expect(ANSWER)
     stored = int(scan.match[1].replace(",", ""))
@@ -99,7 +99,7 @@ def test_a_scan_is_stopped_by_ctrl_c_and_resumed(plan, terminal, tmp_path):
 
 def test_after_ctrl_c_the_laser_is_off_and_every_shot_is_stored(plan, terminal, tmp_path):
     """The scanner's own account: no shot after the answer, as many fired as stored; the whole is as never stopped."""
-    with launch(speed=4.0, seed=3, **EXACT) as simulator:
+    with launch(speed=1.0, seed=3, **EXACT) as simulator:
         scan = terminal("scan", "run", plan, "--scanner", simulator.url)
         stop_at(scan)
         scan.expect(ANSWER)
@@ -126,7 +126,7 @@ def test_after_ctrl_c_the_laser_is_off_and_every_shot_is_stored(plan, terminal, 
 
 def test_a_second_ctrl_c_leaves_at_once_with_the_file_whole(plan, terminal, tmp_path):
     """Whoever presses Ctrl-C again is not kept waiting, even by a scanner that has gone silent; nothing is damaged."""
-    with launch(speed=4.0, seed=3) as simulator:
+    with launch(speed=1.0, seed=3) as simulator:
         scan = terminal("scan", "run", plan, "--scanner", simulator.url)
         bar = re.compile(r"A-lines\D[^\r\n]*?(\d+)/2116")
         scan.expect(bar)
