@@ -16,6 +16,8 @@ from steradian.imaging import Volume
 
 STANDS_OUT = 1.1
 """The near field ends where the image is hardly brighter below the sensors than elsewhere (root mean square)."""
+RISES = 1.5
+"""Or where the image's root mean square has grown so many times: noise alone keeps it, an object begins there."""
 FARTHEST = 2.0
 """It ends at so many times the sensors' coarsest spacing at the latest: farther off they see the same places."""
 MATTERS = 0.25
@@ -52,7 +54,7 @@ def near_field(volume: Volume, positions: NDArray[np.float64]) -> float:
     below = near[tuple(_voxels(volume, places))]
     mean = np.sqrt(np.mean(np.square(near, dtype=np.float64), axis=tuple(range(near.ndim - 1))))
     ratio = np.sqrt(np.mean(np.square(below, dtype=np.float64), axis=0)) / np.maximum(mean, 1e-300)
-    over = np.flatnonzero(ratio <= STANDS_OUT)
+    over = np.flatnonzero((ratio <= STANDS_OUT) | (mean > RISES * mean[:3].max()))
     first = int(over[0]) if len(over) else end
     if not first or float(near[..., :first].max()) < MATTERS * float(volume.values[..., first:].max()):
         return 0.0
