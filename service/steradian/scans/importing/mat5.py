@@ -29,7 +29,7 @@ BROKEN = (
     TypeError,
     KeyError,
     IndexError,
-    OverflowError,
+    ArithmeticError,
     AttributeError,
     MemoryError,
     zlib.error,
@@ -86,19 +86,21 @@ def open_variables(path: Path, wanted: Iterable[str], needed: Iterable[str]) -> 
 def _held(path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
     """Names of all variables with their shapes and classes."""
     from scipy.io import whosmat
+    from scipy.io.matlab import MatReadError
 
     try:
         return {str(name): (tuple(shape), str(kind)) for name, shape, kind in whosmat(str(path), appendmat=False)}
-    except BROKEN as error:
+    except (MatReadError, *BROKEN) as error:
         raise DamagedFile(f"{path.name} cannot be read as a MATLAB file: {error}") from error
 
 
 def _read(path: Path, names: list[str]) -> dict[str, np.ndarray[Any, Any]]:
     from scipy.io import loadmat
+    from scipy.io.matlab import MatReadError
 
     try:
         found = loadmat(str(path), appendmat=False, variable_names=names)
-    except BROKEN as error:
+    except (MatReadError, *BROKEN) as error:
         raise DamagedFile(f"{path.name} cannot be read as a MATLAB file: {error}") from error
     for name in names:
         values = found.get(name)
