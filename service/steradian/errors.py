@@ -42,7 +42,8 @@ class InvalidInput(SteradianError, ValueError):
     def __init__(self, field: str, value: object, allowed: str) -> None:
         self.field, self.value, self.allowed = field, value, allowed
         shown = str(value)
-        super().__init__(f"{field} is {shown if len(shown) <= 80 else shown[:77] + '...'}; allowed: {allowed}")
+        short = shown if len(shown) <= 80 else f"{shown[:38]}...{shown[-39:]}"  # a path's end says most
+        super().__init__(f"{field} is {short}; allowed: {allowed}")
 
     def __reduce__(self) -> tuple[type[InvalidInput], tuple[str, object, str]]:
         return type(self), (self.field, self.value, self.allowed)

@@ -288,14 +288,14 @@ def test_a_service_that_is_asked_to_end_puts_jobs_back_and_makes_the_scan_safe(t
     begun = time.monotonic()
     service.process.send_signal(signal.SIGTERM)
     assert service.process.wait(60) == 0
-    took, slow = time.monotonic() - begun, slowed()
+    took, stretch = time.monotonic() - begun, slowed()
     database = Database(metadata_url(service.settings))
     job, scan = JobLedger(database).get(large["id"]), ScanRepository(database).get(slow["id"])
     database.close()
     service.close()
     with capsys.disabled():
         print(f"\n  SIGTERM with a running job and scan: all ended after {took:.1f} s")
-    assert took < 10 * slow
+    assert took < 10 * stretch
     assert (job.state, job.attempt) == (ReconstructionState.QUEUED, 0)
     assert job.attempts[0]["outcome"] == "put back"
     assert scan.state is ScanState.INTERRUPTED

@@ -137,7 +137,7 @@ def test_saturated_and_mistuned_a_lines_are_left_out_and_the_others_make_up_for_
     flags[chance.choice(PLAN.mask.count, 40, replace=False)] = np.repeat([1, 2], 20)
     flagged = measured(tmp_path / "scan.h5", 1.0, 0.0, flags)
     recording, found = even_out(read_scan(flagged), ShotTreatment())
-    assert recording.weights.sum() == pytest.approx(PLAN.mask.area)
+    assert recording.weights.sum() == pytest.approx(PLAN.mask.sensed_area)
     assert (len(recording.traces), found.left_out) == (PLAN.mask.count - 40, {"saturated": 20, "mistuned": 20})
     _, height = peak(image(even))
     place, strength = peak(image(flagged))

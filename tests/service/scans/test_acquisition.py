@@ -44,8 +44,8 @@ class Bench:
         recovery = Recovery(within=within)  # generous: this machine may be busy
         self.work = Acquisition(self.scans, self.plans, self.data, self.port, self.stopping, recovery=recovery)
 
-    def queue(self, **parameters):
-        mask = equi_steradian_mask(aperture=13.56e-3, depth=3.6e-3, count=60)
+    def queue(self, count=60, **parameters):
+        mask = equi_steradian_mask(aperture=13.56e-3, depth=3.6e-3, count=count)
         plan = ScanPlan.create(mask=mask, samples=256, **parameters)
         MaskRepository(self.database).put(mask)
         return self.scans.queue(self.plans.put(plan)[0], simulated=True).id
@@ -165,7 +165,7 @@ def test_when_the_service_ends_the_scan_is_made_safe_and_left_interrupted(tmp_pa
 
 
 def test_a_paused_scan_fires_nothing_and_goes_on_when_wished(bench):
-    identifier = bench.queue(pulse_rate=5.0)
+    identifier = bench.queue(count=200, pulse_rate=1.0)
     fired = []
 
     def act():
@@ -181,8 +181,8 @@ def test_a_paused_scan_fires_nothing_and_goes_on_when_wished(bench):
     row = bench.scans.get(identifier)
     ended = ["running", "completing", "complete"]
     assert bench.states(identifier)[2:] == ["running", "pausing", "paused", "arming", *ended]
-    assert row.summary == {"points": 53, "stored": 53, "fired": 53}
-    assert fired[0] == fired[1] < 53
+    assert row.summary == {"points": 213, "stored": 213, "fired": 213}
+    assert fired[0] == fired[1] < 213
     told = {entry["state"]: (entry["who"], entry["why"]) for entry in row.history[:6]}
     assert told["pausing"] == ("ann", "coffee")
     assert told["arming"] == ("ann", "back")

@@ -159,7 +159,7 @@ def test_a_cut_between_writes_can_damage_an_aline_and_the_check_sees_it(disk_aft
     """The simulation is worth its name: some cuts leave torn A-lines, which are told from whole ones."""
     chance, torn = random.Random(6), 0
     path = tmp_path / "after.h5"
-    for moment in chance.sample(disk_after_scan.moments, 60):
+    for moment in chance.choices(disk_after_scan.moments, k=400):
         path.write_bytes(Disk.after_a_cut(moment, chance))
         report = check_scan_file(path)
         torn += len(report.damaged)
