@@ -89,9 +89,16 @@ class AsyncScanner:
         """Yield batches of A-lines as they arrive, until the plan is done; after a cancellation begin anew."""
         batches = self._scanner.alines(idle=True)
         while True:
-            if self._coming is None:
-                self._coming = asyncio.ensure_future(self._run(_following, batches))
-            batch = await asyncio.shield(self._coming)
+            coming = self._coming
+            if coming is None:
+                coming = self._coming = asyncio.ensure_future(self._run(_following, batches))
+            try:
+                batch = await asyncio.shield(coming)
+            except BaseException as error:
+                # a consumer that was cancelled has taken nothing; an error that was raised here is told
+                if coming.cancelled() or not isinstance(error, asyncio.CancelledError):
+                    self._coming = None
+                raise
             self._coming = None
             if batch is None:
                 return

@@ -74,6 +74,32 @@ def test_what_was_on_its_way_to_a_cancelled_consumer_comes_to_the_next_one():
         assert asyncio.run(take_all(simulator)) == list(range(len(WHERE)))
 
 
+def test_after_a_lapse_and_a_resume_a_lines_come_again():
+    async def take_all(simulator) -> tuple[list[int], int]:
+        numbers: list[int] = []
+        lapses = 0
+        recovery = fabry_perot.Recovery(within=0.0)
+        async with await fabry_perot.connect_async(simulator.url, recovery=recovery) as scanner:
+            await scanner.upload(WHERE, samples=64, sampling_interval=8e-9, pulse_rate=100.0)
+            await scanner.start(await scanner.arm())
+            await until(lambda: scanner.state == "safe_hold")  # nobody consumes, so the lease lapses
+            while len(numbers) < len(WHERE):
+                assert lapses < 100, f"came: {numbers}"
+                try:
+                    async for batch in scanner.alines():
+                        numbers += [line.number for line in batch]
+                        await scanner.acknowledge(batch[-1])
+                except fabry_perot.LeaseLapsed:
+                    lapses += 1
+                    await scanner.resume()
+        return numbers, lapses
+
+    with launch() as simulator:
+        numbers, lapses = asyncio.run(take_all(simulator))
+    assert numbers == list(range(len(WHERE)))
+    assert lapses > 0
+
+
 def waiting(bench: Bench) -> list[Frame]:
     return Deframer().feed(bench.device.pull(1 << 24) + b"\0")
 
