@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from steradian.storage.emergency import Deed, EmergencyLatch, Press
 from steradian.storage.keys import KeyStore
-from steradian.storage.scanners import SCANNER_ID, ScannerRepository
+from steradian.storage.scanners import SCANNER_ID, EmergencyStopped, ScannerRepository
 
 PATIENCE = 1.0
 """Seconds for which the acquisition's answer is waited for; a lease ends within them."""
@@ -36,6 +36,8 @@ class EmergencyDesk:
     def __init__(self, latch: EmergencyLatch, scanner: ScannerRepository, keys: KeyStore) -> None:
         self._latch, self._scanner, self._keys = latch, scanner, keys
         self._recorded = ""
+        self._order = threading.Lock()
+        """Between the record of a press and a release: what is in the database last is what happened last."""
         self._pressed, self._over = threading.Event(), threading.Event()
 
     def open(self) -> None:
@@ -68,11 +70,32 @@ class EmergencyDesk:
         await _until(lambda: self.is_recorded(press), RECORDING)
         return press, self.deed(press)
 
-    def release(self, who: str) -> None:
-        """Release the stop that stands now, in the latch and then in the database."""
-        if (press := self.standing) is not None:
-            self._latch.release(press.number)
-        self._scanner.release_stop(who)
+    def release(self, who: str, number: str | None = None) -> None:
+        """Release the stop, in the latch and then in the database.
+
+        Parameters
+        ----------
+        who
+            Who releases it.
+        number
+            The press to release; without it the one that stands now.
+
+        Raises
+        ------
+        EmergencyStopped
+            When another press stands than ``number``, or came meanwhile.
+        """
+        with self._order:
+            press = self.standing
+            if press is not None and number is not None and press.number != number:
+                raise EmergencyStopped(
+                    f"{press.who} pressed the emergency stop since; look again before you release it"
+                )
+            if press is not None:
+                self._latch.release(press.number)
+            if (later := self.standing) is not None:
+                raise EmergencyStopped(f"{later.who} pressed the emergency stop while it was released")
+            self._scanner.release_stop(who)
 
     def _run(self) -> None:
         try:
@@ -101,10 +124,11 @@ class EmergencyDesk:
         self._recorded = press.number
 
     def _record(self) -> None:
-        press = self.standing
-        if press is not None and press.number and press.number != self._recorded:
-            self._scanner.stop(press.who, press.reason)
-            self._recorded = press.number
+        with self._order:
+            press = self.standing
+            if press is not None and press.number and press.number != self._recorded:
+                self._scanner.stop(press.who, press.reason)
+                self._recorded = press.number
 
 
 async def _until(condition: Callable[[], bool], seconds: float) -> None:

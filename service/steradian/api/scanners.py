@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Body, Header, Response
+from fastapi import APIRouter, Body, Header, Query, Response
 from pydantic import ConfigDict, Field
 
 from steradian.api.conditions import ConditionsNeeded, etag_of
@@ -93,10 +93,17 @@ async def press_emergency_stop(
 
 
 @router.delete("/{scanner_id}/emergency-stop", summary="Release the emergency stop")
-def release_emergency_stop(services: ServicesNeeded, who: Who, scanner_id: SCANNER_ID) -> ScannerView:
+def release_emergency_stop(
+    services: ServicesNeeded,
+    who: Who,
+    scanner_id: SCANNER_ID,
+    number: Annotated[
+        str | None, Query(max_length=40, description="Release this press only; refused when there was another since")
+    ] = None,
+) -> ScannerView:
     """Allow scans again; none begins by itself."""
     services.scanner.get(scanner_id)
-    services.emergency.release(who.name)
+    services.emergency.release(who.name, number)
     return _view(services, services.scanner.get(scanner_id))
 
 

@@ -230,6 +230,7 @@ Laser = Literal["off", "idle", "unconfirmed"]
 class EmergencyView(BaseModel):
     """An emergency stop that nobody has released."""
 
+    number: str = Field(description="Of this press; a release may name it", examples=["01k0000000000000000000000"])
     at: datetime
     by: str
     reason: str | None
@@ -243,6 +244,7 @@ class EmergencyView(BaseModel):
     def of(cls, press: Press, deed: Deed | None, *, recorded: bool) -> Self:
         """Show a press and what was done about it."""
         return cls(
+            number=press.number,
             at=datetime.fromisoformat(press.at),
             by=press.who,
             reason=press.reason,

@@ -69,11 +69,14 @@ class EmergencyWatch:
 
     def _make_safe(self, press: Press) -> None:
         scanner, told = self._scanner, self._told
-        settled = told is not None and told.number == press.number and told.laser != "unconfirmed"
+        if told is None or told.number != press.number:
+            told = self._told = self._latch.deed(press.number)  # a former process may have answered
+        settled = told is not None and told.laser != "unconfirmed"
         if settled and (scanner is None or scanner.state not in _LIVE):
             return
         laser = "idle" if scanner is None else _switch_off(scanner)
-        self._told = Deed(press.number, laser, round(time.monotonic() - press.moment, 4))
+        passed = time.monotonic() - press.moment  # another clock after a restart of the computer
+        self._told = Deed(press.number, laser, round(passed, 4) if passed >= 0 else None)
         if not settled:
             self._latch.answer(self._told)
             _log.warning("%s, pressed by %s: laser %s", press.why, press.who, laser)

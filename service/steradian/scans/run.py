@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from steradian.errors import Cancelled, Conflict, InvalidInput, ScanFailed, Scan
 from steradian.plans import ScanPlan
 from steradian.progress import IsCancelled, Progress
 from steradian.scans.check import check_scan_file
-from steradian.scans.control import Control, End
+from steradian.scans.control import ENDING, Control, End, Wish
 from steradian.scans.excitation import check_excitation
 from steradian.scans.layout import check_disk, create_scan_file, scan_file_bytes
 from steradian.scans.proof import (
@@ -111,7 +111,7 @@ def run_scan(
     if (warning := check_disk(path.parent, scan_file_bytes(plan))) is not None:
         _log.warning("%s", warning)
     starter = control or Control(progress, cancelled)
-    with _scanner(scanner_url, recovery) as scanner, starter.guarding(scanner):
+    with _scanner(scanner_url, recovery, starter) as scanner:
         model = scanner.capabilities
         check_scanner(plan, model)
         create_scan_file(
@@ -170,7 +170,7 @@ def resume_scan(
     allowed = tolerance or Tolerance()
     report = check_scan_file(path, progress=progress)
     starter = control or Control(progress, cancelled)
-    with _scanner(scanner_url, recovery) as scanner, starter.guarding(scanner), AlineStore(path) as store:
+    with _scanner(scanner_url, recovery, starter) as scanner, AlineStore(path) as store:
         findings = compare_identity(store, plan, scanner.capabilities)
         require(findings)
         session = ScanSession(scanner, store, starter, recovery.within)
@@ -178,8 +178,13 @@ def resume_scan(
         wanted = store.missing | store.flagged(retry)
         if not wanted.any():
             return _summary(store, End.COMPLETE, rescued, findings)
-        findings += compare_tuning(scanner, store, allowed)
-        require(findings)
+        if (wish := starter.wish()) not in ENDING:
+            findings += compare_tuning(scanner, store, allowed)
+            require(findings)
+            wish = starter.wish()
+        if wish in ENDING:  # not a shot more, and what the disk did not take is still in the scanner
+            end = End.ABORTED if wish is Wish.ABORT else End.STOPPED
+            return _summary(store, end, rescued, findings, asked=control is not None)
         findings += compare_reference(scanner, store, report, allowed)
         require(findings)
         end = session.measure(wanted)
@@ -201,11 +206,13 @@ def check_scanner(plan: ScanPlan, capabilities: fabry_perot.Capabilities) -> Non
 
 
 @contextmanager
-def _scanner(url: str, recovery: fabry_perot.Recovery) -> Iterator[fabry_perot.Scanner]:
-    """Connect, and say in our own words what goes wrong."""
+def _scanner(url: str, recovery: fabry_perot.Recovery, starter: Control) -> Iterator[fabry_perot.Scanner]:
+    """Connect, under the starter's guard until the laser is off, and say in our own words what goes wrong."""
     try:
-        with fabry_perot.connect(url, recovery=recovery) as scanner:
-            yield scanner
+        with ExitStack() as stack:
+            scanner = fabry_perot.connect(url, recovery=recovery)
+            stack.enter_context(starter.guarding(scanner))
+            yield stack.enter_context(scanner)
     except fabry_perot.PlanInvalid as error:
         raise InvalidInput(error.field, error.value, error.allowed) from error
     except (fabry_perot.LeaseLapsed, fabry_perot.DeviceRestarted) as error:

@@ -126,7 +126,10 @@ class ScanSession:
         self._rows = segment.rows
         self._taken.clear()
         self._fired_before, self._shots_before = self._store.fired, self._scanner.status.shots
-        self._scanner.start(self._scanner.arm())
+        token = self._scanner.arm()
+        if (wish := self._control.wish()) in ENDING:  # what was wished before ARM; an abort after it spends the token
+            return self._leave(wish)
+        self._scanner.start(token)
         self._fires = True
         try:
             while (end := self._take()) is None:

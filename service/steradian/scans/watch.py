@@ -8,10 +8,10 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 
-from sqlalchemy.exc import DBAPIError
+from sqlalchemy.exc import SQLAlchemyError
 
 import fabry_perot
-from steradian.errors import SteradianError
+from steradian.errors import ScanFailed, SteradianError
 from steradian.scans.control import Control, Phase, Wish
 from steradian.scans.emergency import EmergencyWatch
 from steradian.storage.scans import ScanRepository
@@ -145,12 +145,15 @@ class ScanWatch(Control):
                 self._scans.report(self._id, *last)
                 self._reported = last
             self._answers = True
-        except DBAPIError as error:
+        except SQLAlchemyError as error:
             if self._answers:
-                _log.warning("scan %s goes on without the database: %s", self._id, error.orig)
+                _log.warning("scan %s goes on without the database: %s", self._id, error)
             self._answers = False
         except SteradianError as error:
             self._failure = error
+        except Exception as error:  # a thread that ended unseen would never hear a wish to stop
+            _log.exception("what is wished of scan %s cannot be read", self._id)
+            self._failure = ScanFailed(f"what is wished of the scan cannot be read: {error}")
 
     def _lead(self, phase: Phase, reason: str, person: str) -> None:
         """Bring the scan's state in line with a phase of the session."""

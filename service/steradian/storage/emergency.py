@@ -15,6 +15,7 @@ from __future__ import annotations
 import json
 import os
 import time
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -70,12 +71,12 @@ class Deed:
         ``off``: the scanner confirmed it; ``idle``: no scan ran, nothing was armed; ``unconfirmed``: the scanner does
         not answer, its laser goes off when the lease that nobody renews ends.
     seconds
-        From the press.
+        From the press; ``None`` where the computer was started anew since.
     """
 
     number: str
     laser: str
-    seconds: float
+    seconds: float | None
 
 
 class EmergencyLatch:
@@ -151,9 +152,14 @@ class EmergencyLatch:
 
 
 def _open(path: Path) -> int:
-    """Open a block, which is made at its full size if it is missing."""
-    handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_CLOEXEC", 0), 0o600)
-    if not os.fstat(handle).st_size:
-        os.pwrite(handle, _BLANK, 0)
-        os.fsync(handle)
-    return handle
+    """Open a block; one that is missing appears at its full size at once, so that nobody's press is overwritten."""
+    if not path.exists():
+        draft = path.with_name(f"{path.name}.{os.getpid()}")
+        with os.fdopen(os.open(draft, os.O_WRONLY | os.O_CREAT, 0o600), "wb") as file:
+            file.write(_BLANK)
+            file.flush()
+            os.fsync(file.fileno())
+        with suppress(FileExistsError):
+            os.link(draft, path)
+        draft.unlink()
+    return os.open(path, os.O_RDWR | getattr(os, "O_CLOEXEC", 0))

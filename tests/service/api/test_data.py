@@ -104,6 +104,16 @@ def test_one_operator_at_a_time(http, plan):
     assert http.delete(here, headers={"Scanner-Lease": str(mine["fence"] + 1)}).status_code == 204
 
 
+def test_who_releases_a_press_he_saw_does_not_release_a_later_one(http):
+    here = "/scanners/scanner-0/emergency-stop"
+    seen = http.post(here, json={"reason": "smoke"}).json()["emergency_stop"]
+    later = http.post(here, json={"reason": "fire"}).json()["emergency_stop"]
+    refused = http.delete(here, params={"number": seen["number"]})
+    assert (refused.status_code, refused.json()["code"]) == (409, "emergency-stopped")
+    assert http.get("/scanners/scanner-0").json()["emergency_stop"]["reason"] == "fire"
+    assert http.delete(here, params={"number": later["number"]}).json()["emergency_stop"] is None
+
+
 def test_the_body_of_an_emergency_stop_holds_four_kilobytes(http):
     answer = http.post("/scanners/scanner-0/emergency-stop", json={"reason": "x" * 5000})
     assert (answer.status_code, answer.json()["code"]) == (413, "too-large")

@@ -95,6 +95,16 @@ def test_a_complete_scan_is_resumed_without_a_shot(plan, simulator, tmp_path):
     assert resume_scan(path, simulator.url).fired == fired
 
 
+@pytest.mark.parametrize(("wish", "end"), [(Wish.STOP, End.STOPPED), (Wish.ABORT, End.ABORTED)])
+def test_a_scan_that_is_not_wanted_any_more_is_resumed_without_a_shot(plan, simulator, tmp_path, wish, end):
+    """The reference point, too, is measured only for somebody who wants the scan."""
+    path = tmp_path / "a.h5"
+    stop_at(plan, simulator, path, 20)
+    fired = simulator.command("report")["shots"]
+    summary = resume_scan(path, simulator.url, control=Script((0, wish)))
+    assert (summary.end, simulator.command("report")["shots"]) == (end, fired)
+
+
 def test_another_plan_is_refused_and_named(plan, simulator, tmp_path):
     path = tmp_path / "a.h5"
     fired = stop_at(plan, simulator, path, 20).fired
