@@ -48,6 +48,19 @@ def quantity(kind: Quantity, default: str | None = None, *names: str, **more: An
     return typer.Option(*names, parser=kind, metavar=f"<{kind.__name__}>", show_default=default or True, **more)
 
 
+def picture(help: str) -> Any:
+    """Return the option ``--plot``, whose file name is checked before any work is done."""
+    return typer.Option(help=help, callback=_checked_picture)
+
+
+def _checked_picture(path: Path | None) -> Path | None:
+    if path is not None:
+        from steradian.drawing.page import check_ending
+
+        check_ending(path, "plot")
+    return path
+
+
 def console() -> Console:
     """Make a console on standard output; in a file or pipe tables have room for their columns."""
     roomy = not sys.stdout.isatty() and "COLUMNS" not in os.environ

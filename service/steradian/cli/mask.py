@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from steradian.cli import mask_compare
-from steradian.cli.console import length, quantity, show_end, show_figures
+from steradian.cli.console import length, picture, quantity, show_end, show_figures
 from steradian.errors import InvalidInput
 from steradian.masks import (
     Mask,
@@ -53,7 +53,7 @@ AnyDepth = Annotated[
 ]
 Count = Annotated[int, typer.Option(help="Wanted number of points; the nearest possible is taken.")]
 Output = Annotated[Path, typer.Option("--output", "-o", help="The mask file to write (.json, .csv or .npy).")]
-Plot = Annotated[Path | None, typer.Option(help="Also draw points, spacing, view and sharpness, e.g. mask.png.")]
+Plot = Annotated[Path | None, picture("Also draw points, spacing, view and sharpness, e.g. mask.png.")]
 Weights = Annotated[
     Weighting,
     typer.Option("--weights", help="voronoi: each point's own cell; analytic: the arrangement's rule; uniform."),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 import typer
 from rich.table import Table
 
-from steradian.cli.console import console, frequency, length, progress_bar, quantity, show_end
+from steradian.cli.console import console, frequency, length, picture, progress_bar, quantity, show_end
 from steradian.errors import InvalidInput
 from steradian.masks import Counted, Mask, counted_mask, read_mask
 
@@ -62,7 +62,7 @@ def compare(
         int, typer.Option(help="Of the iterative reconstruction, 0 for none.", rich_help_panel=SIMULATED)
     ] = 30,
     seed: Annotated[int, typer.Option(help="Of points by chance, of the object and of the noise.")] = 0,
-    plot: Annotated[Path | None, typer.Option(help="Also draw them beside each other, e.g. compare.png.")] = None,
+    plot: Annotated[Path | None, picture("Also draw them beside each other, e.g. compare.png.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print all figures as JSON instead of a table.")] = False,
 ) -> None:
     """Compare masks for one point of interest: what they promise, and what an object looks like through each.

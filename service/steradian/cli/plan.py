@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from steradian.cli.console import console, duration, frequency, length, quantity, show_end, show_figures, speed
+from steradian.cli.console import console, duration, frequency, length, picture, quantity, show_end, show_figures, speed
 from steradian.errors import InvalidInput
 from steradian.masks import Mask
 from steradian.plans import Link, Motion, Preview, ScannerLimits, ScanPlan, VisitOrder, preview
@@ -47,7 +47,7 @@ def plan(
         float | None, quantity(length, help="Wanted lateral resolution, to warn of aliasing.")
     ] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="The plan file to write (JSON).")] = Path("plan.json"),
-    plot: Annotated[Path | None, typer.Option(help="Also draw the way and where the time goes, e.g. plan.png.")] = None,
+    plot: Annotated[Path | None, picture("Also draw the way and where the time goes, e.g. plan.png.")] = None,
 ) -> None:
     """Turn a mask into a plan and tell what it will cost before a pulse is fired.
 

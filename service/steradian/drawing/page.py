@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from steradian.drawing.style import FONT, INK, LABEL, PAPER, QUIET, TICK, TITLE
+from steradian.errors import InvalidInput
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -69,8 +70,30 @@ def note(axes: Axes, x: float, y: float, text: str, **wishes: Any) -> None:
     axes.text(x, y, text, transform=axes.transAxes, **look)
 
 
+def check_ending(path: Path, field: str = "file") -> None:
+    """Refuse a file whose name's ending is of no format that pages can be written in; none at all means PNG.
+
+    Raises
+    ------
+    InvalidInput
+        Of ``field``, with the endings there are.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    formats = FigureCanvasAgg.get_supported_filetypes()
+    if path.suffix and path.suffix.lower().lstrip(".") not in formats:
+        raise InvalidInput(field, path.name, "a picture: " + ", ".join(f".{name}" for name in sorted(formats)))
+
+
 def save(figure: Figure, path: Path) -> None:
-    """Write a page into a file, under a temporary name first; the ending of its name decides the format."""
+    """Write a page into a file, under a temporary name first; the ending of its name decides the format.
+
+    Raises
+    ------
+    InvalidInput
+        When it is of no format of pictures.
+    """
+    check_ending(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(path.name + ".new")
     figure.savefig(draft, format=path.suffix.lstrip(".") or "png")

@@ -25,6 +25,8 @@ PLANES: dict[Axis, tuple[Axis, Axis]] = {"x": ("y", "z"), "y": ("x", "z"), "z": 
 LINEAR = Display()
 LEAST_SHARE, LEAST_DECIBELS = 0.5, 6.0
 """The scale never ends below half the maximum: a small object alone in a large field keeps its shape."""
+LEAST_SCALE = 1e-3
+"""Decibels: a maximum no higher above the scale's lowest value is rounding."""
 BRIGHT = 0.5
 """Depths are coloured over those at which columns of at least this share of the brightness have their maximum."""
 
@@ -112,6 +114,8 @@ def scale_of(projected: NDArray[Any], display: Display) -> tuple[float, float, s
     least = top - LEAST_DECIBELS if display.log_range_db else LEAST_SHARE * top
     wanted = min(top, float(np.percentile(projected, display.percentile)))
     highest = max(wanted, least, lowest + 1e-30)
+    if lowest and highest < lowest + LEAST_SCALE:  # an image of nothing
+        highest = 0.0
     ending = "half the maximum" if wanted < least else f"the {display.percentile:g}th percentile"
     return lowest, highest, f"scale to {ending}" if highest < top else ""
 

@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 from steradian import InvalidInput
 from steradian.cli.mask import app
+from steradian.drawing.page import page, save
 from steradian.masks import read_mask
 
 COMMANDS = [
@@ -62,6 +63,14 @@ def test_spacing_is_one_thing_in_table_and_picture(tmp_path):
     low, high = re.search(r"spacing +(\d+) to (\d+) µm", told).groups()
     shown = 1e6 * spacing_map(read_mask(tmp_path / "a.json"))
     assert (round(shown.min()), round(shown.max())) == (int(low), int(high))
+
+
+def test_a_picture_of_an_unknown_kind_is_refused_and_nothing_written(tmp_path):
+    with pytest.raises(InvalidInput, match=r"plot.*x\.bmp.*png"):
+        run(*COMMANDS[0], "-o", tmp_path / "mask.json", "--plot", tmp_path / "x.bmp")
+    with pytest.raises(InvalidInput, match=r"file.*x\.bmp.*png"):
+        save(page(400, 0.5), tmp_path / "x.bmp")
+    assert not list(tmp_path.iterdir())
 
 
 def test_points_subset_and_show_work_on_files(tmp_path):

@@ -39,6 +39,18 @@ def test_one_pass_gives_the_projections_along_every_axis():
     np.testing.assert_array_equal(project(flat)["y"], flat.values)
 
 
+@pytest.mark.parametrize("decibels", [None, 60.0, 60.1])
+def test_an_image_of_nothing_is_drawn_black(tmp_path, decibels):
+    nothing = volume((10, 10, 10), (8, 8, 7))
+    nothing.values[:] = 0
+    display = Display(log_range_db=decibels)
+    path = tmp_path / "mip.png"
+    left, top, right, bottom = draw_mip(display.apply(nothing), "z", path, display).frame
+    with Image.open(path) as picture:
+        pixels = np.asarray(picture.convert("L"))[top:bottom, left:right]
+    assert np.median(pixels) < 10
+
+
 @pytest.mark.parametrize(
     ("axis", "across", "down"),
     [("z", 8 / 10, 1 / 10), ("x", 8 / 10, 7 / 10), ("y", 8 / 10, 7 / 10)],
