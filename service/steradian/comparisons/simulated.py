@@ -87,7 +87,7 @@ class Simulation:
     sound_speed: float = 1500.0
     iterations: int = 30
     seed: int = 0
-    _truths: dict[tuple[int, ...], Volume] = field(default_factory=dict, repr=False, compare=False)
+    _truths: dict[tuple[Any, ...], Volume] = field(default_factory=dict, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not self.region > 0:
@@ -154,9 +154,11 @@ class Simulation:
         """Return the object at the voxels of an image."""
         if isinstance(self.thing, Volume):
             return self.thing
-        if like.values.shape not in self._truths:
-            self._truths[like.values.shape] = sampled(self.thing, like)
-        return self._truths[like.values.shape]
+        corner = tuple(float(like.coordinates(name)[0]) for name in like.names)
+        voxels = (like.values.shape, like.spacing, corner)
+        if voxels not in self._truths:
+            self._truths[voxels] = sampled(self.thing, like)
+        return self._truths[voxels]
 
     def _modes(self, mask: Mask) -> int:
         if not isinstance(self.thing, Volume):

@@ -36,6 +36,17 @@ def test_an_equi_steradian_mask_wins_around_its_point_and_loses_the_wide_field(v
     assert vessels.as_json()["winners"]["direct"] == {"around": "steradian", "field": "grid"}
 
 
+def test_a_mask_of_another_aperture_is_judged_by_the_object_on_its_own_voxels():
+    thing = Balls(np.array([[0.5e-3, 0.0, 1.5e-3]]), np.array([120e-6]), np.array([1.0]))
+    shared = Simulation(thing, (0.0, 0.0), 3e-3, None, 40, iterations=0)
+    for aperture in (4e-3, 6e-3):
+        mask = counted_mask("grid", aperture, 100, depth=DEPTH)
+        alone = Simulation(thing, (0.0, 0.0), 3e-3, None, 40, iterations=0).through(mask)
+        found = shared.through(mask)
+        np.testing.assert_array_equal(found.truth_mip, alone.truth_mip)
+        assert found.by["direct"].field == alone.by["direct"].field
+
+
 def test_iterations_bring_both_closer_to_the_object(vessels):
     for region in ("around", "field"):
         direct, iterative = (dict(vessels.ranking(region, method)) for method in ("direct", "iterative"))
@@ -135,6 +146,12 @@ def test_the_command_takes_files_and_arrangements_and_prints_table_or_json(tmp_p
     told = json.loads(run(*words, "--json").output)
     assert {name: row["points"] for name, row in told["masks"].items()} == {"mine": 309, "grid:289": 289, "random": 200}
     assert told["point_of_interest_m"] == [0, 0, DEPTH]
+
+
+def test_a_picture_of_an_unknown_kind_is_refused_before_any_work(tmp_path):
+    for name, allowed in (("x.bmp", "png"), ("c.csv", "svg")):
+        with pytest.raises(InvalidInput, match=rf"plot.*{name}.*{allowed}"):
+            run(tmp_path / "no-such-mask.json", "--plot", tmp_path / name)
 
 
 def test_the_command_says_who_wins_where():
