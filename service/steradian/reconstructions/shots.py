@@ -36,18 +36,25 @@ class ShotTreatment(Value):
         description="A-lines with one of these flags are not used; the others' weights make up for them",
     )
 
-    def wanted(self, shots: Shots) -> NDArray[np.bool_]:
-        """(M,) which A-lines are used: those without such a flag and, where energies matter, with light."""
+    def wanted(self, shots: Shots, known: bool | None = None) -> NDArray[np.bool_]:
+        """(M,) which A-lines are used: those without such a flag and, where energies matter, with light.
+
+        ``known``: whether the scan knows energies; None: these A-lines are all of it.
+        """
         bits = np.uint32(sum(BITS[flag] for flag in set(self.leave_out)))
         wanted: NDArray[np.bool_] = (shots.quality & bits) == 0
-        if self.normalise_energy and shots.energy.any():  # none known at all: nothing to divide by
+        if self._divides(shots, known):
             wanted &= shots.energy > 0
         return wanted
 
-    def strengths(self, shots: Shots) -> NDArray[np.float32]:
-        """(M,) what A-lines are divided by."""
+    def strengths(self, shots: Shots, known: bool | None = None) -> NDArray[np.float32]:
+        """(M,) what A-lines are divided by; ``known`` as in :meth:`wanted`."""
         even = np.ones(len(shots.energy), np.float32)
-        return shots.energy.astype(np.float32) if self.normalise_energy and shots.energy.any() else even
+        return shots.energy.astype(np.float32) if self._divides(shots, known) else even
+
+    def _divides(self, shots: Shots, known: bool | None) -> bool:
+        """Whether energies matter; where none is known at all there is nothing to divide by."""
+        return self.normalise_energy and bool(shots.energy.any() if known is None else known)
 
 
 @dataclass
@@ -103,11 +110,11 @@ def even_out(recording: Recording, treatment: ShotTreatment) -> tuple[Recording,
 
 def even_out_new(new: NewAlines, whole: Recording, treatment: ShotTreatment) -> NewAlines:
     """Do the same with A-lines of a running scan, on the grid of times of ``whole``; what lies outside it is cut."""
-    wanted, shots = treatment.wanted(new.shots), new.shots
+    wanted, shots = treatment.wanted(new.shots, new.energy_known), new.shots
     traces = new.traces
     if not wanted.all():
         traces, shots = traces[wanted], shots.take(wanted)
-    strengths = treatment.strengths(shots)
+    strengths = treatment.strengths(shots, new.energy_known)
     if (strengths != 1).any():
         traces = traces / strengths[:, None]
     delays = (shots.time_zero - whole.time_zero) / whole.sampling_interval

@@ -35,13 +35,17 @@ class NewAlines:
     shots
         What differed from A-line to A-line.
     replaced
-        An A-line seen earlier has since been measured again: forget all; ``points`` are all that are stored.
+        Forget all; ``points`` begin anew with all that are stored. An A-line seen earlier has since been measured
+        again, or the first pulse energy has come, which changes what A-lines without one mean.
+    energy_known
+        Whether any A-line stored by now, seen before or not, has a pulse energy.
     """
 
     points: NDArray[np.int64]
     traces: NDArray[np.float32]
     replaced: bool
     shots: Shots
+    energy_known: bool
 
 
 class ScanFollower:
@@ -83,6 +87,7 @@ class ScanFollower:
         self._first = frame * self.whole.planned
         self._seen = np.zeros(self.whole.planned, bool)
         self._checksums = np.zeros(self.whole.planned, np.uint32)
+        self._energy_known = False
 
     def take(self, most: int | None = None) -> NewAlines:
         """Read the A-lines stored since the last call.
@@ -113,7 +118,10 @@ class ScanFollower:
         rows = slice(self._first, self._first + self.whole.planned)
         table = RowTable.of_file(file, rows)
         stored, checksums = table.stored, table["crc32c"]
-        replaced = bool((self._seen & (~stored | (checksums != self._checksums))).any())
+        changed = ~stored | (checksums != self._checksums)
+        known, before = bool(table["energy"][stored].any()), self._energy_known
+        replaced = bool((self._seen & (changed | (known != before))).any())
+        self._energy_known = known
         if replaced:
             self.forget()
         points = np.flatnonzero(stored & ~self._seen)[:most]
@@ -124,7 +132,7 @@ class ScanFollower:
         self._seen[points] = True
         self._checksums[points] = checksums[points]
         traces = np.multiply(samples, table["scale"][:, None], dtype=np.float32)
-        return NewAlines(points, traces, replaced, shots_of(table))
+        return NewAlines(points, traces, replaced, shots_of(table), known)
 
 
 def has_alines(path: Path, frame: int = 0) -> bool:

@@ -182,6 +182,26 @@ def test_the_live_view_evens_out_what_the_reconstruction_does(even, uneven, tmp_
     assert np.abs(views[1] - views[0]).max() < 0.02 * views[0].max()
 
 
+def test_dark_a_lines_that_come_first_are_not_left_in_the_live_view(even, tmp_path):
+    """Whether energies are known is a matter of the whole scan, not of the few A-lines of one look."""
+    counts, first, path = np.array(read_scan(even).traces), PLAN.visit[:40], tmp_path / "scan.h5"
+    counts[first] = -counts[first]  # of whatever else they heard
+    lines = [Aline(n, counts[place], float(n >= len(first))) for n, place in enumerate(PLAN.visit)]
+    create_scan_file(path, PLAN)
+    with AlineStore(path) as store:
+        store.append(lines[:40])
+        view = LiveView(path, tmp_path / "out", PARAMETERS, "full")
+        assert view.revise().points == 40, "as long as no energy is known there is nothing to divide by"
+        store.append(lines[40:])
+    revision = view.revise()
+    late = LiveView(path, tmp_path / "late", PARAMETERS, "full")
+    late.revise()
+    difference = np.abs(view.latest - late.latest).max()
+    assert difference < 1e-4 * late.latest.max()
+    assert revision.points == PLAN.mask.count - 40
+    assert reconstruct_scan(path, tmp_path / "final", PARAMETERS).sensors == PLAN.mask.count - 40
+
+
 def test_the_report_says_what_was_found_and_chosen(uneven, tmp_path):
     reconstruct_scan(uneven, tmp_path, PARAMETERS)
     report = json.loads((tmp_path / "report.json").read_text())
