@@ -44,8 +44,8 @@ class ReconstructionPlan:
     threads
         Threads a run uses (fewer than asked for if their scratch space would exceed half of the image).
     output_bytes, memory_bytes
-        Size of the image, and bound of what a run allocates, image included, traces not. (Traces that are not
-        C-contiguous, or of an integer type other than int16 and int32, are copied first.)
+        Size of the image, and bound of what a run of one set of traces allocates, image included, traces not. (Traces
+        that are not C-contiguous, or of an integer type other than int16 and int32, are copied first.)
 
     Raises
     ------
@@ -103,6 +103,7 @@ class ReconstructionPlan:
         g = self.geometry
         flat = len(g.modes) == 1
         self._modes = (1, g.padded_modes[0]) if flat else (g.padded_modes[0], g.padded_modes[1])
+        self._memory_limit = memory_limit
         memory.require(self._least_bytes(), memory_limit, g.shape)
         places = g.places()
         if flat:
@@ -184,7 +185,9 @@ class ReconstructionPlan:
         room = max(scratch, image // 2)
         self.threads = int(max(1, min(self.threads, room // max(scratch, 1))))
         self.output_bytes = image
-        self.memory_bytes = source + target + (0 if self._shared else image) + self.threads * scratch
+        self._kept_bytes = target if self._shared else image
+        # a source of its own is freed before the image is made
+        self.memory_bytes = max(source + target, target + (0 if self._shared else image)) + self.threads * scratch
 
     def _scratch_items(self) -> int:
         g, (nx, ny) = self.geometry, self._lateral.grid
@@ -226,7 +229,8 @@ class ReconstructionPlan:
         Raises
         ------
         InvalidInput
-            If the shape does not fit or a sample is not finite.
+            If the shape does not fit, a sample is not finite, or all images together exceed the plan's
+            ``memory_limit``, or what is available by now.
         Cancelled
             If ``cancelled`` said so.
         """
@@ -240,6 +244,9 @@ class ReconstructionPlan:
         if data.ndim not in (2, 3) or data.shape[-2:] != (len(g.positions), g.samples):
             raise InvalidInput("traces", f"an array of shape {data.shape}", wanted)
         scale = real("scale", scale, "a finite factor")
+        images = len(data) if data.ndim == 3 else 1
+        needed = self.memory_bytes + max(0, images - 1) * self._kept_bytes
+        memory.require(needed, self._memory_limit, g.shape, images)
         if data.ndim == 3:
             return [self._one(execute, frame, scale, progress, cancelled) for frame in data]
         return self._one(execute, data, scale, progress, cancelled)

@@ -79,21 +79,47 @@ def test_cancelling_stops_within_half_a_second_and_progress_counts_up() -> None:
     assert seen[0] == ("lateral transform", 0, 16)
 
 
-def test_the_stated_memory_is_what_is_used_and_a_smaller_limit_refuses() -> None:
+@pytest.mark.parametrize("upsampling", [1, 2])
+def test_the_stated_memory_is_what_is_used_and_a_smaller_limit_refuses(upsampling: int) -> None:
     positions = (RNG.random((500, 2)) - 0.5) * 0.01
     traces = np.ones((500, 256), np.float32)
-    common = {**COMMON, "modes": 96, "threads": 2}
+    common = {**COMMON, "modes": 96, "threads": 2, "upsampling": upsampling}
     plan = ReconstructionPlan(positions, samples=256, **common)
+    volume, peak = _peak_of_a_run(plan, traces)
+    assert 0.8 * plan.memory_bytes < peak <= plan.memory_bytes + 2**20
+    assert peak - volume.values.nbytes < volume.values.nbytes
+    with pytest.raises(InvalidInput, match="memory_limit"):
+        ReconstructionPlan(positions, samples=256, memory_limit=plan.memory_bytes - 1, **common)
+
+
+def test_what_is_freed_before_the_image_is_made_is_not_counted_beside_it() -> None:
+    """A grid coarser than the modes, whose spectrum has a place of its own until the modes' depths are found."""
+    places = (np.arange(80) + 0.5) / 80 * 0.01 - 0.005
+    positions = np.stack(np.meshgrid(places, places, indexing="ij"), axis=-1).reshape(-1, 2)
+    common = {**COMMON, "modes": 96, "threads": 1, "depth_range": (0.0, 0.5e-3), "upsampling": 2}
+    plan = ReconstructionPlan(positions, samples=256, **common)
+    _, peak = _peak_of_a_run(plan, np.ones((6400, 256), np.float32))
+    assert 0.85 * plan.memory_bytes < peak <= plan.memory_bytes + 2**20
+
+
+def _peak_of_a_run(plan: ReconstructionPlan, traces: np.ndarray) -> tuple[Volume, int]:
     plan.run(traces)  # compiled and cached
     tracemalloc.start()
     volume = plan.run(traces)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert isinstance(volume, Volume)
-    assert peak <= plan.memory_bytes + 2**20
-    assert peak - volume.values.nbytes < volume.values.nbytes
-    with pytest.raises(InvalidInput, match="memory_limit"):
-        ReconstructionPlan(positions, samples=256, memory_limit=plan.memory_bytes - 1, **common)
+    return volume, peak
+
+
+def test_several_images_count_towards_the_limit_when_they_are_asked_for() -> None:
+    for upsampling in (1, 2):
+        free = ReconstructionPlan(POSITIONS, samples=64, upsampling=upsampling, **COMMON)
+        limit = free.memory_bytes + 2 * free.output_bytes
+        plan = ReconstructionPlan(POSITIONS, samples=64, upsampling=upsampling, memory_limit=limit, **COMMON)
+        assert isinstance(plan.run(TRACES), Volume)
+        with pytest.raises(InvalidInput, match=rf"memory_limit is {limit};.*4 images"):
+            plan.run(np.stack(4 * [TRACES]))
 
 
 @pytest.mark.parametrize(
