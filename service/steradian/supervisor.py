@@ -232,14 +232,14 @@ def _children(settings: Settings, listener: socket.socket) -> list[Child]:
     descriptor = listener.fileno()
     python, environment = sys.executable, settings.environment()
     return [
-        Child("api", [python, "-m", "steradian.api", str(descriptor)], environment, (descriptor,)),
-        Child("acquisition", [python, "-m", "steradian.scans.acquisition"], environment),
+        Child("api", [python, "-P", "-m", "steradian.api", str(descriptor)], environment, (descriptor,)),
+        Child("acquisition", [python, "-P", "-m", "steradian.scans.acquisition"], environment),
         *(_worker(settings, slot, None) for slot in range(settings.workers)),
     ]
 
 
 def _worker(settings: Settings, slot: int, output: IO[bytes] | None) -> Child:
-    command = [sys.executable, "-m", "steradian.reconstructions.worker", str(slot)]
+    command = [sys.executable, "-P", "-m", "steradian.reconstructions.worker", str(slot)]
     return Child(settings.executor(slot), command, settings.environment(), output=output)
 
 

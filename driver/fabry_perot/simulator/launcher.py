@@ -74,7 +74,7 @@ def launch(*, timeout: float = 30.0, **settings: Any) -> Iterator[Simulator]:
     with TemporaryDirectory(prefix="fabry-perot-") as folder:
         if not options.tcp and not options.link:
             options = replace(options, link=str(Path(folder) / "port"))
-        command = [sys.executable, "-m", "fabry_perot.simulator", *options.arguments(), "--exit-with-stdin"]
+        command = [sys.executable, "-P", "-m", "fabry_perot.simulator", *options.arguments(), "--exit-with-stdin"]
         process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, start_new_session=True
         )

@@ -166,7 +166,7 @@ def _bare(count: int, rounds: int, left: int) -> float:
 @contextmanager
 def _source(kind: str, count: int, pieces: int) -> Iterator[str]:
     """Run this module as the process that sends, and yield the port to read from."""
-    command = [sys.executable, "-m", "steradian.benchmarks.link", kind, str(count), str(pieces)]
+    command = [sys.executable, "-P", "-m", "steradian.benchmarks.link", kind, str(count), str(pieces)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stdin=subprocess.PIPE)
     assert process.stdout is not None and process.stdin is not None  # noqa: PT018, S101
     try:
@@ -261,7 +261,7 @@ def _acquire(scanner: Any, store: Any) -> int:
 @contextmanager
 def _reconstructions(count: int) -> Iterator[None]:
     """Keep ``count`` processes reconstructing."""
-    command = [sys.executable, "-m", "steradian.benchmarks.link", "load"]
+    command = [sys.executable, "-P", "-m", "steradian.benchmarks.link", "load"]
     loads = [subprocess.Popen(command, stdout=subprocess.PIPE) for _ in range(count)]
     try:
         for process in loads:

@@ -22,7 +22,7 @@ from steradian.progress import Progress
 from steradian.settings import Settings
 from steradian.storage.jobs import JobStatus
 
-CLOCK = (sys.executable, "-m", "steradian.benchmarks.clock_job")
+CLOCK = (sys.executable, "-P", "-m", "steradian.benchmarks.clock_job")
 WORKER = f"""
 from steradian.settings import Settings
 from steradian.storage.queue import run_worker

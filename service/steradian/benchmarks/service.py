@@ -45,7 +45,7 @@ class RunningService:
 @contextmanager
 def running_service(settings: Settings) -> Iterator[RunningService]:
     """Run ``steradian serve`` until the block ends."""
-    command = [sys.executable, "-m", "steradian", "serve"]
+    command = [sys.executable, "-P", "-m", "steradian", "serve"]
     process = subprocess.Popen(
         command, env=settings.environment(), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     )

@@ -18,7 +18,7 @@ from steradian.storage.jobs import JobRequest
 from steradian.storage.logs import configure_logging
 from steradian.storage.paths import DataDirectory
 
-CHILD = (sys.executable, "-m", "steradian.reconstructions.child")
+CHILD = (sys.executable, "-P", "-m", "steradian.reconstructions.child")
 
 
 def reconstruction_job(

@@ -62,6 +62,16 @@ def test_errors_pass_as_what_they_are(tmp_path):
         import_guarded(source, tmp_path / "scan.h5")
 
 
+def test_modules_beside_a_file_are_not_run(tmp_path, monkeypatch):
+    """Importing inside a downloaded folder runs no program of it, whatever module that is named after."""
+    source, description = foreign.npy_time_first(tmp_path)
+    for name in ("h5py", "json", "steradian"):
+        (tmp_path / f"{name}.py").write_text("open('was-run', 'w')\n")
+    monkeypatch.chdir(tmp_path)
+    assert import_guarded(source, tmp_path / "scan.h5", description=description).points == 96
+    assert not (tmp_path / "was-run").exists()
+
+
 def test_a_stopped_import_leaves_nothing(tmp_path):
     """Cancelled at the first report, the process is ended and what it began is removed."""
     source, description = foreign.npy_time_first(tmp_path)

@@ -1,8 +1,9 @@
 """Importing in a process of its own, with limits: what a file does to the libraries that read it ends there.
 
 The HDF5 library follows what a damaged file says, sometimes into the ground or in circles, and no care outside it can
-prevent that. ``python -m steradian.scans.importing.guarded`` reads one request as a line of JSON, writes progress and
-the end as such lines, and dies with whoever started it.
+prevent that. ``python -P -m steradian.scans.importing.guarded`` reads one request as a line of JSON, writes progress
+and the end as such lines, and dies with whoever started it. Without ``-P`` Python would look for modules in the current
+folder first, which may be the one that the file came in.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ def import_guarded(
     allowed = seconds + SECONDS_PER_MIB * source.stat().st_size / (1 << 20)
     paths = [None if path is None else str(path) for path in (source, destination, description)]
     with subprocess.Popen(
-        [sys.executable, "-m", "steradian.scans.importing.guarded"],
+        [sys.executable, "-P", "-m", "steradian.scans.importing.guarded"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         env=os.environ | dict.fromkeys(THREADS, "1"),
