@@ -1,6 +1,7 @@
 """Ranges of physical quantities, the same wherever they are asked for: library, command line, service and files.
 
-They are wide, and yet no number in millimetres, nanoseconds, hertz or millimetres a microsecond falls into one of them.
+They are wide, and yet no usual number in nanoseconds, hertz or millimetres a microsecond falls into one of them, and of
+lengths in millimetres or micrometres only those of at most 1.
 """
 
 from __future__ import annotations

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from steradian.errors import DamagedFile, InvalidInput, NotFound
-from steradian.imaging.checks import MOST_AREA
 from steradian.masks.mask import Mask
-from steradian.masks.points import custom_mask
+from steradian.masks.points import area_of_weights, custom_mask
 from steradian.validation import invalid_input
 
 UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
@@ -87,8 +86,7 @@ def read_mask(path: Path, aperture: float | None = None) -> Mask:
     if aperture is None:
         raise InvalidInput("aperture", "missing", f"> 0, at most 1 (m); {path.name} does not hold it")
     positions, weights, area = _read_npy(path) if path.suffix.lower() == ".npy" else _read_csv(path)
-    if area is not None and area > MOST_AREA * aperture ** positions.shape[1]:
-        area = None
+    area = area_of_weights(area, aperture, positions.shape[1])
     return custom_mask(positions, aperture, weights, sensed_area=area)
 
 

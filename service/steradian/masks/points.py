@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from steradian.errors import InvalidInput
+from steradian.imaging.checks import MOST_AREA
 from steradian.imaging.weights import sensed_outline
 from steradian.masks.mask import Mask
 from steradian.masks.weights import Weighting, weights_for
@@ -69,6 +70,11 @@ class Points(Value):
         outline = sensed_outline(self.positions, self.aperture)
         rule = "voronoi" if self.weighting == "analytic" and not given else self.weighting
         return bare.replace(weights=weights_for(rule, self.positions, outline, relative), outline=outline)
+
+
+def area_of_weights(total: float | None, aperture: float, axes: int) -> float | None:
+    """Return what weights sum to in m² (m for one axis) if that can be an area, else ``None``: they are relative."""
+    return total if total is not None and 0 < total <= MOST_AREA * aperture**axes else None
 
 
 def custom_mask(

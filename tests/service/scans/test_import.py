@@ -237,6 +237,8 @@ def test_the_formats_page_lists_every_name_that_is_understood(tmp_path):
         "side of the aperture": names.APERTURE,
         "distance of the point of interest": names.DEPTH,
         "pitches along x, y, z": (*names.STEPS, names.KGRID),
+        "pitch along x of `p` in an archive": names.LATERAL_STEPS[0],
+        "pitch along y of `p` in an archive": names.LATERAL_STEPS[1],
     }
 
 
@@ -249,6 +251,62 @@ def test_a_line_of_sensors_becomes_a_scan_of_a_line(tmp_path, scan):
     np.testing.assert_allclose(recording.positions, 1e-4 * (np.arange(30) - 15)[:, None], atol=1e-12)
     np.testing.assert_array_equal(recording.traces, traces.T)
     assert recording.weights.sum() == pytest.approx(3e-3)
+
+
+@pytest.mark.parametrize(
+    ("steps", "pitches"),
+    [
+        ({"dx": 5e-5, "dy": 1e-4, "dz": 2e-4}, (1e-4, 2e-4)),
+        ({"dx": 5e-5, "dy": 1e-4}, (1e-4, 1e-4)),
+        ({"dx": 1e-4}, (1e-4, 1e-4)),
+    ],
+)
+def test_pitches_of_kwave_pressure_are_those_of_its_lateral_axes(tmp_path, scan, steps, pitches):
+    """Of k-Wave's p (time, y, z) the axes are y and z: dx is its step in depth, and counts only for want of others."""
+    np.savez(tmp_path / "p.npz", p=np.ones((64, 6, 5), "f4"), dt=2e-8, c=1500.0, **steps)
+    import_scan(tmp_path / "p.npz", scan)
+    positions = open_recording(scan).positions
+    for axis, (count, pitch) in enumerate(zip((6, 5), pitches, strict=True)):
+        np.testing.assert_allclose(np.unique(positions[:, axis].round(9)), pitch * (np.arange(count) - count // 2))
+
+
+@pytest.mark.parametrize("scale", [1.0, 1 / 96], ids=["ones", "sum of 1"])
+def test_relative_weights_of_a_file_are_scaled_to_what_the_sensors_sense(tmp_path, scan, scale):
+    """Weights too large for areas say only how sensors compare; areas stay as they are."""
+    points = foreign.grid()
+    relative = scale * np.where(points[:, 0] > 0, 1.0, 0.5)
+    arrays = {"traces": foreign.expected(points), "positions": points, "dt": foreign.DT, "c": 1480.0}
+    np.savez(tmp_path / "a.npz", weights=relative, **arrays)
+    import_scan(tmp_path / "a.npz", scan)
+    weights = open_recording(scan).weights
+    assert weights.sum() == pytest.approx(2.4e-3**2)
+    np.testing.assert_allclose(weights / weights.sum(), relative / relative.sum())
+    areas = 2e-8 * relative / scale
+    np.savez(tmp_path / "b.npz", weights=areas, **arrays)
+    import_scan(tmp_path / "b.npz", scan.with_name("b.h5"))
+    np.testing.assert_allclose(open_recording(scan.with_name("b.h5")).weights, areas)
+
+
+@pytest.mark.parametrize(
+    ("name", "field", "stated"),
+    [
+        ("c0", "sound_speed", {"sound_speed": 1480.0}),
+        ("dt", "sampling_interval", {"sampling_interval": foreign.DT}),
+        ("t0", "time_zero", {"time_zero": 0.0}),
+        ("depth", None, {"depth": 3e-3}),
+    ],
+)
+def test_an_array_under_a_numbers_name_is_no_hindrance_once_the_number_is_stated(tmp_path, scan, name, field, stated):
+    """A map of the speed of sound beside the A-lines is none of the numbers; the description gives what is missing."""
+    points = foreign.grid()
+    arrays = {"traces": foreign.expected(points), "positions": points, "dt": foreign.DT, "c": 1480.0}
+    arrays = {key: value for key, value in arrays.items() if (key, name) not in {("c", "c0")}}
+    np.savez(tmp_path / "a.npz", **(arrays | {name: np.full((4, 5, 6), 1500.0)}))
+    if field is not None:
+        with pytest.raises(InvalidInput) as refusal:
+            import_scan(tmp_path / "a.npz", scan)
+        assert refusal.value.field == field
+    assert import_scan(tmp_path / "a.npz", scan, description=foreign.describe(tmp_path, **stated)).points == 96
 
 
 def test_sensors_on_no_plane_are_refused(tmp_path, scan):

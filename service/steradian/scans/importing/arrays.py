@@ -1,7 +1,7 @@
 """Plain arrays: .npy, .npz and .csv, with a description beside them.
 
-An .npz that holds ``p`` (time, y, z) or (time, y), ``dt`` and ``dx`` needs no description: it is k-Wave's pressure on
-a full grid of sensors, or on a line of them; k-Wave's lateral axes y and z become our x and y.
+An .npz that holds ``p`` (time, y, z) or (time, y), ``dt`` and ``dy``, ``dz`` (or ``dx`` alone) needs no description: it
+is k-Wave's pressure on a full grid of sensors, or on a line of them; k-Wave's lateral axes y and z become our x and y.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def open_npz(path: Path, said: Description, folder: Path | None = None) -> Itera
             if name is None or name not in held:
                 raise DamagedFile(f"{path.name} has no array {name or TRACES[0]!r}; it holds {', '.join(sorted(held))}")
             table, lateral, kwave = _member_table(archive, held[name], said, spare, is_p=name == "p")
-            stated = _stated_in(archive, held, lateral, simulated=kwave)
+            stated = _stated_in(archive, held, said, lateral, simulated=kwave)
             yield make_source("npz", table, stated, said, path.name, lateral)
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, EOFError, UnicodeDecodeError) as error:
         raise DamagedFile(f"{path.name} cannot be read as an .npz archive: {error}") from error
@@ -203,31 +203,48 @@ def _pieces(file: IO[bytes], kind: np.dtype[Any]) -> Iterator[NDArray[Any]]:
 
 
 def _stated_in(
-    archive: zipfile.ZipFile, held: dict[str, zipfile.ZipInfo], lateral: tuple[int, ...] | None, *, simulated: bool
+    archive: zipfile.ZipFile,
+    held: dict[str, zipfile.ZipInfo],
+    said: Description,
+    lateral: tuple[int, ...] | None,
+    *,
+    simulated: bool,
 ) -> Stated:
+    def find(wanted: tuple[str, ...]) -> zipfile.ZipInfo | None:
+        return next((held[name] for name in wanted if name in held), None)
+
     def small(*wanted: str) -> NDArray[Any] | None:
-        member = next((held[name] for name in wanted if name in held), None)
+        member = find(wanted)
         return None if member is None else _small(archive, member)
 
     def number(*wanted: str) -> float | None:
-        value = small(*wanted)
-        if value is not None and value.size != 1:
-            raise DamagedFile(f"{_name(archive)}: {wanted[0]} has the shape {value.shape}; expected one number")
-        return None if value is None else float(value.reshape(-1)[0])
+        member = find(wanted)
+        if member is None or prod(_shape(archive, member)) != 1:
+            return None  # a map of the speed of sound, say; the description may give the number
+        return float(_small(archive, member).reshape(-1)[0])
 
-    points, pitch = small(*names.POSITIONS), number(names.STEPS[0])
-    if points is None and pitch is not None and lateral is not None:
-        points = grid_points(lateral, (pitch, number(names.STEPS[1]) or pitch)[: len(lateral)])
+    points, delay = small(*names.POSITIONS), number(*names.TIME_ZERO)
+    if delay is None and said.time_zero is None and find(names.TIME_ZERO) is not None:  # 0 would shift the image
+        raise InvalidInput("time_zero", "an array of several numbers", "one number (s), there or in a description")
+    steps = names.LATERAL_STEPS if simulated else (names.STEPS[:1], names.STEPS[1::-1])
+    pitches = [next((step for name in wanted if (step := number(name))), None) for wanted in steps]
+    if points is None and lateral is not None and (pitch := pitches[0]) is not None:
+        points = grid_points(lateral, (pitch, pitches[1] or pitch)[: len(lateral)])
     return Stated(
         points=points,
         weights=None if (weights := small(*names.WEIGHTS)) is None else weights.astype(np.float64).reshape(-1),
         aperture=number(*names.APERTURE),
         sampling_interval=number(*names.INTERVAL),
         sound_speed=number(*names.SPEED),
-        time_zero=number(*names.TIME_ZERO) or 0.0,
+        time_zero=delay or 0.0,
         depth=number(*names.DEPTH),
         simulated=simulated,
     )
+
+
+def _shape(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> tuple[int, ...]:
+    with archive.open(member) as file:
+        return _header(file, member.filename)[0]
 
 
 def _small(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from steradian.errors import InvalidInput
 from steradian.imaging.weights import find_lattice
 from steradian.masks import Mask, custom_mask
+from steradian.masks.points import area_of_weights
 
 FLAT = 1e-4
 """An axis along which the sensors spread less than this share of their largest extent is no axis of theirs."""
@@ -86,7 +87,7 @@ def place_sensors(
     weights
         (M,) areas of any scale, if known.
     sensed_area
-        What they sum to in m² (m for a line), if known.
+        What they sum to in m² (m for a line), if known; more than four apertures is no area, and they are relative.
 
     Raises
     ------
@@ -123,7 +124,7 @@ def place_sensors(
         aperture=side,
         grid=int(lattice.counts[0]) if full and lattice is not None else None,
         weights=weights,
-        sensed_area=sensed_area,
+        sensed_area=area_of_weights(sensed_area, side, len(lateral)),
         origin={"axes": [NAMES[axis] for axis in lateral], "centre_m": centre.tolist()},
     )
 

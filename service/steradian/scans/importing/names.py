@@ -16,6 +16,8 @@ APERTURE = ("aperture",)
 DEPTH = ("depth",)
 STEPS = ("dx", "dy", "dz")
 """Pitches along the axes of a mask or of an array of sensors."""
+LATERAL_STEPS = (("dy", "dx"), ("dz", "dy", "dx"))
+"""Pitches along our x and y of k-Wave's ``p`` (time, y, z); its ``dx`` is the step in depth where there are others."""
 
 NUMBERS = (*INTERVAL, *SPEED, *TIME_ZERO, *APERTURE, *DEPTH, *STEPS)
 GEOMETRY = (*POSITIONS, *MASK, *WEIGHTS)

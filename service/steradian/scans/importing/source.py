@@ -25,7 +25,7 @@ class Stated:
     bounds: NDArray[np.float64] | None = None
     """(A, 2) limits of the aperture."""
     weights: NDArray[np.float64] | None = None
-    """(M,) areas in m², in m on a line."""
+    """(M,) areas in m², in m on a line; relative ones where their sum cannot be an area."""
     aperture: float | None = None
     sampling_interval: float | None = None
     sound_speed: float | None = None
