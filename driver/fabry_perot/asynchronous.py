@@ -113,9 +113,9 @@ class AsyncScanner:
         """Stop firing until :meth:`resume`."""
         await self._run(self._scanner.pause)
 
-    async def resume(self) -> None:
-        """Arm anew and continue."""
-        await self._run(self._scanner.resume)
+    async def resume(self, *, by_itself: bool = False) -> None:
+        """Arm anew and continue; parameters as of :meth:`fabry_perot.Scanner.resume`."""
+        await self._run(self._scanner.resume, by_itself=by_itself)
 
     async def abort(self, level: str = "laser-off") -> None:
         """Stop at once."""

@@ -276,13 +276,21 @@ class Scanner(Controls):
             self._host.acknowledge(aline.number, self._session.now())
         self._session.flush()
 
-    def resume(self) -> None:
+    def resume(self, *, by_itself: bool = False) -> None:
         """Arm anew and continue after a pause, an interruption, an abort or a restart: a person's decision.
 
         What a restarted device has lost is planned and fired again; :meth:`report` names it.
 
+        Parameters
+        ----------
+        by_itself
+            Nobody has decided so, but the application that had paused for a moment: only within the limits of
+            :class:`fabry_perot.Recovery`, on a device that kept power and whose interlock stayed closed.
+
         Raises
         ------
+        LeaseLapsed
+            By itself it may not; the laser is off.
         PlanInvalid
             There is no scan.
         Refused, LinkError
@@ -292,7 +300,7 @@ class Scanner(Controls):
             raise PlanInvalid("resume", "no scan", "a scan that was uploaded")
         deadline = self._session.now() + int(_PATIENCE * 1e6)
         with self._session.changed:
-            self._keeper.take_up(self._plan, self._session.now())
+            self._keeper.take_up(self._plan, self._session.now(), by_itself=by_itself)
         while True:
             with self._session.changed:
                 self._keeper.poll(self._session.now())

@@ -60,7 +60,7 @@ class Event(IntEnum):
 
 
 class HoldCause(IntEnum):
-    """Why the device is in SAFE_HOLD."""
+    """Why the device is in SAFE_HOLD; of PAUSED only whether the interlock was opened."""
 
     NONE = 0
     LEASE = 1

@@ -9,7 +9,8 @@ import pytest
 from driver_bench import Bench
 from driver_world import World
 
-from fabry_perot.codes import Type
+from fabry_perot.codes import Operation, Type
+from fabry_perot.errors import LeaseLapsed
 from fabry_perot.framing import Frame, encode_frame
 from fabry_perot.messages import Lease, pack
 from fabry_perot.states import DeviceState
@@ -85,6 +86,25 @@ def test_an_interlock_that_opened_while_the_laser_was_off_keeps_it_off():
     world.instrument.closed = True
     world.hung = False
     assert shots_after(world) == 0
+
+
+@pytest.mark.parametrize("meanwhile", ["nothing", "interlock", "reboot", "time"])
+def test_a_laser_that_an_application_let_rest_comes_back_without_a_person_only_by_the_same_rule(meanwhile):
+    world = running()
+    world.keeper.suspend()
+    world.call(Operation.PAUSE)
+    if meanwhile == "interlock":
+        world.instrument.closed = False
+        world.run(100)
+        world.instrument.closed = True
+    elif meanwhile == "reboot":
+        world.reboot(100)
+    world.run(3_000 if meanwhile == "time" else 500)
+    world.keeper.take_up(world.plan, world.host_now, by_itself=True)
+    world.until(lambda: not world.keeper.busy)
+    assert (shots_after(world) > 0) is (meanwhile == "nothing")
+    assert isinstance(world.keeper.refusal, LeaseLapsed) is (meanwhile != "nothing")
+    world.finish()  # a person may take it up in any case
 
 
 def test_an_echo_of_the_future_proves_nothing():

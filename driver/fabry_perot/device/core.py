@@ -38,6 +38,8 @@ _CAUSES = {
     Event.LASER_OFF: HoldCause.REQUEST,
     Event.CLEAR_FAULT: HoldCause.CLEARED,
 }
+_HELD = frozenset({DeviceState.SAFE_HOLD, DeviceState.PAUSED})
+"""States of a scan that may go on: an interlock opened meanwhile is remembered."""
 T = TypeVar("T")
 _SESSIONLESS = frozenset({Type.HELLO, Type.ABORT})
 
@@ -150,7 +152,7 @@ class Device:
         if bits & SECURED != SECURED:
             if self.state in RUNNING or self.state is DeviceState.ARMED:
                 self.raise_fault(FAULT_KEY if bits & INTERLOCK_CLOSED else FAULT_INTERLOCK)
-            elif self.state is DeviceState.SAFE_HOLD and self.cause is not HoldCause.INTERLOCK:
+            elif self.state in _HELD and self.cause is not HoldCause.INTERLOCK:
                 self.cause, self._status_due = HoldCause.INTERLOCK, True
         light = bits & (SHUTTER_OPEN | LASER_EMITTING)
         if light and self.state not in RUNNING and self.now - self._shut_at >= self.timing.shutter:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fabry_perot.codes import SECURED, Operation
-from fabry_perot.errors import LinkLost, ScannerError
+from fabry_perot.errors import LeaseLapsed, LinkLost, ScannerError
 from fabry_perot.host.core import Host
 from fabry_perot.host.ledger import Ledger
 from fabry_perot.host.plan import Plan
@@ -24,6 +24,8 @@ _FIRST_WAIT, _LONGEST_WAIT = 50_000, 1_000_000
 _OURS = frozenset({HoldCause.LEASE, HoldCause.SESSION, HoldCause.NONE})
 """Causes of SAFE_HOLD that are interruptions rather than somebody's wish."""
 _HALTED = frozenset({DeviceState.SAFE_HOLD, DeviceState.LINKED, DeviceState.READY, DeviceState.ARMED})
+
+_A_PERSON = "the laser rests for too long, or not for the application alone: only a person may take the scan up"
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,10 +99,14 @@ class Keeper:
         self._note_start(laser_shots)
         self._keep(plan, now)
 
-    def take_up(self, plan: Plan, now: int) -> None:
-        """Go on with ``plan`` whatever has ended it: somebody has decided so; :meth:`poll` until not :attr:`busy`."""
+    def take_up(self, plan: Plan, now: int, *, by_itself: bool = False) -> None:
+        """Go on with ``plan`` whatever has ended it: somebody has decided so; :meth:`poll` until not :attr:`busy`.
+
+        With ``by_itself`` nobody has, but the application that let the laser rest: the rule of when it may come back
+        without a person holds, nothing is planned again, and :attr:`refusal` is LeaseLapsed where it may not.
+        """
         self._keep(plan, now)
-        self._asked, self.refusal, self._steps = True, None, self._recover(plan)
+        self._asked, self.refusal, self._steps = True, None, self._recover(plan, by_itself=by_itself)
 
     def _keep(self, plan: Plan, now: int) -> None:
         self._plan, self._steps, self._asked = plan, None, False
@@ -181,15 +187,17 @@ class Keeper:
         status, plan = self._host.status, self._plan
         if status is None or plan is None or (status.boot, status.plan) != (self._boot, plan.uid):
             return False
-        if status.laser & SECURED != SECURED:
+        if status.laser & SECURED != SECURED or status.cause == HoldCause.INTERLOCK:
             return False
         return self._host.since_contact(self._now) <= self._policy.within
 
-    def _recover(self, plan: Plan) -> Iterator[None]:
+    def _recover(self, plan: Plan, *, by_itself: bool = False) -> Iterator[None]:
         """Bring the device back to scanning, step by step; each ``yield`` waits for the next poll."""
         host, asked = self._host, self._asked
         while not self._known():
             yield
+        if by_itself and not self._permitted():
+            raise LeaseLapsed(_A_PERSON)
         assert host.status is not None  # noqa: S101
         anew = host.status.plan != plan.uid
         if anew:
@@ -204,8 +212,10 @@ class Keeper:
             return  # it scans, or somebody or a fault has stopped it meanwhile
         yield from self._call(Operation.ARM)
         token = self._answer["token"]
-        if not asked and not self._permitted():
+        if (by_itself or not asked) and not self._permitted():
             yield from self._call(Operation.DISARM)
+            if by_itself:
+                raise LeaseLapsed(_A_PERSON)
             return
         yield from self._call(Operation.START, token=token, **host.lease_fields())
         self._note_start(int(self._answer.get("laser_shots", 0)))

@@ -289,19 +289,25 @@ class ScanSession:
             self._control.blocked(None)
             if self._fires and self._control.wish() is Wish.RUN:
                 rested = (clock.now() - since) * 1e-6
-                if rested <= self._within:
-                    self._go_on()
-                else:
+                if rested > self._within or not self._go_on(by_itself=True):
                     self._fires, self._rested = False, rested
         return True
 
-    def _go_on(self) -> None:
-        """Fire again, if there is something left to fire for and nobody has stopped the scanner itself."""
+    def _go_on(self, *, by_itself: bool = False) -> bool:
+        """Fire again, if there is something left to fire for and nobody has stopped the scanner itself.
+
+        Returns whether that was allowed: ``by_itself`` nobody has decided so, and the scanner's own rule holds, which
+        is asked again just before the laser starts.
+        """
         if self._scanner.state in _STANDING and self._scanner.status.cause not in _STOPPED:
             try:
-                self._insist(self._scanner.resume)
+                self._insist(partial(self._scanner.resume, by_itself=by_itself))
+            except fabry_perot.LeaseLapsed as error:
+                _log.warning("the scan was not taken up again: %s", error)
+                return False
             except fabry_perot.Refused as error:  # its state has changed meanwhile; what it is now, the next look tells
                 _log.info("the scan was not taken up again: %s", error)
+        return True
 
     def _insist(self, request: Callable[[], Answer]) -> Answer:
         """Make a request again when the link was renewed under it."""

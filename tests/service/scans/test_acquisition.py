@@ -27,6 +27,19 @@ from steradian.storage.states import DesiredScanState, ScanState
 S, W = ScanState, DesiredScanState
 
 
+class Port:
+    """The link to a scanner that is there already."""
+
+    def __init__(self, url):
+        self._url = url
+
+    def url(self):
+        return self._url
+
+    def close(self):
+        pass
+
+
 class Bench:
     """One data directory with its acquisition; scans run when a test calls ``step``."""
 
@@ -249,18 +262,8 @@ def test_a_wish_that_nobody_was_there_to_hear_fires_nothing_later(bench):
 def test_a_resume_is_refused_while_the_film_is_not_what_it_was(tmp_path):
     """The difference is named, the scan stays interrupted, and it goes on when things are as before."""
 
-    class Port:
-        url_now = ""
-
-        def url(self):
-            return self.url_now
-
-        def close(self):
-            pass
-
     with launch(speed=50.0) as simulator:
-        bench = Bench(tmp_path, Port())
-        bench.port.url_now = simulator.url
+        bench = Bench(tmp_path, Port(simulator.url))
         identifier = interrupted(bench)
         simulator.command("drift", pm=400)
         bench.scans.desire(identifier, W.RUNNING, None)
@@ -339,6 +342,41 @@ def test_a_laser_that_rested_for_a_full_disk_for_too_long_comes_back_only_when_w
     bench.work.step()
     assert bench.scans.get(identifier).state is S.COMPLETE
     bench.close()
+
+
+def test_an_interlock_opened_while_the_laser_rested_for_a_full_disk_keeps_it_off_until_wished(tmp_path, monkeypatch):
+    """Somebody has opened the enclosure meanwhile, so a person decides, however soon there is room again."""
+    full, overwrite = threading.Event(), AlineStore._overwrite
+
+    def write(store, offset, data):
+        if full.is_set():
+            raise OSError(errno.ENOSPC, "No space left on device")
+        overwrite(store, offset, data)
+
+    monkeypatch.setattr(AlineStore, "_overwrite", write)
+    monkeypatch.setattr("steradian.scans.session.AGAIN", 0.05)
+    with launch(speed=50.0) as simulator:
+        bench = Bench(tmp_path, Port(simulator.url))
+        identifier = bench.queue(pulse_rate=5.0)
+
+        def act():
+            bench.until(identifier, S.RUNNING)
+            full.set()
+            while not (bench.scans.get(identifier).stage or "").startswith("blocked"):
+                threading.Event().wait(0.01)
+            simulator.command("interlock", closed=False)
+            threading.Event().wait(0.1)  # time enough for the device to see it, at whatever speed
+            simulator.command("interlock", closed=True)
+            full.clear()
+
+        bench.meanwhile(act)
+        row = bench.scans.get(identifier)
+        assert (row.state, row.desired_state, row.error_code) == (S.INTERRUPTED, W.PAUSED, "scan-interrupted")
+        assert row.summary["fired"] == row.summary["stored"] < 53
+        bench.scans.desire(identifier, W.RUNNING, None)
+        bench.work.step()
+        assert bench.scans.get(identifier).state is S.COMPLETE
+        bench.close()
 
 
 def test_a_scan_that_cannot_fit_fails_before_a_pulse(bench, monkeypatch):
