@@ -223,6 +223,18 @@ def test_an_abort_ends_emission_at_once_although_its_first_frames_are_lost(bench
     assert not bench.host.aborting
 
 
+def test_a_weaker_abort_does_not_replace_a_stronger_one_that_is_not_answered_yet(bench, faults):
+    bench.up.filters.append(faults.drop(Type.ABORT, lambda n: n < 4))
+    bench.scan(500)
+    bench.run(300)
+    bench.host.abort(AbortLevel.EMERGENCY_STOP, bench.clock.now())
+    bench.run(10)
+    bench.host.abort(AbortLevel.LASER_OFF, bench.clock.now())
+    bench.run(1_000)
+    assert bench.device.state is DeviceState.ESTOP
+    assert not bench.host.aborting
+
+
 def test_an_emergency_stop_is_latched_until_cleared(bench):
     bench.connect()
     bench.upload(10)

@@ -307,7 +307,9 @@ class Host:
         self.poll(now)
 
     def abort(self, level: AbortLevel, now: int) -> None:
-        """Send ABORT until it is acknowledged."""
+        """Send ABORT until it is acknowledged; a stronger one that is not yet is not weakened."""
+        if self._abort is not None:
+            level = max(level, AbortLevel(self._abort.level))
         self._aborts = (self._aborts + 1) & 0xFFFFFFFF
         self._abort = Abort(level, self._aborts)
         self._abort_due = now
