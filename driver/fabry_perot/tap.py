@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import struct
 import time
 from collections.abc import Callable
@@ -34,6 +35,7 @@ from fabry_perot.messages import (
 )
 from fabry_perot.transport import Transport
 
+_log = logging.getLogger(__name__)
 _MESSAGES: dict[int, type[Any]] = {
     Type.HELLO: Hello,
     Type.HELLO_ACK: HelloAck,
@@ -63,11 +65,13 @@ class Tap:
     transport
         The port.
     show
-        Called with one line a frame: seconds since the tap was opened, ``>`` to or ``<`` from the device, the message.
+        Called with one line a frame: seconds since the tap was opened, ``>`` to or ``<`` from the device, the message;
+        after it has raised an error it is not called again.
     """
 
     def __init__(self, transport: Transport, show: Callable[[str], None]) -> None:
-        self._transport, self._show = transport, show
+        self._transport = transport
+        self._show: Callable[[str], None] | None = show
         self._up, self._down = Deframer(), Deframer()
         self._opened = time.monotonic()
 
@@ -79,21 +83,31 @@ class Tap:
 
     def write(self, data: bytes) -> None:
         """Send all of ``data``, and show it; raises LinkLost."""
-        self._look(">", self._up, data)
         self._transport.write(data)
+        self._look(">", self._up, data)
 
     def close(self) -> None:
         """Release the port."""
         self._transport.close()
 
     def _look(self, way: str, deframer: Deframer, data: bytes) -> None:
+        """Show the frames in ``data``; an onlooker who is gone does not end the traffic."""
+        if self._show is None:
+            return
+        try:
+            self._tell(self._show, way, deframer, data)
+        except Exception as error:
+            self._show = None
+            _log.warning("the frames are not shown any more: %r", error)
+
+    def _tell(self, show: Callable[[str], None], way: str, deframer: Deframer, data: bytes) -> None:
         bad = deframer.counters.bad
         frames = deframer.feed(data) if data else []
         at = time.monotonic() - self._opened
         for frame in frames:
-            self._show(f"{at:10.4f} {way} {describe(frame)}")
+            show(f"{at:10.4f} {way} {describe(frame)}")
         if deframer.counters.bad > bad:
-            self._show(f"{at:10.4f} {way} {deframer.counters.bad - bad} damaged")
+            show(f"{at:10.4f} {way} {deframer.counters.bad - bad} damaged")
 
 
 def describe(frame: Frame) -> str:

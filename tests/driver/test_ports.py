@@ -11,6 +11,7 @@ from driver_bench import CountingInstrument
 
 from fabry_perot import streaming, transport
 from fabry_perot.clock import RealClock
+from fabry_perot.connecting import connect
 from fabry_perot.device import Device
 from fabry_perot.errors import (
     DeviceFault,
@@ -25,6 +26,7 @@ from fabry_perot.errors import (
 from fabry_perot.host import HostTiming
 from fabry_perot.scanner import Scanner
 from fabry_perot.session import Session
+from fabry_perot.simulator import launch
 from fabry_perot.states import DeviceState, HoldCause
 from fabry_perot.streaming import Pump, stop_reason
 from fabry_perot.transport import SocketTransport, TerminalTransport
@@ -234,3 +236,17 @@ def test_a_port_that_cannot_be_locked_is_busy_and_one_that_is_not_there_unavaila
         transport.open_transport("/dev/null")
     with pytest.raises(PortUnavailable):
         transport.open_transport("nonsense://there")
+
+
+def test_an_abort_is_sent_although_nobody_reads_what_the_tap_shows_any_more():
+    """As after ``| head``: the port outlives its onlooker."""
+
+    def show(line: str) -> None:
+        lines.append(line)
+        raise BrokenPipeError
+
+    lines: list[str] = []
+    with launch() as simulator, connect(simulator.url, tap=show) as scanner:
+        scanner.abort("emergency-stop")
+        assert simulator.command("report")["state"] == "estop"
+    assert len(lines) == 1
