@@ -13,10 +13,10 @@ from fabry_perot.aline import ALine, ALineBatch
 from fabry_perot.clock import Clock
 from fabry_perot.codes import Operation
 from fabry_perot.controls import Controls
-from fabry_perot.errors import DeviceRestarted, LeaseLapsed, LinkError, NoAnswer, PlanInvalid, ScannerError
+from fabry_perot.errors import DeviceRestarted, LeaseLapsed, LinkError, NoAnswer, PlanInvalid, ScanAborted, ScannerError
 from fabry_perot.host import HostTiming, Keeper, Plan, Recovery, ScanReport
 from fabry_perot.session import STEP, Session
-from fabry_perot.states import RUNNING, DeviceState
+from fabry_perot.states import RUNNING, DeviceState, HoldCause
 from fabry_perot.streaming import stop_reason
 from fabry_perot.transport import Transport
 
@@ -248,6 +248,10 @@ class Scanner(Controls):
         error = stop_reason(host, now, patience)
         if error is None or self._keeper.busy or (kept and self._keeper.minding):
             return ALineBatch()
+        cleared = host.status is not None and host.status.cause == HoldCause.NONE
+        if kept and cleared and self._keeper.waiting and isinstance(error, ScanAborted):
+            # RELEASE has cleared the cause, and then the time was over within which the keeper may go on
+            error = LeaseLapsed("the laser lease lapsed: the laser is off, plan and data are kept")
         if isinstance(error, LeaseLapsed | DeviceRestarted):
             self._keeper.suspend()
         else:

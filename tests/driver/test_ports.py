@@ -11,11 +11,13 @@ from driver_bench import CountingInstrument
 
 from fabry_perot import streaming, transport
 from fabry_perot.clock import RealClock
+from fabry_perot.codes import Operation
 from fabry_perot.connecting import connect
 from fabry_perot.device import Device
 from fabry_perot.errors import (
     DeviceFault,
     EmergencyStopped,
+    LeaseLapsed,
     LinkLost,
     NoAnswer,
     PlanInvalid,
@@ -23,7 +25,7 @@ from fabry_perot.errors import (
     Refused,
     ScanAborted,
 )
-from fabry_perot.host import HostTiming
+from fabry_perot.host import HostTiming, Recovery
 from fabry_perot.scanner import Scanner
 from fabry_perot.session import Session
 from fabry_perot.simulator import launch
@@ -198,6 +200,18 @@ def test_a_scanner_says_whether_anything_fired_is_still_to_be_delivered():
                 break
         assert len(lines) == scanner.status.produced < 300
         assert not scanner.recovering
+
+
+def test_a_recovery_that_ran_out_of_its_time_after_release_is_a_lapse_and_no_stop():
+    """RELEASE clears the device's cause; nobody has stopped the scan all the same."""
+    with Scanner(Wire(device()), recovery=Recovery(within=0.0)) as scanner:
+        scanner.upload([(0.0, 0.0)] * 3000, samples=64, sampling_interval=8e-9, pulse_rate=200.0)
+        scanner.start(scanner.arm())
+        scanner._session.wait(lambda: scanner.status.state == DeviceState.SAFE_HOLD, 20.0)
+        scanner._session.request(Operation.RELEASE)
+        with pytest.raises(LeaseLapsed):
+            deque(scanner.alines(), maxlen=0)
+        assert scanner.state == "ready"
 
 
 @pytest.mark.parametrize(
