@@ -2,6 +2,7 @@
 
 import os
 import re
+import signal
 import sys
 import time
 
@@ -45,6 +46,8 @@ def terminal(tmp_path):
             dimensions=(24, 100),
             timeout=100,
             encoding="utf-8",
+            # a terminal hears Ctrl-C; where tests run in the background of a shell, children inherit that it is ignored
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         )
         running.append(process)
         return process
