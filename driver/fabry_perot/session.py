@@ -9,7 +9,7 @@ from typing import Any
 
 from fabry_perot.clock import Clock, RealClock
 from fabry_perot.codes import Operation
-from fabry_perot.errors import NoAnswer
+from fabry_perot.errors import LinkLost, NoAnswer
 from fabry_perot.host import Host, HostTiming
 from fabry_perot.streaming import Pump
 from fabry_perot.transport import Transport
@@ -50,6 +50,7 @@ class Session:
         self.clock = clock or RealClock()
         self.host = Host(secrets.randbits(32), timing)
         self.changed = threading.Condition()
+        self._closed = False
         self._pump = Pump(transport, self.host, self.clock, self.changed, reopen, patience)
         try:
             self._pump.start()
@@ -85,16 +86,21 @@ class Session:
         return answer
 
     def wait(self, ready: Callable[[], bool], timeout: float, *, raise_failure: bool = True) -> None:
-        """Wait until ``ready()``, at most ``timeout`` s; raises NoAnswer or the host's failure."""
+        """Wait until ``ready()``, at most ``timeout`` s; raises NoAnswer, the host's failure, LinkLost once closed."""
         deadline = self.now() + int(timeout * 1e6)
         with self.changed:
             while not ready():
                 if raise_failure and self.host.failure is not None:
                     raise self.host.failure
+                if self._closed:
+                    raise LinkLost("the connection was closed")
                 if self.now() > deadline:
                     raise NoAnswer(f"the scanner did not get there within {timeout:g} s")
                 self.changed.wait(STEP)
 
     def close(self) -> None:
-        """End the thread and release the port."""
+        """End the thread and release the port; who waits elsewhere is told."""
+        with self.changed:
+            self._closed = True
+            self.changed.notify_all()
         self._pump.stop()

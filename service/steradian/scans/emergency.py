@@ -86,4 +86,4 @@ def _switch_off(scanner: fabry_perot.Scanner) -> str:
     with suppress(fabry_perot.ScannerError, OSError):
         scanner.abort("laser-off")
         return "off"
-    return "unconfirmed"
+    return "unconfirmed" if scanner.state in _LIVE else "off"  # the session was sooner, and has closed the connection
