@@ -18,10 +18,10 @@ import httpx
 import pytest
 
 from fabry_perot.simulator import launch
+from steradian.security.keys import KeyStore, Scope
 from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url
 from steradian.storage.emergency import EmergencyLatch
-from steradian.storage.keys import KeyStore, Scope
 from steradian.storage.paths import DataDirectory
 
 _spec = importlib.util.spec_from_file_location("postgres", Path(__file__).parent / "postgres.py")

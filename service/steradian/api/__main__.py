@@ -11,10 +11,10 @@ import threading
 import uvicorn
 
 from steradian.api.app import create_app
+from steradian.runtime.heartbeat import Heartbeat
+from steradian.runtime.lifeline import end_with_stdin
+from steradian.runtime.logs import configure_logging
 from steradian.settings import Settings
-from steradian.storage.heartbeat import Heartbeat
-from steradian.storage.job_process import end_with_stdin
-from steradian.storage.logs import configure_logging
 from steradian.storage.paths import DataDirectory
 
 GRACE = 3

@@ -20,11 +20,11 @@ from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.api.views import BASE, Listing
 from steradian.errors import Conflict, InvalidInput
-from steradian.reconstructions.asked import Identifier
+from steradian.jobs.ledger import to_status
+from steradian.jobs.model import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobStatus
+from steradian.jobs.requests import Identifier
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.storage.idempotency import Answer
-from steradian.storage.job_ledger import to_status
-from steradian.storage.jobs import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobStatus
 from steradian.storage.states import is_terminal
 from steradian.storage.tables import BatchRow, ReconstructionRow
 from steradian.validation import Value

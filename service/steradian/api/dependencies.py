@@ -14,8 +14,8 @@ from starlette.concurrency import run_in_threadpool
 
 from steradian.api.services import Services
 from steradian.errors import InvalidInput
+from steradian.security.keys import Principal
 from steradian.storage.idempotency import Answer, Key
-from steradian.storage.keys import Principal
 
 MAX_WAIT = 120.0
 """Longest that a request is held (s); the client asks again."""

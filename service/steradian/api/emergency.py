@@ -8,8 +8,8 @@ import threading
 import time
 from collections.abc import Callable
 
+from steradian.security.keys import KeyStore
 from steradian.storage.emergency import Deed, EmergencyLatch, Press
-from steradian.storage.keys import KeyStore
 from steradian.storage.scanners import SCANNER_ID, EmergencyStopped, ScannerRepository
 
 PATIENCE = 1.0

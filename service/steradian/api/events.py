@@ -18,8 +18,8 @@ from steradian.api.feed import Feed, Progress
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.api.views import BASE
+from steradian.security.keys import TICKET_SECONDS
 from steradian.storage.events import Bounds
-from steradian.storage.keys import TICKET_SECONDS
 from steradian.storage.tables import EventRow
 
 router = APIRouter(prefix=V1, tags=["events"], route_class=GuardedRoute)

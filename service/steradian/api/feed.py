@@ -17,7 +17,7 @@ from sqlalchemy.exc import DBAPIError
 from starlette.concurrency import run_in_threadpool
 
 from steradian.api.services import Services
-from steradian.storage.job_ledger import event_kind
+from steradian.jobs.ledger import event_kind
 
 LOOK = 0.1
 """Seconds between looks at the log."""

@@ -10,8 +10,8 @@ from fastapi import Request
 from pydantic import BaseModel, Field
 
 from steradian.errors import InvalidInput
+from steradian.jobs.requests import Asked
 from steradian.masks import Arrangement
-from steradian.reconstructions.asked import Asked
 from steradian.validation import allowed_range
 
 _TAGS = {

@@ -13,7 +13,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from steradian import __version__
 from steradian.api.dependencies import ServicesNeeded
 from steradian.api.services import Services
-from steradian.storage.heartbeat import is_alive
+from steradian.runtime.heartbeat import is_alive
 
 router = APIRouter(tags=["health"])
 MIN_FREE_BYTES = 100 * 2**20

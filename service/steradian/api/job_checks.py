@@ -6,12 +6,12 @@ from steradian.api.problems import NotReady
 from steradian.api.requests import Wanted, check_alines, check_parts, existing_volume
 from steradian.api.services import Services
 from steradian.errors import InvalidInput, NotFound
-from steradian.reconstructions import asked
+from steradian.jobs import requests
 from steradian.storage.states import SETTLED_SCAN_STATES
 from steradian.storage.tables import ScanRow
 
 
-def check_job(services: Services, wanted: asked.Asked) -> None:
+def check_job(services: Services, wanted: requests.Asked) -> None:
     """Refuse what cannot work.
 
     Raises
@@ -20,15 +20,15 @@ def check_job(services: Services, wanted: asked.Asked) -> None:
         In that order.
     """
     match wanted:
-        case asked.SoundSpeed():
+        case requests.SoundSpeed():
             check_parts(services, _measured(services, wanted.scan_id), Wanted(wanted.parameters))
-        case asked.Quality():
+        case requests.Quality():
             _check_pair(services, wanted)
-        case asked.Export(scan_id=str(scan_id)):
+        case requests.Export(scan_id=str(scan_id)):
             _measured(services, scan_id)
-        case asked.Export(reconstruction_id=str(reconstruction_id)):
+        case requests.Export(reconstruction_id=str(reconstruction_id)):
             existing_volume(services, reconstruction_id, "reconstruction_id")
-        case asked.Import():
+        case requests.Import():
             for identifier in (wanted.upload_id, wanted.companion_id):
                 if identifier is not None and not services.data.upload(identifier).is_file():
                     raise NotFound("upload", identifier)
@@ -44,7 +44,7 @@ def _measured(services: Services, scan_id: str) -> ScanRow:
     return scan
 
 
-def _check_pair(services: Services, wanted: asked.Quality) -> None:
+def _check_pair(services: Services, wanted: requests.Quality) -> None:
     shapes = []
     for field, identifier in (("reconstruction_id", wanted.reconstruction_id), ("reference_id", wanted.reference_id)):
         existing_volume(services, identifier, field)

@@ -8,8 +8,8 @@ from typing import Any, Self
 from pydantic import BaseModel, Field
 
 from steradian.api.views import BASE, ErrorView, ProgressView
-from steradian.storage.job_ledger import event_kind
-from steradian.storage.jobs import JobStatus
+from steradian.jobs.ledger import event_kind
+from steradian.jobs.model import JobStatus
 from steradian.storage.states import DesiredJobState, ReconstructionState, is_terminal
 
 _INSIDE = frozenset({"scan", "output", "principal", "batch_id"})

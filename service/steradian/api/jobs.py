@@ -21,11 +21,11 @@ from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.api.views import Listing
 from steradian.errors import NotFound
-from steradian.reconstructions import asked
+from steradian.jobs import requests
+from steradian.jobs.ledger import to_status
+from steradian.jobs.model import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobRequest
+from steradian.security.keys import Principal
 from steradian.storage.idempotency import Answer, Key
-from steradian.storage.job_ledger import to_status
-from steradian.storage.jobs import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobRequest
-from steradian.storage.keys import Principal
 from steradian.storage.repository import new_id
 from steradian.storage.states import ReconstructionState
 from steradian.validation import Value
@@ -40,26 +40,26 @@ class _Queueing(Value):
     timeout: float | None = Field(default=None, gt=0, le=30 * 86_400, description="Longest it may run (s)")
 
 
-class SoundSpeedRequest(asked.SoundSpeed, _Queueing):
+class SoundSpeedRequest(requests.SoundSpeed, _Queueing):
     """Find the speed of sound at which a scan's image is sharpest."""
 
 
-class QualityRequest(asked.Quality, _Queueing):
+class QualityRequest(requests.Quality, _Queueing):
     """Compare a reconstruction with another one."""
 
 
-class ExportRequest(asked.Export, _Queueing):
+class ExportRequest(requests.Export, _Queueing):
     """Write a reconstruction or scan for other programs."""
 
 
-class ImportRequest(asked.Import, _Queueing):
+class ImportRequest(requests.Import, _Queueing):
     """Make a scan of an uploaded file."""
 
 
 AnyRequest: TypeAlias = Annotated[
     SoundSpeedRequest | QualityRequest | ExportRequest | ImportRequest, Field(discriminator="kind")
 ]
-_EXAMPLES: dict[str, Any] = {kind: {"value": example} for kind, example in asked.EXAMPLES.items()}
+_EXAMPLES: dict[str, Any] = {kind: {"value": example} for kind, example in requests.EXAMPLES.items()}
 
 
 @router.post(

@@ -13,7 +13,7 @@ from prometheus_client.registry import Collector
 from steradian import __version__
 from steradian.api.security import GuardedRoute
 from steradian.api.services import Services
-from steradian.storage.heartbeat import is_alive
+from steradian.runtime.heartbeat import is_alive
 from steradian.storage.states import ReconstructionState, ScanState
 
 router = APIRouter(tags=["health"], route_class=GuardedRoute)

@@ -14,7 +14,7 @@ from ulid import ULID
 from steradian.api.metrics import Metrics
 from steradian.api.problems import CODE_OF, problem
 from steradian.api.security import EMERGENCY_STOP
-from steradian.storage.logs import request_id
+from steradian.runtime.logs import request_id
 
 _log = logging.getLogger(__name__)
 UPLOADS = "/api/v1/uploads"

@@ -29,8 +29,8 @@ from steradian.errors import (
     ScanFailed,
     SteradianError,
 )
-from steradian.storage.jobs import QueueUnavailable
-from steradian.storage.keys import Forbidden, Unauthorized
+from steradian.jobs.model import QueueUnavailable
+from steradian.security.keys import Forbidden, Unauthorized
 from steradian.storage.scans import Outdated
 
 MEDIA_TYPE = "application/problem+json"

@@ -13,7 +13,7 @@ from steradian.api.job_views import JobView
 from steradian.api.jobs import QualityRequest, queue_job
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.views import BASE, Listing
-from steradian.reconstructions.asked import Identifier, Quality
+from steradian.jobs.requests import Identifier, Quality
 from steradian.storage.states import ReconstructionState
 from steradian.validation import Value
 

@@ -11,12 +11,12 @@ from sqlalchemy.orm import Session
 from steradian.api.problems import NotReady
 from steradian.api.services import Services
 from steradian.errors import Conflict, InvalidInput, NotFound
-from steradian.reconstructions.asked import Live, WhatIf
-from steradian.reconstructions.kinds import LIVE, WHAT_IF
+from steradian.jobs.kinds import LIVE, WHAT_IF
+from steradian.jobs.model import JobRequest
+from steradian.jobs.requests import Live, WhatIf
+from steradian.jobs.submissions import reconstruction_job
 from steradian.reconstructions.parameters import DEFAULT_SPACING, ReconstructionParameters
-from steradian.reconstructions.worker import reconstruction_job
-from steradian.storage.jobs import JobRequest
-from steradian.storage.keys import Principal
+from steradian.security.keys import Principal
 from steradian.storage.states import SETTLED_SCAN_STATES, ReconstructionState
 from steradian.storage.tables import BatchRow, JobRow, ReconstructionRow, ScanRow
 

@@ -18,7 +18,7 @@ from steradian.api.reconstructions import is_over, view_of
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.errors import Conflict, NotFound
-from steradian.reconstructions.kinds import LIVE
+from steradian.jobs.kinds import LIVE
 from steradian.storage.states import ReconstructionState
 
 router = APIRouter(prefix=f"{V1}/reconstructions", tags=["reconstructions"], route_class=GuardedRoute)

@@ -12,7 +12,7 @@ from steradian.api.arrays import CSV, JSON, NPY, RAW
 from steradian.api.dependencies import MAX_WAIT, ServicesNeeded
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.views import BASE
-from steradian.reconstructions.asked import SUFFIXES
+from steradian.jobs.requests import SUFFIXES
 
 router = APIRouter(prefix=V1, tags=["service"], route_class=GuardedRoute)
 

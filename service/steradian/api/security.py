@@ -19,9 +19,9 @@ from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from steradian.api.problems import database_problem, problem
+from steradian.security.keys import Forbidden, KeyStore, Principal, Unauthorized
+from steradian.security.keys import Scope as Need
 from steradian.settings import Settings
-from steradian.storage.keys import Forbidden, KeyStore, Principal, Unauthorized
-from steradian.storage.keys import Scope as Need
 
 V1: Final = "/api/v1"
 ANYONE: Final = None

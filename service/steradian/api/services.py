@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING
 from sqlalchemy import delete, select
 
 from steradian.api.emergency import EmergencyDesk
+from steradian.jobs.ledger import JobLedger
+from steradian.jobs.model import JobStatus, QueueUnavailable
+from steradian.security.keys import KeyStore
 from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url
 from steradian.storage.emergency import EmergencyLatch
 from steradian.storage.events import EventLog
 from steradian.storage.idempotency import Answers
-from steradian.storage.job_ledger import JobLedger
-from steradian.storage.jobs import JobStatus, QueueUnavailable
-from steradian.storage.keys import KeyStore
 from steradian.storage.masks import MaskRepository
 from steradian.storage.paths import DataDirectory
 from steradian.storage.plans import PlanRepository
@@ -32,7 +32,7 @@ from steradian.storage.states import is_terminal
 from steradian.storage.tables import JobRow, ReconstructionRow
 
 if TYPE_CHECKING:
-    from steradian.storage.queue import JobQueue
+    from steradian.jobs.engine import JobQueue
 
 _log = logging.getLogger(__name__)
 QUEUE_PATIENCE = 30.0
@@ -115,7 +115,7 @@ class Services:
 
     def _look_after(self) -> None:
         try:
-            from steradian.storage.queue import JobQueue
+            from steradian.jobs.engine import JobQueue
 
             self._queue.set_result(JobQueue(self.settings))
         except Exception as error:

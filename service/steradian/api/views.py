@@ -7,9 +7,9 @@ from typing import Any, Generic, Literal, Self, TypeVar, cast
 
 from pydantic import BaseModel, Field
 
+from steradian.jobs.model import JobStatus
 from steradian.plans import VisitOrder
 from steradian.storage.emergency import Deed, Press
-from steradian.storage.jobs import JobStatus
 from steradian.storage.states import DesiredJobState, DesiredScanState, ReconstructionState, ScanState
 from steradian.storage.tables import MaskRow, PlanRow, ReconstructionRow, ScannerRow, ScanRow
 

@@ -18,14 +18,14 @@ from steradian.benchmarks.clock_job import TURN, milliseconds
 from steradian.benchmarks.service import RunningService, make_scan, running_service
 from steradian.benchmarks.throughput import throughput
 from steradian.errors import SteradianError
+from steradian.jobs.model import JobStatus
 from steradian.progress import Progress
 from steradian.settings import Settings
-from steradian.storage.jobs import JobStatus
 
 CLOCK = (sys.executable, "-P", "-m", "steradian.benchmarks.clock_job")
 WORKER = f"""
 from steradian.settings import Settings
-from steradian.storage.queue import run_worker
+from steradian.jobs.engine import run_worker
 run_worker(Settings.create(), 0, {{"clock": {CLOCK!r}}})
 """
 READ_EVERY = 0.02
@@ -60,8 +60,8 @@ def queue(
 
 def latency(settings: Settings, *, jobs: int = 30, progress: Progress | None = None) -> dict[str, Any]:
     """Measure how long a job waits for an idle worker, and how old progress is when it can be read."""
-    from steradian.storage.jobs import JobRequest
-    from steradian.storage.queue import JobQueue
+    from steradian.jobs.engine import JobQueue
+    from steradian.jobs.model import JobRequest
 
     client = JobQueue(settings)
     starts: list[float] = []

@@ -108,11 +108,11 @@ def _scan(plan: ScanPlan, path: Path, speed: float) -> ScanSummary:
 
 def _reconstruct_queued(scan: Path, output: Path, data: Path) -> None:
     """Send a job through the same queue and worker process that the service uses."""
+    from steradian.jobs.engine import JobQueue, new_job_id
+    from steradian.jobs.model import JobRequest
+    from steradian.runtime.supervisor import running_worker
     from steradian.settings import Settings
-    from steradian.storage.jobs import JobRequest
-    from steradian.storage.queue import JobQueue, new_job_id
     from steradian.storage.states import ReconstructionState
-    from steradian.supervisor import running_worker
 
     settings = Settings.create(data=data)
     payload = {

@@ -12,7 +12,7 @@ import typer
 from steradian.cli.console import console
 
 if TYPE_CHECKING:
-    from steradian.storage.keys import KeyStore
+    from steradian.security.keys import KeyStore
 
 app = typer.Typer(help="Make, list and revoke API keys.", no_args_is_help=True)
 Data = Annotated[Path | None, typer.Option(help="The service's data folder. [default: data]")]
@@ -29,7 +29,7 @@ def create(
 ) -> None:
     """Make a key and print it, once: only its hash is kept."""
     from steradian.errors import InvalidInput
-    from steradian.storage.keys import Scope
+    from steradian.security.keys import Scope
 
     try:
         scopes = [Scope(text) for text in scope or ["read"]]
@@ -54,9 +54,9 @@ def revoke(identifier: Annotated[str, typer.Argument(help="As listed.")], data: 
 
 
 def _store(data: Path | None) -> KeyStore:
+    from steradian.security.keys import KeyStore
     from steradian.settings import PREFIX, Settings
     from steradian.storage.database import Database, metadata_url
-    from steradian.storage.keys import KeyStore
     from steradian.storage.paths import DataDirectory
 
     folder = data if data is not None or f"{PREFIX}DATA" in os.environ else Path("data")

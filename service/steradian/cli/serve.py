@@ -36,10 +36,10 @@ def serve(
     import os
     import signal
 
-    from steradian import supervisor
+    from steradian.runtime import supervisor
+    from steradian.runtime.logs import configure_logging
     from steradian.settings import PREFIX, Settings
     from steradian.stopping import StopEvent
-    from steradian.storage.logs import configure_logging
 
     given = {"host": host, "port": port, "workers": workers, "scanner": scanner, "simulator_speed": simulator_speed}
     folder = data if data is not None or f"{PREFIX}DATA" in os.environ else DATA

@@ -29,10 +29,10 @@ def worker(
     import os
     import signal
 
-    from steradian import supervisor
+    from steradian.runtime import supervisor
+    from steradian.runtime.logs import configure_logging
     from steradian.settings import PREFIX, Settings
     from steradian.stopping import StopEvent
-    from steradian.storage.logs import configure_logging
 
     folder = data if data is not None or f"{PREFIX}DATA" in os.environ else Path("data")
     given = name or os.environ.get(f"{PREFIX}WORKER_NAME") or re.sub(r"[^A-Za-z0-9._-]", "-", socket.gethostname())

@@ -1,4 +1,1 @@
-"""What outlives a process: the metadata database, the data directory and the job queue.
-
-Nothing is imported here: the queue's engine takes seconds to load and only those who need it pay.
-"""
+"""What outlives a process: the metadata database, the data directory and the emergency stop's latch."""

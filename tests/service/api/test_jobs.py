@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from steradian.imaging import Axes, Volume
+from steradian.jobs.ledger import JobLedger
+from steradian.jobs.model import Succeeded
 from steradian.reconstructions.volume_file import write_volume
-from steradian.storage.job_ledger import JobLedger
-from steradian.storage.jobs import Succeeded
 
 
 def volume(side=4, depth=8):

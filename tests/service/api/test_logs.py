@@ -10,9 +10,9 @@ import time
 import httpx
 import pytest
 
+from steradian.runtime.logs import _Json, _Text, request_id
 from steradian.settings import Settings
 from steradian.storage.database import Database
-from steradian.storage.logs import _Json, _Text, request_id
 from steradian.storage.paths import DataDirectory
 
 

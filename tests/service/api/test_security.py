@@ -13,10 +13,10 @@ from fastapi.routing import APIRoute
 from steradian.api import app as application
 from steradian.api.security import ANYONE, SCOPES
 from steradian.errors import InvalidInput
+from steradian.security.admission import require_key
+from steradian.security.keys import KeyStore, Scope, Unauthorized
 from steradian.settings import Settings
-from steradian.storage.admission import require_key
 from steradian.storage.database import Database
-from steradian.storage.keys import KeyStore, Scope, Unauthorized
 from steradian.storage.paths import DataDirectory
 
 ROUTES = sorted(SCOPES, key=str)

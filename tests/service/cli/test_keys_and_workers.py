@@ -8,8 +8,8 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
+from steradian.security.keys import KeyStore, Scope, Unauthorized
 from steradian.storage.database import Database
-from steradian.storage.keys import KeyStore, Scope, Unauthorized
 from steradian.storage.paths import DataDirectory
 
 MAIN = [sys.executable, "-m", "steradian"]

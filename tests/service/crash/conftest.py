@@ -11,9 +11,9 @@ from pathlib import Path
 import httpx
 import pytest
 
+from steradian.jobs.engine import JobQueue
+from steradian.jobs.model import JobRequest
 from steradian.settings import Settings
-from steradian.storage.jobs import JobRequest
-from steradian.storage.queue import JobQueue
 
 HERE = Path(__file__).parent
 

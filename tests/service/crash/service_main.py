@@ -5,7 +5,7 @@ import sys
 import threading
 from pathlib import Path
 
-from steradian import supervisor
+from steradian.runtime import supervisor
 from steradian.settings import Settings
 
 HERE = Path(__file__)

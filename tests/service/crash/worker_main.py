@@ -6,24 +6,24 @@ import sys
 import threading
 from pathlib import Path
 
+from steradian.jobs.engine import run_worker
+from steradian.runtime.heartbeat import Heartbeat
+from steradian.runtime.lifeline import end_with_stdin
+from steradian.runtime.logs import configure_logging
 from steradian.settings import Settings
-from steradian.storage.heartbeat import Heartbeat
-from steradian.storage.job_process import end_with_stdin
-from steradian.storage.logs import configure_logging
 from steradian.storage.paths import DataDirectory
-from steradian.storage.queue import run_worker
 
 if __name__ == "__main__":
     settings, slot = Settings.create(), int(sys.argv[1])
     configure_logging(settings, settings.executor(slot))
     threading.Thread(target=end_with_stdin, args=(lambda: os.kill(os.getpid(), signal.SIGTERM),), daemon=True).start()
-    echo = Path(__file__).parents[1] / "storage" / "echo_job.py"
+    echo = Path(__file__).parents[1] / "jobs" / "echo_job.py"
     with Heartbeat(DataDirectory(settings.data).heartbeat(settings.executor(slot))):
         run_worker(
             settings,
             slot,
             {
                 "echo": [sys.executable, str(echo)],
-                "reconstruction": [sys.executable, "-m", "steradian.reconstructions.child"],
+                "reconstruction": [sys.executable, "-m", "steradian.jobs.child"],
             },
         )

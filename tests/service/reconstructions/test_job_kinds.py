@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from steradian.errors import DamagedFile, InvalidInput
+from steradian.jobs.child import work
+from steradian.jobs.kinds import KINDS
 from steradian.masks import grid_mask
 from steradian.plans import ScanPlan
-from steradian.reconstructions.child import work
-from steradian.reconstructions.kinds import KINDS
 from steradian.reconstructions.volume_file import read_volume
 from steradian.scans.store import AlineStore, create_scan_file
 from steradian.storage.database import Database

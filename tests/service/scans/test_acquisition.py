@@ -12,7 +12,7 @@ from fabry_perot.simulator import launch
 from steradian.errors import Conflict
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.scans.acquisition import Acquisition, ScannerPort, count_alines
+from steradian.runtime.acquisition import Acquisition, ScannerPort, count_alines
 from steradian.scans.layout import scan_file_bytes
 from steradian.scans.store import AlineStore
 from steradian.settings import Settings

@@ -10,16 +10,16 @@ from pathlib import Path
 import pytest
 
 from steradian.errors import Conflict, NotFound
+from steradian.jobs.engine import JobQueue
+from steradian.jobs.model import JobRequest
 from steradian.settings import Settings
-from steradian.storage.jobs import JobRequest
-from steradian.storage.queue import JobQueue
 from steradian.storage.states import ReconstructionState
 
 R = ReconstructionState
 WORKER = """
 import sys
 from steradian.settings import Settings
-from steradian.storage.queue import run_worker
+from steradian.jobs.engine import run_worker
 run_worker(Settings.create(), 0, {"echo": [sys.executable, sys.argv[1]]})
 """
 
@@ -244,5 +244,5 @@ def test_a_queue_made_by_any_python_is_used_by_this_one(tmp_path, expression):
 
 
 def test_only_who_uses_the_queue_loads_its_engine():
-    code = "import steradian.storage.jobs, steradian.api.services, sys; print('dbos' in sys.modules)"
+    code = "import steradian.jobs.model, steradian.api.services, sys; print('dbos' in sys.modules)"
     assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "False"

@@ -27,8 +27,8 @@ from dataclasses import dataclass, field
 from typing import IO
 
 from steradian.errors import Conflict, InvalidInput
+from steradian.security.admission import require_key
 from steradian.settings import Settings
-from steradian.storage.admission import require_key
 from steradian.storage.database import Database, metadata_url, use_write_ahead_log
 from steradian.storage.paths import DataDirectory
 
@@ -233,13 +233,13 @@ def _children(settings: Settings, listener: socket.socket) -> list[Child]:
     python, environment = sys.executable, settings.environment()
     return [
         Child("api", [python, "-P", "-m", "steradian.api", str(descriptor)], environment, (descriptor,)),
-        Child("acquisition", [python, "-P", "-m", "steradian.scans.acquisition"], environment),
+        Child("acquisition", [python, "-P", "-m", "steradian.runtime.acquisition"], environment),
         *(_worker(settings, slot, None) for slot in range(settings.workers)),
     ]
 
 
 def _worker(settings: Settings, slot: int, output: IO[bytes] | None) -> Child:
-    command = [sys.executable, "-P", "-m", "steradian.reconstructions.worker", str(slot)]
+    command = [sys.executable, "-P", "-m", "steradian.runtime.worker", str(slot)]
     return Child(settings.executor(slot), command, settings.environment(), output=output)
 
 

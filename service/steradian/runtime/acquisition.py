@@ -1,4 +1,4 @@
-"""The acquisition process: ``python -m steradian.scans.acquisition`` runs queued scans, one at a time.
+"""The acquisition process: ``python -m steradian.runtime.acquisition`` runs queued scans, one at a time.
 
 It is the only one that talks to the scanner and, but for the queueing, the only one that changes a scan's state. After
 a restart every scan that was under way is ``interrupted``: the laser never starts by itself.
@@ -18,6 +18,9 @@ from sqlalchemy.exc import DBAPIError
 
 from fabry_perot import Recovery
 from steradian.errors import DiskFull, ScanFailed, ScanInterrupted, SteradianError
+from steradian.runtime.heartbeat import Heartbeat
+from steradian.runtime.lifeline import end_with_stdin
+from steradian.runtime.logs import configure_logging
 from steradian.scans.control import End
 from steradian.scans.emergency import EmergencyWatch
 from steradian.scans.layout import check_disk, scan_file_bytes
@@ -30,9 +33,6 @@ from steradian.settings import Settings
 from steradian.stopping import StopEvent
 from steradian.storage.database import Database, metadata_url
 from steradian.storage.emergency import EmergencyLatch
-from steradian.storage.heartbeat import Heartbeat
-from steradian.storage.job_process import end_with_stdin
-from steradian.storage.logs import configure_logging
 from steradian.storage.paths import DataDirectory
 from steradian.storage.plans import PlanRepository
 from steradian.storage.scanners import ScannerRepository

@@ -1,24 +1,15 @@
-"""The worker process: ``python -m steradian.reconstructions.worker SLOT``, and the jobs it takes."""
+"""Reconstructions as jobs for the queue."""
 
 from __future__ import annotations
 
-import os
-import signal
-import sys
-import threading
 from pathlib import Path
 from typing import Any
 
-from steradian.reconstructions.kinds import KINDS, RECONSTRUCTION
+from steradian.jobs.kinds import RECONSTRUCTION
+from steradian.jobs.model import JobRequest
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.settings import Settings
-from steradian.storage.heartbeat import Heartbeat
-from steradian.storage.job_process import end_with_stdin
-from steradian.storage.jobs import JobRequest
-from steradian.storage.logs import configure_logging
 from steradian.storage.paths import DataDirectory
-
-CHILD = (sys.executable, "-P", "-m", "steradian.reconstructions.child")
 
 
 def reconstruction_job(
@@ -62,19 +53,3 @@ def reconstruction_job(
 def _portable(path: Path, root: Path) -> str:
     path, root = path.absolute(), root.absolute()
     return str(path.relative_to(root) if path.is_relative_to(root) else path)
-
-
-def main(slot: int) -> None:
-    """Be worker number ``slot`` of the service that the environment describes."""
-    settings = Settings.create()
-    configure_logging(settings, settings.executor(slot))
-    stop = threading.Thread(target=end_with_stdin, args=(lambda: os.kill(os.getpid(), signal.SIGTERM),), daemon=True)
-    with Heartbeat(DataDirectory(settings.data).heartbeat(settings.executor(slot))):
-        stop.start()
-        from steradian.storage.queue import run_worker
-
-        run_worker(settings, slot, dict.fromkeys(KINDS, CHILD))
-
-
-if __name__ == "__main__":
-    main(int(sys.argv[1]))

@@ -6,11 +6,11 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 from steradian.api.services import Services
+from steradian.jobs.model import JobRequest, Succeeded
 from steradian.masks import grid_mask
 from steradian.plans import ScanPlan
 from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url
-from steradian.storage.jobs import JobRequest, Succeeded
 from steradian.storage.states import ReconstructionState
 from steradian.storage.tables import EventRow
 

@@ -25,8 +25,8 @@ from pathlib import Path
 from typing import IO, Any, TypeAlias
 
 from steradian.errors import SteradianError
+from steradian.jobs.model import Died, Failed, Succeeded
 from steradian.progress import Progress
-from steradian.storage.jobs import Died, Failed, Succeeded
 
 Report: TypeAlias = Callable[[str, int, int], Awaitable[None]]
 """Called by the worker with each stage, done and total that the child reports."""
@@ -208,13 +208,6 @@ def _resident() -> int:
     with suppress(OSError, ValueError):
         return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     return 0
-
-
-def end_with_stdin(end: Callable[[], object]) -> None:
-    """Call ``end`` when standard input closes, that is when the process at its other end is gone."""
-    while os.read(0, 4096):
-        pass
-    end()
 
 
 class _Speaker:

@@ -5,7 +5,7 @@ import signal
 import time
 
 from steradian.errors import InvalidInput
-from steradian.storage.job_process import child_main
+from steradian.jobs.process import child_main
 
 
 def work(payload, progress):

@@ -23,17 +23,17 @@ from dbos._dbos import _get_dbos_instance
 from ulid import ULID
 
 from steradian.errors import Conflict
+from steradian.jobs.ledger import JobLedger
+from steradian.jobs.liveness import claim, watch_others
+from steradian.jobs.model import Failed, JobRequest, JobStatus, QueueUnavailable
+from steradian.jobs.runner import POLL, JobRunner, hurried
 from steradian.progress import Progress
 from steradian.settings import Settings
-from steradian.storage.attempts import POLL, JobRunner, hurried
 from steradian.storage.database import Database, metadata_url, use_write_ahead_log
-from steradian.storage.job_ledger import JobLedger
-from steradian.storage.jobs import Failed, JobRequest, JobStatus, QueueUnavailable
 from steradian.storage.paths import DataDirectory
 from steradian.storage.states import ReconstructionState, is_terminal
 from steradian.storage.subseconds import with_subseconds
 from steradian.storage.tables import JobRow
-from steradian.storage.takeover import claim, watch_others
 
 APPLICATION: Final = "steradian"
 APPLICATION_VERSION: Final = "1"

@@ -4,7 +4,7 @@ import asyncio
 import sys
 from pathlib import Path
 
-from steradian.storage.job_process import JobProcess
+from steradian.jobs.process import JobProcess
 
 ECHO = str(Path(__file__).with_name("echo_job.py"))
 

@@ -14,18 +14,18 @@ import httpx
 import numpy as np
 import pytest
 
+from steradian.jobs.engine import JobQueue
+from steradian.jobs.ledger import JobLedger
+from steradian.jobs.submissions import reconstruction_job
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.worker import reconstruction_job
+from steradian.runtime.supervisor import running_worker
 from steradian.scans.store import AlineStore, create_scan_file
 from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url
-from steradian.storage.job_ledger import JobLedger
-from steradian.storage.queue import JobQueue
 from steradian.storage.scans import ScanRepository
 from steradian.storage.states import ReconstructionState, ScanState
-from steradian.supervisor import running_worker
 
 pytestmark = pytest.mark.timeout(300)  # the first reconstruction on a machine compiles its kernels
 WAIT = {"Prefer": "wait=100"}
@@ -221,7 +221,7 @@ def child_of(parent):
             command = (folder / "cmdline").read_bytes()
         except OSError:
             continue
-        if int(fields[1]) == parent and b"steradian.reconstructions.child" in command:
+        if int(fields[1]) == parent and b"steradian.jobs.child" in command:
             return int(folder.name)
     return None
 
@@ -305,7 +305,7 @@ def test_a_service_that_is_asked_to_end_puts_jobs_back_and_makes_the_scan_safe(t
 
 @pytest.fixture
 def database_url():
-    place = importlib.util.spec_from_file_location("postgres", Path(__file__).with_name("postgres.py"))
+    place = importlib.util.spec_from_file_location("postgres", Path(__file__).parents[1] / "postgres.py")
     module = importlib.util.module_from_spec(place)
     place.loader.exec_module(module)
     with module.running_postgres() as server:

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from steradian.errors import Conflict
+from steradian.jobs import requests
 from steradian.progress import Progress
-from steradian.reconstructions import asked
 from steradian.storage.paths import DataDirectory
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ class Work:
     progress: Progress
 
 
-def reconstruct(work: Work, job: asked.Reconstruction) -> dict[str, Any]:
+def reconstruct(work: Work, job: requests.Reconstruction) -> dict[str, Any]:
     """Reconstruct a recording."""
     from steradian.reconstructions.job import reconstruct_scan
 
@@ -47,7 +47,7 @@ def reconstruct(work: Work, job: asked.Reconstruction) -> dict[str, Any]:
     return asdict(reconstruct_scan(scan, output, job.parameters, **how))
 
 
-def follow(work: Work, job: asked.Live) -> dict[str, Any]:
+def follow(work: Work, job: requests.Live) -> dict[str, Any]:
     """Reconstruct a scan while it runs, and in full when it is over."""
     from steradian.reconstructions.live import follow_scan
     from steradian.storage.scans import ScanRepository
@@ -65,7 +65,7 @@ def follow(work: Work, job: asked.Live) -> dict[str, Any]:
     return asdict(report)
 
 
-def imagine(work: Work, job: asked.WhatIf) -> dict[str, Any]:
+def look_through(work: Work, job: requests.WhatIf) -> dict[str, Any]:
     """Reconstruct a scan through another mask."""
     from steradian.reconstructions.job import Report, write_reconstruction
     from steradian.reconstructions.shots import even_out
@@ -90,7 +90,7 @@ def imagine(work: Work, job: asked.WhatIf) -> dict[str, Any]:
     return asdict(report) | {"what_if": _plain(figures), "files": _left(work.folder)}
 
 
-def scan_speeds(work: Work, job: asked.SoundSpeed) -> dict[str, Any]:
+def scan_speeds(work: Work, job: requests.SoundSpeed) -> dict[str, Any]:
     """Find the speed of sound at which a scan's image is sharpest."""
     from steradian.reconstructions.sound_speed import scan_sound_speed
 
@@ -106,7 +106,7 @@ def scan_speeds(work: Work, job: asked.SoundSpeed) -> dict[str, Any]:
     return _plain(curve) | {"files": _left(work.folder)}
 
 
-def judge(work: Work, job: asked.Quality) -> dict[str, Any]:
+def compare_volumes(work: Work, job: requests.Quality) -> dict[str, Any]:
     """Compare a volume with a reference."""
     from steradian.quality import compare
     from steradian.reconstructions.volume_file import read_volume
@@ -122,9 +122,9 @@ def judge(work: Work, job: asked.Quality) -> dict[str, Any]:
     return {"figures": whole, "files": ["quality.json"]}
 
 
-def export(work: Work, job: asked.Export) -> dict[str, Any]:
+def export(work: Work, job: requests.Export) -> dict[str, Any]:
     """Write a volume or scan in another format; a format that is a folder is packed into a zip archive."""
-    wanted = work.folder / f"{job.reconstruction_id or job.scan_id}{asked.SUFFIXES[job.format]}"
+    wanted = work.folder / f"{job.reconstruction_id or job.scan_id}{requests.SUFFIXES[job.format]}"
     if job.scan_id is not None:
         from steradian.scans.exporting import export_scan
 
@@ -142,7 +142,7 @@ def export(work: Work, job: asked.Export) -> dict[str, Any]:
     return {"files": [made.name], "bytes": made.stat().st_size}
 
 
-def take_in(work: Work, job: asked.ImportAs) -> dict[str, Any]:
+def import_recording(work: Work, job: requests.ImportAs) -> dict[str, Any]:
     """Make a scan of an upload: its file is looked at here and nowhere else."""
     from steradian.reconstructions.imported import read_imported
     from steradian.scans.importing.guarded import import_guarded
@@ -165,7 +165,7 @@ def take_in(work: Work, job: asked.ImportAs) -> dict[str, Any]:
 
 
 def _unpacked(
-    folder: Path, job: asked.ImportAs, upload: Path, companion: Path | None = None
+    folder: Path, job: requests.ImportAs, upload: Path, companion: Path | None = None
 ) -> tuple[Path, Path | None]:
     """Give uploads the names by which the importer knows text files and a description its companion."""
     source = folder / ("source.csv" if _is_text(upload) else "source")

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from steradian.storage.attempts import HURRIED_POLL, hurried
+from steradian.jobs.runner import HURRIED_POLL, hurried
 
 
 class Runner:

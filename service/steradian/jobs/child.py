@@ -1,4 +1,4 @@
-"""Jobs, one after another, in a process of a worker: ``python -m steradian.reconstructions.child``."""
+"""Jobs, one after another, in a process of a worker: ``python -m steradian.jobs.child``."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from steradian.errors import InvalidInput
+from steradian.jobs.process import child_main
 from steradian.progress import Progress
-from steradian.storage.job_process import child_main
 from steradian.storage.paths import DataDirectory, JobDirectory
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ def work(payload: dict[str, Any], progress: Progress, *, kept: list[KeptPlans]) 
     Parameters
     ----------
     payload
-        ``kind`` of the job (:data:`steradian.reconstructions.kinds.KINDS`) and what that kind needs; ``data`` (the data
+        ``kind`` of the job (:data:`steradian.jobs.kinds.KINDS`) and what that kind needs; ``data`` (the data
         directory, to which paths are relative) and ``job`` (the job's own folder), put there by the worker.
     kept
         Where the plans of earlier jobs are; empty before the first one.
@@ -32,9 +32,9 @@ def work(payload: dict[str, Any], progress: Progress, *, kept: list[KeptPlans]) 
         The report, as plain JSON.
     """
     progress("loading", 0, 1)
+    from steradian.jobs.kinds import KINDS
+    from steradian.jobs.tasks import Work
     from steradian.reconstructions.kept_plans import KeptPlans
-    from steradian.reconstructions.kinds import KINDS
-    from steradian.reconstructions.tasks import Work
 
     if not kept:
         kept.append(KeptPlans())

@@ -6,9 +6,9 @@ import os
 from pathlib import Path
 
 from steradian.errors import InvalidInput
+from steradian.security.keys import KeyStore, Scope
 from steradian.settings import Settings
 from steradian.storage.database import Database
-from steradian.storage.keys import KeyStore, Scope
 
 
 def require_key(settings: Settings, database: Database) -> Path | None:

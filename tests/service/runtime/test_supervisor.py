@@ -3,9 +3,9 @@ import time
 
 import pytest
 
+from steradian.runtime.supervisor import Child, running_worker
 from steradian.settings import Settings
 from steradian.storage.paths import DataDirectory, DataDirectoryInUse
-from steradian.supervisor import Child, running_worker
 
 
 def test_a_child_that_keeps_ending_is_started_after_ever_longer_pauses(tmp_path):

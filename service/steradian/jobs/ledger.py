@@ -9,8 +9,8 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from steradian.errors import Conflict, NotFound
+from steradian.jobs.model import MAX_ATTEMPTS, Died, Failed, JobRequest, JobStatus, Succeeded
 from steradian.storage.events import record
-from steradian.storage.jobs import MAX_ATTEMPTS, Died, Failed, JobRequest, JobStatus, Succeeded
 from steradian.storage.repository import Page, Repository
 from steradian.storage.scans import Outdated
 from steradian.storage.states import DesiredJobState, ReconstructionState, check_job_transition, is_terminal

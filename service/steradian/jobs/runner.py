@@ -11,11 +11,11 @@ from typing import Any, Final, TypeVar
 
 from sqlalchemy.exc import DBAPIError
 
+from steradian.jobs.ledger import JobLedger
+from steradian.jobs.model import Died, Failed, Succeeded
+from steradian.jobs.process import JobProcess
 from steradian.settings import Settings
 from steradian.stopping import StopEvent
-from steradian.storage.job_ledger import JobLedger
-from steradian.storage.job_process import JobProcess
-from steradian.storage.jobs import Died, Failed, Succeeded
 from steradian.storage.paths import DataDirectory
 from steradian.storage.states import ReconstructionState
 from steradian.storage.tables import JobRow

@@ -1,0 +1,1 @@
+"""The processes of the service, their logs and their signs of life."""

@@ -1,0 +1,33 @@
+"""The worker process: ``python -m steradian.runtime.worker SLOT``."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+
+from steradian.jobs.kinds import KINDS
+from steradian.runtime.heartbeat import Heartbeat
+from steradian.runtime.lifeline import end_with_stdin
+from steradian.runtime.logs import configure_logging
+from steradian.settings import Settings
+from steradian.storage.paths import DataDirectory
+
+CHILD = (sys.executable, "-P", "-m", "steradian.jobs.child")
+
+
+def main(slot: int) -> None:
+    """Be worker number ``slot`` of the service that the environment describes."""
+    settings = Settings.create()
+    configure_logging(settings, settings.executor(slot))
+    stop = threading.Thread(target=end_with_stdin, args=(lambda: os.kill(os.getpid(), signal.SIGTERM),), daemon=True)
+    with Heartbeat(DataDirectory(settings.data).heartbeat(settings.executor(slot))):
+        stop.start()
+        from steradian.jobs.engine import run_worker
+
+        run_worker(settings, slot, dict.fromkeys(KINDS, CHILD))
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]))
