@@ -10,7 +10,7 @@ from fastapi import FastAPI
 from steradian import __version__
 from steradian.api import (
     batches,
-    documents,
+    documentation,
     events,
     health,
     jobs,
@@ -69,7 +69,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_middleware(Observe, metrics=app.state.metrics)
     app.add_middleware(RequestId)
     problems.install(app)
-    for module in (*RESOURCES, health, metrics, documents):
+    for module in (*RESOURCES, health, metrics, documentation):
         app.include_router(module.router)
-    documents.describe(app)
+    documentation.describe(app)
     return app

@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 
 from steradian.api.dependencies import Before, Limit, OptionalKey, ServicesNeeded, Who, link_next, replay
-from steradian.api.documents import BATCH_ID
+from steradian.api.identifiers import BATCH_ID
 from steradian.api.reconstructions import JobWish
 from steradian.api.requests import Wanted, check_parts, check_request, frames_of, note_request
 from steradian.api.security import V1, GuardedRoute

@@ -12,7 +12,7 @@ from starlette.concurrency import run_in_threadpool
 
 from steradian.api.conditions import ConditionsNeeded, etag_of, etag_of_file
 from steradian.api.dependencies import Before, Limit, OptionalKey, ServicesNeeded, Wait, Who, link_next, replay
-from steradian.api.documents import FILE_NAME, JOB_ID
+from steradian.api.identifiers import FILE_NAME, JOB_ID
 from steradian.api.job_checks import check_job
 from steradian.api.job_views import JobView
 from steradian.api.problems import NotReady

@@ -13,7 +13,7 @@ from fastapi.responses import FileResponse
 from steradian.api.arrays import CSV, JSON, NPY, negotiate
 from steradian.api.conditions import ConditionsNeeded, etag_of
 from steradian.api.dependencies import Before, Limit, ServicesNeeded, link_next
-from steradian.api.documents import MASK_ID
+from steradian.api.identifiers import MASK_ID
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.views import Listing, MaskView, PointsView
 from steradian.errors import InvalidInput

@@ -9,7 +9,7 @@ from pydantic import ConfigDict, Field
 
 from steradian.api.conditions import ConditionsNeeded, etag_of
 from steradian.api.dependencies import Before, Limit, ServicesNeeded, link_next
-from steradian.api.documents import PLAN_ID
+from steradian.api.identifiers import PLAN_ID
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.api.views import Listing, PlanView

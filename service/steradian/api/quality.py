@@ -8,7 +8,7 @@ from fastapi import APIRouter, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from steradian.api.dependencies import OptionalKey, ServicesNeeded, Wait, Who
-from steradian.api.documents import RECONSTRUCTION_ID
+from steradian.api.identifiers import RECONSTRUCTION_ID
 from steradian.api.job_views import JobView
 from steradian.api.jobs import QualityRequest, queue_job
 from steradian.api.security import V1, GuardedRoute

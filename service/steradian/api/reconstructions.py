@@ -11,7 +11,7 @@ from starlette.concurrency import run_in_threadpool
 
 from steradian.api.conditions import ConditionsNeeded, etag_of
 from steradian.api.dependencies import Before, Limit, OptionalKey, ServicesNeeded, Wait, Who, link_next, replay
-from steradian.api.documents import RECONSTRUCTION_ID
+from steradian.api.identifiers import RECONSTRUCTION_ID
 from steradian.api.requests import Wanted, check_request, note_request
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services

@@ -12,7 +12,7 @@ from starlette.concurrency import run_in_threadpool
 from steradian.api.arrays import ARRAY_FORMATS, JSON, NPY, RAW, negotiate, respond
 from steradian.api.conditions import ConditionsNeeded, etag_of_file
 from steradian.api.dependencies import ServicesNeeded, Wait
-from steradian.api.documents import RECONSTRUCTION_ID
+from steradian.api.identifiers import RECONSTRUCTION_ID
 from steradian.api.problems import NotReady
 from steradian.api.reconstructions import is_over, view_of
 from steradian.api.security import V1, GuardedRoute

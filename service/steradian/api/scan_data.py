@@ -14,7 +14,7 @@ from starlette.concurrency import run_in_threadpool
 from steradian.api.arrays import ARRAY_FORMATS, JSON, NPY, RAW, Selection, negotiate, respond
 from steradian.api.conditions import ConditionsNeeded, etag_of_file
 from steradian.api.dependencies import ServicesNeeded, Wait
-from steradian.api.documents import SCAN_ID
+from steradian.api.identifiers import SCAN_ID
 from steradian.api.problems import NotReady
 from steradian.api.scans import is_settled
 from steradian.api.security import V1, GuardedRoute

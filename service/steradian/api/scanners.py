@@ -9,7 +9,7 @@ from pydantic import ConfigDict, Field
 
 from steradian.api.conditions import ConditionsNeeded, etag_of
 from steradian.api.dependencies import ServicesNeeded, Who
-from steradian.api.documents import SCANNER_ID
+from steradian.api.identifiers import SCANNER_ID
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.api.views import EmergencyAnswer, EmergencyView, Listing, ScannerView

@@ -11,7 +11,7 @@ from starlette.concurrency import run_in_threadpool
 
 from steradian.api.conditions import ConditionsNeeded, etag_of
 from steradian.api.dependencies import Before, Limit, RequiredKey, ServicesNeeded, Wait, Who, link_next, replay
-from steradian.api.documents import SCAN_ID
+from steradian.api.identifiers import SCAN_ID
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.views import Listing, ScanView
 from steradian.storage.idempotency import Answer

@@ -11,7 +11,7 @@ from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
 from steradian.api.dependencies import ServicesNeeded
-from steradian.api.documents import UPLOAD_ID
+from steradian.api.identifiers import UPLOAD_ID
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.views import BASE
 from steradian.errors import DiskFull, InvalidInput, NotFound

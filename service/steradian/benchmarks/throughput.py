@@ -32,7 +32,7 @@ from pathlib import Path
 from steradian.reconstructions.job import reconstruct_recording, reconstruct_scan
 from steradian.reconstructions.kept_plans import KeptPlans
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.scans.recording import open_recording
+from steradian.scans.opening import open_recording
 scan, output, modes, kind = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
 parameters, plans = ReconstructionParameters(modes=modes), KeptPlans() if kind == 1 else None
 def once(number):

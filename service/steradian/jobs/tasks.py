@@ -70,7 +70,7 @@ def look_through(work: Work, job: requests.WhatIf) -> dict[str, Any]:
     from steradian.reconstructions.job import Report, write_reconstruction
     from steradian.reconstructions.shots import even_out
     from steradian.reconstructions.what_if import through, what_if
-    from steradian.scans.recording import open_recording
+    from steradian.scans.opening import open_recording
     from steradian.storage.masks import MaskRepository
 
     with _database() as database:

@@ -10,7 +10,7 @@ from steradian.masks.combined import Combined, PointOfInterest, combined_mask
 from steradian.masks.counted import Counted, aimed, counted_mask, hexagonal_interval, nearest_square, poisson_spacing
 from steradian.masks.equi_steradian import EquiSteradian, convenient_counts, equi_steradian_mask
 from steradian.masks.equiangular import Equiangular, equiangular_mask
-from steradian.masks.files import read_mask, write_mask
+from steradian.masks.files import read_mask
 from steradian.masks.grid import Grid, grid_mask
 from steradian.masks.hexagonal import Hexagonal, hexagonal_mask
 from steradian.masks.mask import Mask
@@ -19,6 +19,7 @@ from steradian.masks.scattered import PoissonDisc, Random, poisson_disc_mask, ra
 from steradian.masks.snapping import ScannerGrid
 from steradian.masks.subset import Subset, nearest_points, subset_mask
 from steradian.masks.weights import Weighting, reweighted, voronoi_areas
+from steradian.masks.writing import write_mask
 
 Arrangement: TypeAlias = Annotated[
     EquiSteradian | Equiangular | Grid | Hexagonal | Random | PoissonDisc | Combined | Points | Subset,

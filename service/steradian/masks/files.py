@@ -1,9 +1,8 @@
-"""Masks as files: JSON keeps everything, CSV and npy the points and weights for other programs."""
+"""Masks from files; :mod:`steradian.masks.writing` writes them."""
 
 from __future__ import annotations
 
 import csv
-import io
 from pathlib import Path
 
 import numpy as np
@@ -20,50 +19,18 @@ Points = tuple[NDArray[np.float64], NDArray[np.float64] | None, float | None]
 """Positions in metres, weights, and the area in m² (m) that these sum to, if the file says."""
 
 
-def write_mask(mask: Mask, path: Path) -> None:
-    """Write a mask as its name's ending says: ``.json``, ``.csv`` or ``.npy``.
-
-    A CSV has the columns ``x_m, y_m, weight_m2`` (``x_m, weight_m`` for a line), an npy the same as an array
-    (M, 3) or (M, 2). The file appears under its name only when it is whole.
-
-    Raises
-    ------
-    InvalidInput
-        When the ending is another one.
-    """
-    match path.suffix.lower():
-        case ".json":
-            data = (mask.model_dump_json() + "\n").encode()
-        case ".csv":
-            data = _csv(mask)
-        case ".npy":
-            buffer = io.BytesIO()
-            np.save(buffer, np.column_stack([mask.positions, mask.weights]))
-            data = buffer.getvalue()
-        case ending:
-            raise InvalidInput(
-                "file",
-                f"{path.name} ({ending or 'no ending'})",
-                ".json, .csv or .npy; or .png, .pdf or .svg for a picture",
-            )
-    path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(path.name + ".new")
-    draft.write_bytes(data)
-    draft.replace(path)
-
-
 def read_mask(path: Path, aperture: float | None = None) -> Mask:
     """Read a mask file.
 
     Parameters
     ----------
     path
-        ``.json`` as written by :func:`write_mask`; ``.csv`` with a heading such as ``x_mm, y_mm`` (units m, mm or um)
-        and perhaps a column ``weight``, or without a heading in metres; ``.npy`` of shape (M, 2) or (M, 3): x, y
-        and perhaps weight. (An npy of a line has shape (M, 1); its weights need JSON or CSV.) Weights in a column
-        that names a unit (``weight_m2``, ``weight_mm2``; ``weight_m`` of a line), or in one without a name that could
-        be m² (a sum of at most four apertures), are areas and stay as they are; others are scaled to what the points
-        sense, see :func:`steradian.masks.custom_mask`.
+        ``.json`` as written by :func:`steradian.masks.write_mask`; ``.csv`` with a heading such as ``x_mm, y_mm``
+        (units m, mm or um) and perhaps a column ``weight``, or without a heading in metres; ``.npy`` of shape (M, 2)
+        or (M, 3): x, y and perhaps weight. (An npy of a line has shape (M, 1); its weights need JSON or CSV.) Weights
+        in a column that names a unit (``weight_m2``, ``weight_mm2``; ``weight_m`` of a line), or in one without a name
+        that could be m² (a sum of at most four apertures), are areas and stay as they are; others are scaled to what
+        the points sense, see :func:`steradian.masks.custom_mask`.
     aperture
         Side X in metres; needed for CSV and npy, which do not hold it.
 
@@ -97,13 +64,6 @@ def _read_json(path: Path) -> Mask:
         if error.errors(include_url=False)[0]["type"] == "json_invalid":
             raise DamagedFile(f"{path} is not JSON: {error.errors()[0]['msg']}") from error
         raise invalid_input(Mask, error) from error
-
-
-def _csv(mask: Mask) -> bytes:
-    heading = "x_m,weight_m" if mask.is_line else "x_m,y_m,weight_m2"
-    rows = np.column_stack([mask.positions, mask.weights]).tolist()
-    lines = [heading, *(",".join(map(repr, row)) for row in rows)]
-    return ("\n".join(lines) + "\n").encode()
 
 
 def _read_csv(path: Path) -> Points:

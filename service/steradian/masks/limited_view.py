@@ -8,12 +8,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steradian.errors import InvalidInput
-from steradian.masks.mask import Mask
+
+if TYPE_CHECKING:
+    from steradian.masks.mask import Mask
 
 
 @dataclass(frozen=True)

@@ -200,8 +200,8 @@ class Mask(Value):
             When the ending is another one.
         """
         from steradian.drawing.page import PICTURES
-        from steradian.masks.files import write_mask
         from steradian.masks.picture import draw_mask
+        from steradian.masks.writing import write_mask
 
         if Path(path).suffix.lower() in PICTURES:
             draw_mask(self, Path(path))

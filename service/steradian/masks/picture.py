@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from steradian.drawing.page import colour_bar, dress, name_page, note, page, save
 from steradian.drawing.style import ACCENT, PAPER, PLACE, PLAIN, PRESSURE, QUIET, SHARE, TICK
 from steradian.masks.limited_view import limited_view
-from steradian.masks.mask import Mask
 from steradian.masks.point_spread import PointSpread, point_spread
 from steradian.masks.promises import promises, spacing_map
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from steradian.masks.mask import Mask
 
 MM = 1e3
 WIDTH, SHAPE = 1320, 0.84

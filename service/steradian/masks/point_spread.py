@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import ceil
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steradian.errors import InvalidInput
-from steradian.masks.mask import Mask
+
+if TYPE_CHECKING:
+    from steradian.masks.mask import Mask
 
 MOST_MODES = 256
 

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steradian.errors import InvalidInput
 from steradian.imaging.cells import cell_areas
-from steradian.masks.mask import Mask
 from steradian.masks.sensor import attenuation_db
 from steradian.masks.weights import outline_of
+
+if TYPE_CHECKING:
+    from steradian.masks.mask import Mask
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,9 @@ from steradian.imaging import outlines
 from steradian.imaging.cells import cell_areas
 from steradian.imaging.outlines import Outline
 from steradian.imaging.weights import sensed_outline
-from steradian.masks.mask import Mask
+
+if TYPE_CHECKING:
+    from steradian.masks.mask import Mask
 
 Weighting: TypeAlias = Literal["analytic", "voronoi", "uniform"]
 """``voronoi``: the area of each point's own cell within the sensed outline; ``analytic``: one over the density the

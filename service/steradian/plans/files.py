@@ -9,11 +9,9 @@ from typing import TypeVar
 from pydantic import ValidationError
 
 from steradian.errors import DamagedFile, NotFound
-from steradian.masks import Mask
-from steradian.plans.plan import ScanPlan
-from steradian.validation import invalid_input
+from steradian.validation import Value, invalid_input
 
-Kind = TypeVar("Kind", Mask, ScanPlan)
+Kind = TypeVar("Kind", bound=Value)
 
 
 def read_value(kind: type[Kind], path: Path) -> Kind:
@@ -40,7 +38,7 @@ def read_value(kind: type[Kind], path: Path) -> Kind:
         raise invalid_input(kind, error) from error
 
 
-def write_value(value: Mask | ScanPlan, path: Path) -> None:
+def write_value(value: Value, path: Path) -> None:
     """Write a mask or a plan under a temporary name and rename it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(path.name + ".new")

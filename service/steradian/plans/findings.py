@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import ceil
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from steradian.plans.plan import ScanPlan
+if TYPE_CHECKING:
+    from steradian.plans.plan import ScanPlan
+
 
 DISK_MARGIN = 1.2
 """Warn when less than this times the need is free."""

@@ -9,12 +9,13 @@ import numpy as np
 
 from steradian.drawing.page import colour_bar, dress, name_page, page, save
 from steradian.drawing.style import ACCENT, INK, PLAIN, TICK, TIME
-from steradian.plans.plan import ScanPlan
 from steradian.plans.preview import Preview, moving_seconds, preview, tuning_seconds
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from steradian.plans.plan import ScanPlan
 
 MM = 1e3
 WIDTH, SHAPE = 1320, 0.55

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steradian.plans.findings import Finding, find
 from steradian.plans.order import travel
-from steradian.plans.plan import ScanPlan
+
+if TYPE_CHECKING:
+    from steradian.plans.plan import ScanPlan
 
 BYTES_PER_SAMPLE = 2
 BYTES_PER_ALINE = 40

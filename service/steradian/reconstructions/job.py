@@ -27,7 +27,8 @@ from steradian.reconstructions.parameters import DEFAULT_SPACING, Reconstruction
 from steradian.reconstructions.projections import project, project_from
 from steradian.reconstructions.shots import Unevenness, even_out
 from steradian.reconstructions.volume_file import write_volume
-from steradian.scans.recording import Recording, open_recording
+from steradian.scans.opening import open_recording
+from steradian.scans.recording import Recording
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -127,7 +128,7 @@ def reconstruct_scan(
     Parameters
     ----------
     scan
-        A scan file or another known recording (:func:`steradian.scans.recording.open_recording`).
+        A scan file or another known recording (:func:`steradian.scans.opening.open_recording`).
     output
         Folder for the results; each appears under its name only when it is whole.
     parameters

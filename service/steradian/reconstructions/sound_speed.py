@@ -24,7 +24,7 @@ from steradian.ranges import SOUND_SPEED
 from steradian.reconstructions.job import conditioned, plan_options, write_json
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.shots import even_out
-from steradian.scans.recording import open_recording
+from steradian.scans.opening import open_recording
 
 SPACING = 120e-6
 """Lateral spacing of the images compared, in m, unless fewer modes are asked for."""

@@ -25,7 +25,8 @@ from steradian.reconstructions.job import reconstruct_recording, used, write_jso
 from steradian.reconstructions.near_field import from_depth, near_field
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.shots import even_out
-from steradian.scans.recording import Recording, open_recording
+from steradian.scans.opening import open_recording
+from steradian.scans.recording import Recording
 
 Points = Literal["nearest", "exact"]
 SAME_PLACE = 1e-6

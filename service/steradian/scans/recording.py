@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import NotFound
 from steradian.validation import FloatArray
 
 
@@ -111,29 +109,3 @@ class Recording:
             grid=None if not wanted.all() else self.grid,
             shots=None if self.shots is None else self.shots.take(wanted),
         )
-
-
-def open_recording(path: Path, frame: int = 0) -> Recording:
-    """Read a recording from one of the known kinds of file, told apart by what is in them.
-
-    A scan file, or anything :func:`steradian.scans.importing.import_scan` reads without a description. ``frame`` is
-    the frame to take of a scan file that has several.
-
-    Raises
-    ------
-    NotFound
-        When there is no such file.
-    DamagedFile
-        When it is of no known kind, truncated or inconsistent.
-    InvalidInput
-        When something needed is stated nowhere.
-    """
-    from steradian.scans.importing.opening import is_own, open_source
-    from steradian.scans.reading import read_scan
-
-    if not path.is_file():
-        raise NotFound("file", str(path))
-    if is_own(path):
-        return read_scan(path, frame)
-    with open_source(path) as source:
-        return source.recording()

@@ -18,7 +18,7 @@ from steradian.cli.app import app
 from steradian.cli.console import duration, frequency, length, speed
 from steradian.quality import correlation
 from steradian.reconstructions.volume_file import read_volume
-from steradian.scans.recording import open_recording
+from steradian.scans.opening import open_recording
 
 DATA = Path(__file__).parents[2] / "data"
 

@@ -18,9 +18,10 @@ from steradian.masks import (
     hexagonal_mask,
     poisson_disc_mask,
     random_mask,
+    read_mask,
     subset_mask,
+    write_mask,
 )
-from steradian.masks.files import read_mask, write_mask
 from steradian.scans.layout import create_scan_file
 
 X = 12e-3

@@ -17,7 +17,7 @@ from steradian.reconstructions.job import Report, reconstruct_recording, reconst
 from steradian.reconstructions.kept_plans import KeptPlans
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.volume_file import read_volume
-from steradian.scans.recording import open_recording
+from steradian.scans.opening import open_recording
 
 SIDE = 16
 

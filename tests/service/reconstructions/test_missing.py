@@ -19,7 +19,7 @@ from steradian.reconstructions.job import reconstruct_scan
 from steradian.reconstructions.missing import missing_points
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.scans.layout import create_scan_file
-from steradian.scans.recording import open_recording
+from steradian.scans.opening import open_recording
 from steradian.scans.store import AlineStore
 
 STEP, SIDE = 0.3e-3, 21

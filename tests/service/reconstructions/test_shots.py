@@ -18,8 +18,8 @@ from steradian.reconstructions.job import reconstruct_recording, reconstruct_sca
 from steradian.reconstructions.live import LiveView
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.shots import ShotTreatment, even_out
+from steradian.scans.opening import open_recording
 from steradian.scans.reading import read_scan
-from steradian.scans.recording import open_recording
 from steradian.scans.run import run_scan
 from steradian.scans.store import AlineStore, create_scan_file
 

@@ -13,7 +13,8 @@ from steradian.errors import InvalidInput
 from steradian.masks import Mask, equi_steradian_mask, grid_mask, subset_mask
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.what_if import WhatIfReport, through, what_if
-from steradian.scans.recording import Recording, open_recording
+from steradian.scans.opening import open_recording
+from steradian.scans.recording import Recording
 
 YARN = Path(__file__).parents[2] / "data" / "yarn_kwave_slice.npz"
 SIDE, PITCH, DEPTH = 64, 60e-6, 1.2e-3

@@ -15,7 +15,7 @@ from fabry_perot.simulator import launch
 from steradian.scans.check import check_scan_file
 from steradian.scans.control import End
 from steradian.scans.exporting import export_scan
-from steradian.scans.recording import open_recording
+from steradian.scans.opening import open_recording
 from steradian.scans.run import resume_scan
 from steradian.scans.store import AlineStore
 

@@ -12,7 +12,7 @@ from steradian import ScanPlan
 from steradian.errors import Cancelled, DamagedFile, InvalidInput, NotFound
 from steradian.scans.exporting import export_scan
 from steradian.scans.importing import import_scan
-from steradian.scans.recording import open_recording
+from steradian.scans.opening import open_recording
 from steradian.scans.store import AlineStore, create_scan_file
 
 

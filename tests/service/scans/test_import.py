@@ -13,7 +13,7 @@ import foreign
 
 from steradian.errors import Cancelled, Conflict, DamagedFile, InvalidInput, NotFound
 from steradian.scans.importing import import_scan
-from steradian.scans.recording import open_recording
+from steradian.scans.opening import open_recording
 from steradian.scans.store import AlineStore, create_scan_file
 
 NO_OCTAVE = "needs Octave: apt-get install octave (or dnf, brew install octave)"

@@ -17,7 +17,7 @@ import foreign
 
 from steradian.errors import DamagedFile, InvalidInput, SteradianError
 from steradian.scans.importing import import_scan
-from steradian.scans.recording import open_recording
+from steradian.scans.opening import open_recording
 
 
 class Poisoned:

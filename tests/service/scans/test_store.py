@@ -23,7 +23,7 @@ from steradian.scans.exporting import export_scan
 from steradian.scans.following import ScanFollower
 from steradian.scans.importing import import_scan
 from steradian.scans.locking import lock
-from steradian.scans.recording import open_recording
+from steradian.scans.opening import open_recording
 from steradian.scans.store import AlineStore, create_scan_file
 
 
