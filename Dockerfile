@@ -4,10 +4,10 @@ ENV PIP_NO_CACHE_DIR=1 UV_NO_CACHE=1 UV_LINK_MODE=copy
 RUN python3 -m venv /opt/build && /opt/build/bin/pip install uv==0.13.9 && python3 -m venv /opt/steradian
 WORKDIR /src
 COPY pyproject.toml constraints.txt ./
+COPY driver driver
 RUN /opt/build/bin/uv pip install --python /opt/steradian/bin/python -c constraints.txt -r pyproject.toml --extra export
 COPY README.md LICENSE ./
 COPY service service
-COPY driver driver
 RUN /opt/build/bin/uv pip install --python /opt/steradian/bin/python --no-deps .
 
 FROM docker.io/library/python:3.13-slim

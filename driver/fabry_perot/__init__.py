@@ -4,10 +4,6 @@ The *device* is the scanner's firmware side (:mod:`fabry_perot.device`), the *dr
 (:mod:`fabry_perot.host`, :func:`connect`), the *link* the bytes between them (``PROTOCOL.md``).
 """
 
-from fabry_perot.aline import ALine, ALineBatch
-from fabry_perot.asynchronous import AsyncScanner, connect_async
-from fabry_perot.capabilities import Capabilities
-from fabry_perot.connecting import Found, connect, discover
 from fabry_perot.errors import (
     DeviceError,
     DeviceFault,
@@ -25,8 +21,12 @@ from fabry_perot.errors import (
     ScannerError,
 )
 from fabry_perot.host import Recovery, ScanReport
-from fabry_perot.scanner import Scanner
-from fabry_perot.tuning import TuningCurve, TuningDrift, TuningMap
+from fabry_perot.host.aline import ALine, ALineBatch
+from fabry_perot.host.asynchronous import AsyncScanner, connect_async
+from fabry_perot.host.capabilities import Capabilities
+from fabry_perot.host.connecting import Found, connect, discover
+from fabry_perot.host.scanner import Scanner
+from fabry_perot.host.tuning import TuningCurve, TuningDrift, TuningMap
 
 __all__ = [
     "ALine",

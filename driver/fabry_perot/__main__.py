@@ -14,10 +14,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fabry_perot import codes, connect, discover, scanfile
+from fabry_perot import connect, discover
 from fabry_perot.errors import PlanInvalid, ScannerError
-from fabry_perot.scanner import Scanner
-from fabry_perot.states import HoldCause
+from fabry_perot.host import scanfile
+from fabry_perot.host.scanner import Scanner
+from fabry_perot.wire import codes
+from fabry_perot.wire.states import HoldCause
 
 Adder = Callable[..., object]
 _LASER = {

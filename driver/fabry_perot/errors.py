@@ -110,7 +110,7 @@ class Refused(DeviceError):
     operation
         Name of the request.
     reason
-        The device's reason as a word (see :class:`fabry_perot.codes.Result`).
+        The device's reason as a word (see :class:`fabry_perot.wire.codes.Result`).
     state
         Name of the state the device was in.
     """

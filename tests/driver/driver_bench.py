@@ -8,14 +8,14 @@ from collections.abc import Callable
 import numpy as np
 
 from fabry_perot.clock import VirtualClock
-from fabry_perot.codes import Operation
 from fabry_perot.device import Device
 from fabry_perot.errors import NoAnswer, Refused
-from fabry_perot.faults import Chain, Filter
+from fabry_perot.hardware.instrument import InstrumentError, Interrogation, Sampling
 from fabry_perot.host import Host, Plan
-from fabry_perot.instrument import Acquisition, InstrumentError, Recording
-from fabry_perot.messages import POINT
-from fabry_perot.states import DeviceState
+from fabry_perot.simulator.faults import Chain, Filter
+from fabry_perot.wire.codes import Operation
+from fabry_perot.wire.messages import POINT
+from fabry_perot.wire.states import DeviceState
 
 STEP = 1_000
 DEVICE_EPOCH = 7_000_000
@@ -63,9 +63,9 @@ class CountingInstrument:
     def capabilities(self):
         return dict(CAPABILITIES)
 
-    def begin(self, acquisition: Acquisition) -> None:
-        self.samples = acquisition.samples
-        self.period = round(1e9 / acquisition.pulse_rate_mhz)
+    def begin(self, sampling: Sampling) -> None:
+        self.samples = sampling.samples
+        self.period = round(1e9 / sampling.pulse_rate_mhz)
         self.loaded = None
 
     def load(self, first: int, points) -> None:
@@ -110,8 +110,8 @@ class CountingInstrument:
 
     def drop(self) -> None: ...
 
-    def read(self, index: int) -> Recording:
-        return Recording(samples=truth(index, self.samples), scale=0.25)
+    def read(self, index: int) -> Interrogation:
+        return Interrogation(samples=truth(index, self.samples), scale=0.25)
 
     def park(self) -> None: ...
 

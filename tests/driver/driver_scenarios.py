@@ -7,13 +7,13 @@ import random
 from driver_bench import Bench
 from driver_world import World
 
-from fabry_perot import faults
-from fabry_perot.codes import AbortLevel, Operation, Type
 from fabry_perot.errors import Refused
-from fabry_perot.framing import CRC, HEADER, VERSION, Deframer, Frame, crc32c, encode_frame
 from fabry_perot.host import Host
-from fabry_perot.messages import REQUEST_HEAD, Lease, pack
-from fabry_perot.states import RUNNING, TRANSITIONS, DeviceState
+from fabry_perot.simulator import faults
+from fabry_perot.wire.codes import AbortLevel, Operation, Type
+from fabry_perot.wire.framing import CRC, HEADER, VERSION, Deframer, Frame, crc32c, encode_frame
+from fabry_perot.wire.messages import REQUEST_HEAD, Lease, pack
+from fabry_perot.wire.states import RUNNING, TRANSITIONS, DeviceState
 
 
 def stall_released_after_the_hosts_death() -> None:

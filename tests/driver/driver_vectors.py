@@ -11,10 +11,10 @@ from pathlib import Path
 import cobs.cobs
 from driver_bench import DEVICE_EPOCH, Bench, truth
 
-from fabry_perot.codes import AbortLevel, Operation, Result, Type
-from fabry_perot.faults import FramesOfType
-from fabry_perot.framing import CRC, HEADER, VERSION, Frame, crc32c, encode_frame
-from fabry_perot.messages import (
+from fabry_perot.simulator.faults import FramesOfType
+from fabry_perot.wire.codes import AbortLevel, Operation, Result, Type
+from fabry_perot.wire.framing import CRC, HEADER, VERSION, Frame, crc32c, encode_frame
+from fabry_perot.wire.messages import (
     CAPS_HEAD,
     CAPS_REQUEST,
     REPLY_HEAD,

@@ -12,12 +12,12 @@ import numpy as np
 from driver_bench import Bench, truth
 from driver_reference import frames
 
-from fabry_perot.codes import AbortLevel, Operation
 from fabry_perot.errors import ScannerError
-from fabry_perot.faults import Recorder
 from fabry_perot.host import Host, Keeper, Plan, Recovery
-from fabry_perot.messages import POINT, unpack_body
-from fabry_perot.states import RUNNING, DeviceState
+from fabry_perot.simulator.faults import Recorder
+from fabry_perot.wire.codes import AbortLevel, Operation
+from fabry_perot.wire.messages import POINT, unpack_body
+from fabry_perot.wire.states import RUNNING, DeviceState
 
 TTL = 500_000
 HALTED = frozenset({DeviceState.ESTOP, DeviceState.FAULT, DeviceState.PAUSED, DeviceState.SAFE_HOLD})

@@ -10,12 +10,12 @@ import pytest
 from driver_bench import Bench
 
 import fabry_perot
-from fabry_perot.codes import AbortLevel, Type
 from fabry_perot.device.outbox import DEPTH
-from fabry_perot.framing import Deframer, Frame, encode_frame
-from fabry_perot.messages import Abort, pack
 from fabry_perot.simulator import launch
-from fabry_perot.states import DeviceState
+from fabry_perot.wire.codes import AbortLevel, Type
+from fabry_perot.wire.framing import Deframer, Frame, encode_frame
+from fabry_perot.wire.messages import Abort, pack
+from fabry_perot.wire.states import DeviceState
 
 WHERE = np.column_stack([np.linspace(-2e-3, 2e-3, 60), np.zeros(60)])
 

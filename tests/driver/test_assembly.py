@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fabry_perot.aline import META, ALineBatch, check_record
 from fabry_perot.errors import FrameError
-from fabry_perot.framing import crc32c
+from fabry_perot.host.aline import META, ALineBatch, check_record
 from fabry_perot.host.assembly import Assembly
-from fabry_perot.messages import LAYOUT, ALineHead, ALineMeta, pack
+from fabry_perot.wire.framing import crc32c
+from fabry_perot.wire.messages import LAYOUT, ALineHead, ALineMeta, pack
 
 PLAN = 9
 

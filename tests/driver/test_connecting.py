@@ -17,9 +17,9 @@ import serial
 from serial import rfc2217
 
 import fabry_perot
-from fabry_perot import connecting, framing
-from fabry_perot.host import HostTiming
+from fabry_perot.host import HostTiming, connecting
 from fabry_perot.simulator import launch
+from fabry_perot.wire import framing
 
 PATIENT = HostTiming(ttl=1_000_000)  # this process may be held up by others
 PARAMETERS = {"samples": 64, "sampling_interval": 8e-9, "pulse_rate": 100.0}

@@ -7,16 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fabry_perot.codes import Operation, Result, Type
 from fabry_perot.device.lease import LaserLease
 from fabry_perot.device.operations import carry_out
 from fabry_perot.device.outbox import DEPTH, Outbox
 from fabry_perot.device.planbuffer import PlanBuffer
 from fabry_perot.device.replies import ReplyCache
 from fabry_perot.device.ring import ALineRing
-from fabry_perot.framing import Deframer
-from fabry_perot.messages import LAYOUT, POINT, ALineHead
-from fabry_perot.states import RUNNING, TRANSITIONS, DeviceState, Event
+from fabry_perot.wire.codes import Operation, Result, Type
+from fabry_perot.wire.framing import Deframer
+from fabry_perot.wire.messages import LAYOUT, POINT, ALineHead
+from fabry_perot.wire.states import RUNNING, TRANSITIONS, DeviceState, Event
 
 S, E = DeviceState, Event
 

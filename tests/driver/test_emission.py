@@ -8,7 +8,9 @@ from functools import partial
 import pytest
 from driver_bench import Bench, NotReached
 
-from fabry_perot.codes import (
+from fabry_perot.errors import Refused, ScannerError
+from fabry_perot.host import Host
+from fabry_perot.wire.codes import (
     FAULT_INTERLOCK,
     FAULT_KEY,
     FAULT_SHUTTER,
@@ -19,9 +21,7 @@ from fabry_perot.codes import (
     AbortLevel,
     Operation,
 )
-from fabry_perot.errors import Refused, ScannerError
-from fabry_perot.host import Host
-from fabry_perot.states import RUNNING, TRANSITIONS, DeviceState, Event
+from fabry_perot.wire.states import RUNNING, TRANSITIONS, DeviceState, Event
 
 S, E = DeviceState, Event
 INTO = {S.SCANNING: [], S.STARVED: [E.POINTS_SHORT], S.BLOCKED: [E.RING_FULL]}

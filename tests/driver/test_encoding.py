@@ -10,12 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from fabry_perot.capabilities import Capabilities
-from fabry_perot.encoding import Encoding, decode, encode
 from fabry_perot.errors import FrameError, PlanInvalid
+from fabry_perot.hardware import Interrogation
 from fabry_perot.host import Plan
-from fabry_perot.phantoms import yarn
+from fabry_perot.host.capabilities import Capabilities
 from fabry_perot.simulator.instrument import PhantomInstrument
+from fabry_perot.simulator.phantoms import yarn
+from fabry_perot.wire.encoding import Encoding, decode, encode
 
 
 @given(arrays(np.int16, st.integers(1, 300)), st.integers(0, 15))
@@ -77,7 +78,7 @@ def test_a_code_that_leaves_16_bits_is_refused():
 
 def test_a_scan_may_ask_for_packed_a_lines(make_bench):
     bench: Bench = make_bench(max_payload=641)
-    bench.instrument.read = lambda index: __import__("fabry_perot.instrument").instrument.Recording(smooth(700), 0.5)
+    bench.instrument.read = lambda index: Interrogation(smooth(700), 0.5)
     bench.connect()
     points = np.zeros(5, bench_point())
     points["averages"] = 1
@@ -92,7 +93,7 @@ def test_a_scan_may_ask_for_packed_a_lines(make_bench):
 
 
 def bench_point():
-    from fabry_perot.messages import POINT
+    from fabry_perot.wire.messages import POINT
 
     return POINT
 

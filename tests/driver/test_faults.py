@@ -6,8 +6,8 @@ import random
 
 import pytest
 
-from fabry_perot import faults
-from fabry_perot.framing import Deframer, Frame, encode_frame
+from fabry_perot.simulator import faults
+from fabry_perot.wire.framing import Deframer, Frame, encode_frame
 
 DATA = random.Random(0).randbytes(40_000)
 FRAMES = [Frame(kind, 0, 7, 9, count, bytes([count] * 20)) for count in range(40) for kind in (0x30, 0x31)]

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fabry_perot.errors import FrameError
-from fabry_perot.framing import (
+from fabry_perot.wire.framing import (
     CRC,
     HEADER,
     MAX_PAYLOAD,

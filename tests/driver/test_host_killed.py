@@ -10,7 +10,7 @@ import numpy as np
 
 import fabry_perot
 from fabry_perot.simulator import launch
-from fabry_perot.states import HoldCause
+from fabry_perot.wire.states import HoldCause
 
 HOST = """
 import sys, numpy as np, fabry_perot

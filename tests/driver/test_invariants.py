@@ -9,9 +9,9 @@ from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, rule, run_state_machine_as_test
 
-from fabry_perot import faults
-from fabry_perot.codes import AbortLevel, Type
 from fabry_perot.errors import ScannerError
+from fabry_perot.simulator import faults
+from fabry_perot.wire.codes import AbortLevel, Type
 
 WAYS = st.sampled_from(["up", "down"])
 SEEDS = st.integers(0, 10_000)

@@ -7,7 +7,7 @@ import pytest
 
 from fabry_perot.host.ledger import Ledger, ScanReport
 from fabry_perot.host.plan import Plan
-from fabry_perot.messages import POINT
+from fabry_perot.wire.messages import POINT
 
 
 def plan(count: int, averages: int) -> Plan:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from fabry_perot.codes import Operation, Type
 from fabry_perot.errors import Refused
-from fabry_perot.framing import Deframer, Frame, encode_frame
-from fabry_perot.messages import pack_body
-from fabry_perot.states import RUNNING, DeviceState
+from fabry_perot.wire.codes import Operation, Type
+from fabry_perot.wire.framing import Deframer, Frame, encode_frame
+from fabry_perot.wire.messages import pack_body
+from fabry_perot.wire.states import RUNNING, DeviceState
 
 
 def test_a_clean_scan_delivers_every_a_line_once_bit_exact(bench):

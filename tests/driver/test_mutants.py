@@ -9,17 +9,17 @@ import driver_scenarios as tests
 import pytest
 from driver_scenarios import SCENARIOS
 
-from fabry_perot import framing
-from fabry_perot.device import core as device_core
-from fabry_perot.device.core import Device
+from fabry_perot.device import Device
+from fabry_perot.device import body as device_body
 from fabry_perot.device.lease import LaserLease
 from fabry_perot.device.planbuffer import PlanBuffer
 from fabry_perot.device.ring import ALineRing
-from fabry_perot.framing import CRC, HEADER, Frame
 from fabry_perot.host.assembly import Assembly
 from fabry_perot.host.core import Host
 from fabry_perot.host.recovery import Keeper
 from fabry_perot.host.uploader import Uploader
+from fabry_perot.wire import framing
+from fabry_perot.wire.framing import CRC, HEADER, Frame
 
 Patch = Callable[[pytest.MonkeyPatch], None]
 Scenario = Callable[[], None]
@@ -92,14 +92,14 @@ def _unchecked(name: str) -> Patch:
             expected: dict = {}  # noqa: RUF012
 
         Trusting.feed = feed
-        patch.setattr(device_core, "Deframer", Trusting)
-        receive = device_core.Device.receive
+        patch.setattr(device_body, "Deframer", Trusting)
+        receive = Device.receive
 
         def trusting(self, data: bytes, now: int) -> None:
             self.deframer.expected = {"session": self.outbox.session, "boot": self.boot & 0xFF}
             receive(self, data, now)
 
-        patch.setattr(device_core.Device, "receive", trusting)
+        patch.setattr(Device, "receive", trusting)
         patch.setattr(Host, "_mine", lambda self, frame: self.hello is not None)
 
     return apply

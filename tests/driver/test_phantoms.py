@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fabry_perot import phantoms
+from fabry_perot.simulator import phantoms
 
 C = 1500.0
 

@@ -9,10 +9,7 @@ import pytest
 import serial
 from driver_bench import CountingInstrument
 
-from fabry_perot import streaming, transport
 from fabry_perot.clock import RealClock
-from fabry_perot.codes import Operation
-from fabry_perot.connecting import connect
 from fabry_perot.device import Device
 from fabry_perot.errors import (
     DeviceFault,
@@ -25,13 +22,15 @@ from fabry_perot.errors import (
     Refused,
     ScanAborted,
 )
-from fabry_perot.host import HostTiming, Recovery
-from fabry_perot.scanner import Scanner
-from fabry_perot.session import Session
+from fabry_perot.host import HostTiming, Recovery, streaming, transport
+from fabry_perot.host.connecting import connect
+from fabry_perot.host.scanner import Scanner
+from fabry_perot.host.session import Session
+from fabry_perot.host.streaming import Pump, stop_reason
+from fabry_perot.host.transport import SocketTransport, TerminalTransport
 from fabry_perot.simulator import launch
-from fabry_perot.states import DeviceState, HoldCause
-from fabry_perot.streaming import Pump, stop_reason
-from fabry_perot.transport import SocketTransport, TerminalTransport
+from fabry_perot.wire.codes import Operation
+from fabry_perot.wire.states import DeviceState, HoldCause
 
 EAGER = HostTiming(hello_period=1_000, hello_tries=3)
 

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from driver_reference import rice
 
-from fabry_perot.codes import MAX_GROUP, MAX_MISSING, Operation, Result, Type
 from fabry_perot.device import DeviceTiming
 from fabry_perot.device.handlers import LEAST_PAYLOAD
 from fabry_perot.device.operations import MAX_STEPS
-from fabry_perot.encoding import Encoding, encode
 from fabry_perot.errors import FrameError
-from fabry_perot.framing import MAX_PAYLOAD, UART_PAYLOAD, USB_PAYLOAD, Deframer, Frame, crc32c, encode_frame
 from fabry_perot.host import HostTiming, Recovery
-from fabry_perot.messages import (
+from fabry_perot.wire.codes import MAX_GROUP, MAX_MISSING, Operation, Result, Type
+from fabry_perot.wire.encoding import Encoding, encode
+from fabry_perot.wire.framing import MAX_PAYLOAD, UART_PAYLOAD, USB_PAYLOAD, Deframer, Frame, crc32c, encode_frame
+from fabry_perot.wire.messages import (
     LAYOUT,
     MISSING,
     PLAN_HEAD,
@@ -40,7 +40,7 @@ from fabry_perot.messages import (
     unpack,
     unpack_body,
 )
-from fabry_perot.states import TRANSITIONS, DeviceState, Event
+from fabry_perot.wire.states import TRANSITIONS, DeviceState, Event
 
 DOCUMENT = (Path(__file__).parents[2] / "driver" / "PROTOCOL.md").read_text()
 VECTORS = dict(re.findall(r"^([A-Z_ ]+) \(.*\):\n\n    ([0-9a-f ]+)$", DOCUMENT, re.MULTILINE))
@@ -126,8 +126,8 @@ def test_the_table_of_transitions_is_the_codes():
 
 
 def test_every_capability_in_the_table_is_one_the_simulator_sends():
-    from fabry_perot.phantoms import yarn
     from fabry_perot.simulator.instrument import PhantomInstrument
+    from fabry_perot.simulator.phantoms import yarn
 
     section = DOCUMENT.split("**Capabilities**")[1].split("## Device states")[0]
     keys = {key for cell in re.findall(r"^\| ([a-z_, ]+) \|", section, re.MULTILINE) for key in cell.split(", ")}

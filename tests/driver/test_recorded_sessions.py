@@ -9,12 +9,12 @@ import pytest
 from driver_bench import Bench, truth
 from driver_reference import ALines, castagnoli, frames
 
-from fabry_perot import faults
-from fabry_perot.codes import Type
-from fabry_perot.encoding import Encoding
-from fabry_perot.framing import Deframer
 from fabry_perot.host import Plan
-from fabry_perot.messages import POINT
+from fabry_perot.simulator import faults
+from fabry_perot.wire.codes import Type
+from fabry_perot.wire.encoding import Encoding
+from fabry_perot.wire.framing import Deframer
+from fabry_perot.wire.messages import POINT
 
 
 def record(encoding: int, *, noisy: bool) -> tuple[Bench, bytes, bytes]:

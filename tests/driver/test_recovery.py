@@ -11,11 +11,11 @@ import pytest
 from driver_world import World
 
 import fabry_perot
-from fabry_perot import Recovery, faults, phantoms
-from fabry_perot.codes import AbortLevel, Operation, Type
-from fabry_perot.simulator import launch
+from fabry_perot import Recovery
+from fabry_perot.simulator import faults, launch, phantoms
 from fabry_perot.simulator.instrument import peak_pressure
-from fabry_perot.states import DeviceState
+from fabry_perot.wire.codes import AbortLevel, Operation, Type
+from fabry_perot.wire.states import DeviceState
 
 SAMPLES = 1024
 PATIENT = Recovery(patience=60.0)

@@ -9,11 +9,11 @@ import pytest
 from driver_bench import Bench
 from driver_world import World
 
-from fabry_perot.codes import Operation, Type
 from fabry_perot.errors import LeaseLapsed
-from fabry_perot.framing import Frame, encode_frame
-from fabry_perot.messages import Lease, pack
-from fabry_perot.states import DeviceState
+from fabry_perot.wire.codes import Operation, Type
+from fabry_perot.wire.framing import Frame, encode_frame
+from fabry_perot.wire.messages import Lease, pack
+from fabry_perot.wire.states import DeviceState
 
 
 def running() -> World:

@@ -6,13 +6,13 @@ import pickle
 
 import pytest
 
-from fabry_perot.codes import AbortLevel, Operation, Type
 from fabry_perot.errors import DeviceRestarted, PlanInvalid, Refused
-from fabry_perot.framing import Frame, encode_frame
+from fabry_perot.hardware.instrument import InstrumentError
 from fabry_perot.host import Host
-from fabry_perot.instrument import InstrumentError
-from fabry_perot.messages import REQUEST_HEAD, Lease, pack
-from fabry_perot.states import DeviceState
+from fabry_perot.wire.codes import AbortLevel, Operation, Type
+from fabry_perot.wire.framing import Frame, encode_frame
+from fabry_perot.wire.messages import REQUEST_HEAD, Lease, pack
+from fabry_perot.wire.states import DeviceState
 
 TTL = 500_000
 

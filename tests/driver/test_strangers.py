@@ -9,12 +9,12 @@ import cbor2
 import pytest
 from driver_bench import Bench
 
-from fabry_perot.codes import AbortLevel, Operation, Type
 from fabry_perot.device.operations import carry_out
-from fabry_perot.framing import Deframer, Frame, encode_frame
 from fabry_perot.host import Host
-from fabry_perot.messages import AbortAck, Hello, HelloAck, pack, unpack
-from fabry_perot.states import DeviceState
+from fabry_perot.wire.codes import AbortLevel, Operation, Type
+from fabry_perot.wire.framing import Deframer, Frame, encode_frame
+from fabry_perot.wire.messages import AbortAck, Hello, HelloAck, pack, unpack
+from fabry_perot.wire.states import DeviceState
 
 DOCUMENT = (Path(__file__).parents[2] / "driver" / "PROTOCOL.md").read_text()
 

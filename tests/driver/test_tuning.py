@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import fabry_perot
-from fabry_perot import TuningMap, phantoms, shapes
-from fabry_perot.codes import Operation
+from fabry_perot import TuningMap
 from fabry_perot.errors import NoAnswer, PlanInvalid, Refused
-from fabry_perot.simulator import launch
+from fabry_perot.simulator import launch, phantoms, shapes
 from fabry_perot.simulator.film import BANDWIDTH, LINEWIDTH, Film, Response, directivity, low_pass
 from fabry_perot.simulator.instrument import PhantomInstrument
-from fabry_perot.states import DeviceState
+from fabry_perot.wire.codes import Operation
+from fabry_perot.wire.states import DeviceState
 
 SWEEP = {"x": 0, "y": 0, "from_pm": 1_548_000, "to_pm": 1_552_000, "steps": 5}
 
@@ -180,13 +180,13 @@ def test_the_film_hears_from_the_front_and_not_from_the_side():
 
 @pytest.mark.parametrize("response", [Response(), Response(nonlinear=True, bandwidth=True, directivity=True)])
 def test_every_film_records_within_16_bits_and_a_small_range_clips_with_a_flag(response):
-    from fabry_perot.instrument import Acquisition
-    from fabry_perot.messages import POINT
+    from fabry_perot.hardware.instrument import Sampling
+    from fabry_perot.wire.messages import POINT
 
     point = np.zeros(1, POINT)
     for full_scale, flag in ((2.0, 0), (0.02, 1)):
         instrument = PhantomInstrument(phantoms.yarn(0), response=response, full_scale=full_scale)
-        instrument.begin(Acquisition(1200, 8000, 50_000))
+        instrument.begin(Sampling(1200, 8000, 50_000))
         instrument.load(0, point)
         instrument.fire(0, 1, 0)
         assert instrument.read(0).quality == flag

@@ -9,11 +9,11 @@ import pytest
 from driver_bench import truth
 from driver_reference import ALines, frames
 
-from fabry_perot.codes import Operation, Result, Type
-from fabry_perot.framing import Deframer, Frame, encode_frame
 from fabry_perot.host import Host
-from fabry_perot.messages import REPLY_HEAD, fixed
-from fabry_perot.states import DeviceState
+from fabry_perot.wire.codes import Operation, Result, Type
+from fabry_perot.wire.framing import Deframer, Frame, encode_frame
+from fabry_perot.wire.messages import REPLY_HEAD, fixed
+from fabry_perot.wire.states import DeviceState
 
 FRAMES = json.loads((driver_vectors.FOLDER / "frames.json").read_text())
 TALKS = {talk["name"]: talk for talk in json.loads((driver_vectors.FOLDER / "transcripts.json").read_text())}

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from fabry_perot.codes import PROTOCOL, Operation, Type
 from fabry_perot.device import Device
 from fabry_perot.errors import DeviceRestarted, FrameError, ProtocolMismatch, ScannerError
-from fabry_perot.framing import Deframer, Frame, encode_frame
+from fabry_perot.hardware.instrument import Interrogation, Sampling
 from fabry_perot.host import Host, Plan
-from fabry_perot.instrument import Acquisition, Recording
-from fabry_perot.messages import POINT, Hello, pack
+from fabry_perot.wire.codes import PROTOCOL, Operation, Type
+from fabry_perot.wire.framing import Deframer, Frame, encode_frame
+from fabry_perot.wire.messages import POINT, Hello, pack
 
 FROM_HOST = [kind for kind in Type if not kind & 0x80]
 FROM_DEVICE = [kind for kind in Type if kind & 0x80]
@@ -32,8 +32,8 @@ class NullInstrument:
         limits = {"encodings": [0, 1], "line_rate": 0, "tuning_us": 1, "parameters": {"p": [0, 9]}}
         return {**ranges, **fixed, **limits, "samples": [1, 64], "pulse_rate_mhz": [1000, 1_000_000]}
 
-    def begin(self, acquisition: Acquisition) -> None:
-        self.samples = acquisition.samples
+    def begin(self, sampling: Sampling) -> None:
+        self.samples = sampling.samples
 
     def load(self, first: int, points: object) -> None: ...
 
@@ -45,8 +45,8 @@ class NullInstrument:
 
     def fire(self, index: int, shot: int, now: int) -> None: ...
 
-    def read(self, index: int) -> Recording:
-        return Recording(np.zeros(self.samples, np.int16), 1.0)
+    def read(self, index: int) -> Interrogation:
+        return Interrogation(np.zeros(self.samples, np.int16), 1.0)
 
     def drop(self) -> None: ...
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from fabry_perot import phantoms as driver
+from fabry_perot.simulator import phantoms as driver
 from steradian import InvalidInput, phantoms
 from steradian.imaging import Axes, Volume
 from steradian.phantoms.targets import chart_bars

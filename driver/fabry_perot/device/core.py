@@ -2,112 +2,23 @@
 
 from __future__ import annotations
 
-import random
-from collections.abc import Callable
-from typing import Any, TypeVar
-
-from fabry_perot.codes import (
-    FAULT_INTERLOCK,
-    FAULT_KEY,
-    FAULT_SHUTTER,
-    INTERLOCK_CLOSED,
-    KEY_ON,
-    LASER_ARMED,
-    LASER_EMITTING,
-    SECURED,
-    SHUTTER_OPEN,
-    Type,
-)
-from fabry_perot.device.acquisition import Scan
+from fabry_perot.device.body import DeviceBody
 from fabry_perot.device.handlers import HANDLERS
-from fabry_perot.device.lease import LaserLease
-from fabry_perot.device.outbox import Outbox
-from fabry_perot.device.planbuffer import PlanBuffer
-from fabry_perot.device.replies import ReplyCache
-from fabry_perot.device.ring import ALineRing
-from fabry_perot.device.timing import DeviceTiming
 from fabry_perot.errors import FrameError
-from fabry_perot.framing import OVERHEAD, USB_PAYLOAD, Deframer, crc32c
-from fabry_perot.instrument import Acquisition, Instrument, InstrumentError
-from fabry_perot.messages import Fault, PlanStatus, Status, pack, pack_body
-from fabry_perot.states import LATCHED, RUNNING, TRANSITIONS, DeviceState, Event, HoldCause
+from fabry_perot.hardware.instrument import InstrumentError
+from fabry_perot.wire.codes import Type
+from fabry_perot.wire.messages import Fault, pack
+from fabry_perot.wire.states import RUNNING, DeviceState, Event
 
-_CAUSES = {
-    Event.LEASE_LAPSED: HoldCause.LEASE,
-    Event.NEW_SESSION: HoldCause.SESSION,
-    Event.LASER_OFF: HoldCause.REQUEST,
-    Event.CLEAR_FAULT: HoldCause.CLEARED,
-}
-_HELD = frozenset({DeviceState.SAFE_HOLD, DeviceState.PAUSED})
-"""States of a scan that may go on: an interlock opened meanwhile is remembered."""
-T = TypeVar("T")
 _SESSIONLESS = frozenset({Type.HELLO, Type.ABORT})
 
 
-class Device:
-    """A Fabry–Pérot scanner's firmware.
+class Device(DeviceBody):
+    """A Fabry–Pérot scanner's firmware; parameters as of :class:`~fabry_perot.device.body.DeviceBody`.
 
     Call :meth:`receive` with bytes as they come, :meth:`poll` when :meth:`next_due` says so, and :meth:`pull` to get
     the bytes to send. Nothing here waits, reads a clock or touches hardware other than the injected instrument.
-
-    Parameters
-    ----------
-    instrument
-        Galvo, laser and digitiser.
-    boot
-        Boot id (u32, not 0), new at every start.
-    now
-        Device time at start, in µs.
-    timing
-        Time limits.
-    ring, plan_points
-        A-lines and points held.
-    max_payload
-        Largest payload this line carries, in bytes.
-    reset_cause
-        As reported in HELLO_ACK: 1 power-on, 2 watchdog, 3 brown-out.
     """
-
-    def __init__(
-        self,
-        instrument: Instrument,
-        *,
-        boot: int,
-        now: int = 0,
-        timing: DeviceTiming | None = None,
-        ring: int = 512,
-        plan_points: int = 8192,
-        max_payload: int = USB_PAYLOAD,
-        reset_cause: int = 1,
-    ) -> None:
-        self.instrument, self.boot, self.now = instrument, boot, now
-        self.timing = timing or DeviceTiming()
-        self.reset_cause = reset_cause
-        self.state, self.cause, self.fault = DeviceState.BOOT, HoldCause.NONE, 0
-        self.plan, self.ring = PlanBuffer(plan_points), ALineRing(ring)
-        self.lease = LaserLease(self.timing.lease_cap)
-        self.scan = Scan(instrument, self.plan, self.ring, self.lease, lambda: self.state, self.must)
-        self.outbox, self.replies = Outbox(boot & 0xFF), ReplyCache()
-        self.deframer = Deframer()
-        self.line_payload = self.max_payload = max_payload
-        self.delayed: tuple[int, bytes] | None = None
-        """When to send which reply of a request that takes its time."""
-        self.answer_at = 0
-        self.nonce: int | None = None
-        self.token: int | None = None
-        self.limits: dict[str, Any] = instrument.capabilities()
-        self.caps = pack_body({**self.limits, "lease_cap_us": self.timing.lease_cap})
-        self.caps_crc = crc32c(self.caps)
-        self.plan_status_due = self.plan_refused = False
-        # Tokens and sessions must differ between boots, they guard against stale bytes, not against an attacker.
-        self._random = random.Random(boot)  # noqa: S311
-        self._session = self._random.randrange(1, 0x10000)
-        self._armed_at = self._status_at = self._fault_at = now
-        self._status_due = False
-        self._fault_number = 0
-        self._shut_at = now
-        self.close()
-        self.step(Event.SELF_TEST_PASSED)
 
     def receive(self, data: bytes, now: int) -> None:
         """Take bytes from the line at device time ``now``."""
@@ -145,33 +56,6 @@ class Device:
         if self.fault and self._fault_number and self.now >= self._fault_at:
             self._fault_at = self.now + self.timing.fault_period
             self.outbox.put(Type.FAULT, pack(Fault(self.fault, self._fault_number)), urgent=True)
-
-    def watch(self) -> bool:
-        """Look at interlock, key and shutter, and act on what should not be; return whether the laser may fire."""
-        bits = self.hardware_bits()
-        if bits & SECURED != SECURED:
-            if self.state in RUNNING or self.state is DeviceState.ARMED:
-                self.raise_fault(FAULT_KEY if bits & INTERLOCK_CLOSED else FAULT_INTERLOCK)
-            elif self.state in _HELD and self.cause is not HoldCause.INTERLOCK:
-                self.cause, self._status_due = HoldCause.INTERLOCK, True
-        light = bits & (SHUTTER_OPEN | LASER_EMITTING)
-        if light and self.state not in RUNNING and self.now - self._shut_at >= self.timing.shutter:
-            self.raise_fault(FAULT_SHUTTER)
-            self.close()
-        return bits & SECURED == SECURED and not self.fault
-
-    def hardware(self, call: Callable[[], T], otherwise: T) -> T:
-        """Return what a call to the hardware returns; a fault it reports is latched, and ``otherwise`` returned."""
-        try:
-            return call()
-        except InstrumentError as error:
-            self.raise_fault(error.fault)
-            return otherwise
-
-    def close(self) -> None:
-        """Close the shutter."""
-        self._shut_at = self.now
-        self.hardware(self.instrument.close, None)
 
     def next_due(self) -> int:
         """Return the device time at which :meth:`poll` has something to do next."""
@@ -215,131 +99,3 @@ class Device:
             return self.outbox.frame(Type.PLAN_STATUS, pack(self.plan_status()))
         line = self.ring.next_payload(self.line_payload)
         return None if line is None else self.outbox.aline(*line)
-
-    def step(self, event: Event) -> bool:
-        """Make the transition for ``event``; return whether the table allows it."""
-        after = TRANSITIONS.get((self.state, event))
-        if after is None:
-            return False
-        before, self.state = self.state, after
-        if after is before:
-            return True
-        self._status_due = True
-        left = before in RUNNING and after not in RUNNING
-        if left and after is not DeviceState.DRAINING:
-            self.lease.revoke(self.now)
-        if after is DeviceState.SAFE_HOLD:
-            self.cause = _CAUSES[event]
-        elif after is not DeviceState.ARMED:
-            self.cause = HoldCause.NONE
-        if after is not DeviceState.ARMED:
-            self.token = None
-        if event is Event.CLEAR_FAULT:
-            self.fault = 0
-        if left or after in LATCHED or after is DeviceState.SAFE_HOLD:
-            self.close()
-        if left:
-            self.hardware(self.scan.reset, None)
-        return True
-
-    def must(self, event: Event) -> None:
-        """Make a transition that the table must allow."""
-        if not self.step(event):
-            raise RuntimeError(f"no transition from {self.state.name} by {event.name}")
-
-    def new_session(self, nonce: int) -> None:
-        """Begin a session: laser off, old requests and permissions void, plan and ring kept."""
-        self.step(Event.NEW_SESSION)
-        self.nonce, self.token, self.delayed = nonce, None, None
-        self._session = self._session % 0xFFFF + 1
-        self.outbox.clear()
-        self.outbox.session = self._session
-        self.replies.clear()
-        self.lease.revoke(self.now)
-        self.ring.offer_again()
-        self._status_due = True
-        self.plan_status_due = self.plan.length > 0
-
-    def new_token(self) -> int:
-        """Return a fresh single-use arm token."""
-        self._armed_at = self.now
-        self.token = self._random.randrange(1, 1 << 32)
-        return self.token
-
-    def begin(self, acquisition: Acquisition, encoding: int) -> None:
-        """Take over the parameters of a new plan."""
-        self.scan.acquisition, self.scan.encoding = acquisition, encoding
-        self.instrument.begin(acquisition)
-        self.plan_status_due, self.plan_refused = True, False
-
-    def raise_fault(self, code: int) -> None:
-        """Latch a hardware fault and repeat it until the host acknowledges; the first one counts."""
-        if self.step(Event.HARDWARE_FAULT) or (self.state in LATCHED and not self.fault):
-            self.fault, self._fault_at = code, self.now
-            self._fault_number += 1
-
-    def acknowledge_fault(self, number: int) -> None:
-        """Stop repeating fault ``number``."""
-        if number == self._fault_number:
-            self._fault_at = 1 << 62
-
-    def plan_status(self) -> PlanStatus:
-        """Return the present PLAN_STATUS."""
-        return PlanStatus(self.plan.plan, self.plan.expected, self.plan.limit, int(self.plan_refused) << 1)
-
-    def hardware_bits(self) -> int:
-        """Return what the hardware says of itself, as STATUS' laser bits; of what it does not say, the worse."""
-        asked = (
-            (LASER_EMITTING, self.instrument.emitting, True),
-            (SHUTTER_OPEN, self.instrument.shutter_open, True),
-            (INTERLOCK_CLOSED, self.instrument.interlock_closed, False),
-            (KEY_ON, self.instrument.key_on, False),
-        )
-        return sum(bit for bit, read, worse in asked if self.hardware(read, worse))
-
-    def laser_bits(self) -> int:
-        """Return STATUS' laser bits."""
-        bits = self.hardware_bits()
-        return bits | (LASER_ARMED if self.state in RUNNING or self.state is DeviceState.ARMED else 0)
-
-    def status(self) -> Status:
-        """Return the present STATUS."""
-        x, y = self.hardware(self.instrument.position, (0, 0))
-        laser = self.laser_bits()  # first: what these calls may latch belongs into what follows
-        return Status(
-            device_time=self.now,
-            boot=self.boot,
-            state=self.state,
-            laser=laser,
-            cause=self.cause,
-            fault=min(self.fault, 0xFF),
-            lease_left=min(self.lease.left(self.now) // 1000, 0xFFFF),
-            plan=self.plan.plan,
-            position=self.plan.position,
-            produced=self.ring.produced,
-            sent=self.ring.sent,
-            acknowledged=self.ring.acknowledged,
-            shots=self.scan.shots,
-            shots_wasted=self.scan.shots_wasted,
-            last_shot=self.scan.last_shot,
-            lease_until=self.lease.until,
-            x=x,
-            y=y,
-            bad_frames=self.deframer.counters.bad,
-        )
-
-    def statistics(self) -> dict[str, Any]:
-        """Return the device's counters, as GET reports them."""
-        counters = self.deframer.counters
-        return {
-            **self.status()._asdict(),
-            "good_frames": counters.good,
-            "bad_crc": counters.bad_crc,
-            "bad_length": counters.bad_length,
-            "bad_stuffing": counters.bad_stuffing,
-            "payload": self.line_payload,
-            "overhead": OVERHEAD,
-            "ring_peak": self.ring.peak,
-            "laser_shots": self.instrument.laser_shots(),
-            "impossible_echoes": self.lease.impossible,
-        }

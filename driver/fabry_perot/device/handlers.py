@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from fabry_perot.codes import PROTOCOL, AbortLevel, Result, Type
+from fabry_perot.device.body import DeviceBody
 from fabry_perot.device.operations import carry_out
 from fabry_perot.errors import FrameError
-from fabry_perot.framing import Frame
-from fabry_perot.instrument import InstrumentError
-from fabry_perot.messages import (
+from fabry_perot.hardware.instrument import InstrumentError
+from fabry_perot.wire.codes import PROTOCOL, AbortLevel, Result, Type
+from fabry_perot.wire.framing import Frame
+from fabry_perot.wire.messages import (
     CAPS_HEAD,
     CAPS_REQUEST,
     MISSING,
@@ -33,16 +34,13 @@ from fabry_perot.messages import (
     unpack,
     unpack_body,
 )
-from fabry_perot.states import DeviceState, Event
+from fabry_perot.wire.states import DeviceState, Event
 
 LEAST_PAYLOAD = 64
 """Largest payload of a line is never agreed to be less, in bytes."""
 
-if TYPE_CHECKING:
-    from fabry_perot.device.core import Device
 
-
-def _hello(device: Device, frame: Frame) -> None:
+def _hello(device: DeviceBody, frame: Frame) -> None:
     hello = unpack(Hello, frame.payload)
     version = PROTOCOL if hello.oldest <= PROTOCOL <= hello.newest else 0
     if version and hello.nonce != device.nonce:
@@ -71,14 +69,14 @@ def _hello(device: Device, frame: Frame) -> None:
     device.outbox.put(Type.HELLO_ACK, pack(answer))
 
 
-def _caps(device: Device, frame: Frame) -> None:
+def _caps(device: DeviceBody, frame: Frame) -> None:
     (offset,) = fixed(CAPS_REQUEST, frame.payload)
     room = device.line_payload - CAPS_HEAD.size
     piece = device.caps[offset : offset + room]
     device.outbox.put(Type.CAPS_PIECE, CAPS_HEAD.pack(offset, len(device.caps)) + piece)
 
 
-def _request(device: Device, frame: Frame) -> None:
+def _request(device: DeviceBody, frame: Frame) -> None:
     number, operation = fixed(REQUEST_HEAD, frame.payload, tail=True)
     reply = device.replies.find(number)
     if device.delayed is not None and device.delayed[1] == reply:
@@ -101,7 +99,7 @@ def _request(device: Device, frame: Frame) -> None:
     device.outbox.put(Type.RSP, reply)
 
 
-def _plan_data(device: Device, frame: Frame) -> None:
+def _plan_data(device: DeviceBody, frame: Frame) -> None:
     plan, first, count = fixed(PLAN_HEAD, frame.payload, tail=True)
     data = frame.payload[PLAN_HEAD.size :]
     if len(data) != count * POINT.itemsize:
@@ -124,7 +122,7 @@ def _plan_data(device: Device, frame: Frame) -> None:
         device.step(Event.PLAN_LOADED)
 
 
-def _allowed(device: Device, points: np.ndarray[tuple[int], np.dtype[np.void]]) -> bool:
+def _allowed(device: DeviceBody, points: np.ndarray[tuple[int], np.dtype[np.void]]) -> bool:
     for name in ("x", "y"):
         low, high = device.limits[f"{name}_nm"]
         if not np.all((points[name] >= low) & (points[name] <= high)):
@@ -137,7 +135,7 @@ def _allowed(device: Device, points: np.ndarray[tuple[int], np.dtype[np.void]]) 
     return bool(np.all((points["averages"] >= low) & (points["averages"] <= high)))
 
 
-def _aline_ack(device: Device, frame: Frame) -> None:
+def _aline_ack(device: DeviceBody, frame: Frame) -> None:
     ack = unpack(ALineAck, frame.payload, tail=True)
     tail = frame.payload[12:]
     if len(tail) % MISSING.size:
@@ -146,13 +144,13 @@ def _aline_ack(device: Device, frame: Frame) -> None:
         device.ring.acknowledge(ack.durable, ack.limit, list(MISSING.iter_unpack(tail)))
 
 
-def _lease(device: Device, frame: Frame) -> None:
+def _lease(device: DeviceBody, frame: Frame) -> None:
     lease = unpack(Lease, frame.payload)
     if lease.boot == device.boot:
         device.lease.renew(lease.echo, lease.ttl, device.now)
 
 
-def _abort(device: Device, frame: Frame) -> None:
+def _abort(device: DeviceBody, frame: Frame) -> None:
     abort = unpack(Abort, frame.payload)
     try:
         level = AbortLevel(abort.level)
@@ -168,11 +166,11 @@ def _abort(device: Device, frame: Frame) -> None:
     device.outbox.put(Type.ABORT_ACK, pack(ack), urgent=True)
 
 
-def _fault_ack(device: Device, frame: Frame) -> None:
+def _fault_ack(device: DeviceBody, frame: Frame) -> None:
     device.acknowledge_fault(unpack(Fault, frame.payload).number)
 
 
-HANDLERS: dict[int, Callable[[Device, Frame], None]] = {
+HANDLERS: dict[int, Callable[[DeviceBody, Frame], None]] = {
     Type.HELLO: _hello,
     Type.CAPS: _caps,
     Type.REQ: _request,

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from fabry_perot.codes import MAX_GROUP, Operation, Result, Type
-from fabry_perot.instrument import Acquisition, InstrumentError
-from fabry_perot.messages import ALineGone, pack
-from fabry_perot.states import LATCHED, RUNNING, DeviceState, Event
-
-if TYPE_CHECKING:
-    from fabry_perot.device.core import Device
+from fabry_perot.device.body import DeviceBody
+from fabry_perot.hardware.instrument import InstrumentError, Sampling
+from fabry_perot.wire.codes import MAX_GROUP, Operation, Result, Type
+from fabry_perot.wire.messages import ALineGone, pack
+from fabry_perot.wire.states import LATCHED, RUNNING, DeviceState, Event
 
 MAX_STEPS = 256
 """Longest wavelength sweep."""
@@ -23,7 +21,7 @@ Body = dict[str, Any]
 Outcome = tuple[Result, Body]
 
 
-def carry_out(device: Device, operation: int, body: Body) -> Outcome:
+def carry_out(device: DeviceBody, operation: int, body: Body) -> Outcome:
     """Carry out one request on ``device`` and return its outcome."""
     try:
         function = _TABLE[Operation(operation)]
@@ -38,23 +36,23 @@ def carry_out(device: Device, operation: int, body: Body) -> Outcome:
         return Result.MALFORMED, {}
 
 
-def _event(device: Device, event: Event) -> Outcome:
+def _event(device: DeviceBody, event: Event) -> Outcome:
     return (Result.OK if device.step(event) else Result.WRONG_STATE), {}
 
 
-def _get(device: Device, body: Body) -> Outcome:
+def _get(device: DeviceBody, body: Body) -> Outcome:
     return Result.OK, {**device.statistics(), **device.instrument.parameters()}
 
 
-def _plan_new(device: Device, body: Body) -> Outcome:
+def _plan_new(device: DeviceBody, body: Body) -> Outcome:
     plan, length, purge = int(body["plan"]), int(body["length"]), bool(body.get("purge", False))
     start, encoding, group = int(body.get("start", 0)), int(body.get("encoding", 0)), int(body.get("group", 1))
-    acquisition = Acquisition(int(body["samples"]), int(body["interval_ps"]), int(body["pulse_rate_mhz"]))
+    sampling = Sampling(int(body["samples"]), int(body["interval_ps"]), int(body["pulse_rate_mhz"]))
     bounds = device.limits
     for value, name in (
-        (acquisition.samples, "samples"),
-        (acquisition.interval_ps, "interval_ps"),
-        (acquisition.pulse_rate_mhz, "pulse_rate_mhz"),
+        (sampling.samples, "samples"),
+        (sampling.interval_ps, "interval_ps"),
+        (sampling.pulse_rate_mhz, "pulse_rate_mhz"),
     ):
         if not bounds[name][0] <= value <= bounds[name][1]:
             return Result.OUT_OF_RANGE, {"field": name}
@@ -79,17 +77,17 @@ def _plan_new(device: Device, body: Body) -> Outcome:
     if purged:
         device.outbox.put(Type.ALINE_GONE, pack(ALineGone(old, first, purged, 1)))
     device.plan.begin(plan, length, start)
-    device.begin(acquisition, encoding)
+    device.begin(sampling, encoding)
     return Result.OK, {}
 
 
-def _arm(device: Device, body: Body) -> Outcome:
+def _arm(device: DeviceBody, body: Body) -> Outcome:
     if device.delayed is not None or not device.step(Event.ARM):
         return Result.WRONG_STATE, {}
     return Result.OK, {"token": device.new_token()}
 
 
-def _start(device: Device, body: Body) -> Outcome:
+def _start(device: DeviceBody, body: Body) -> Outcome:
     token, echo, ttl = int(body["token"]), int(body["echo"]), int(body["ttl"])
     if device.state is not DeviceState.ARMED:
         return Result.WRONG_STATE, {}
@@ -106,7 +104,7 @@ def _start(device: Device, body: Body) -> Outcome:
     return Result.OK, {"laser_shots": before}
 
 
-def _park(device: Device, body: Body) -> Outcome:
+def _park(device: DeviceBody, body: Body) -> Outcome:
     if device.state not in _AT_REST:
         return Result.WRONG_STATE, {}
     device.close()
@@ -114,11 +112,11 @@ def _park(device: Device, body: Body) -> Outcome:
     return Result.OK, {}
 
 
-def _release(device: Device, body: Body) -> Outcome:
+def _release(device: DeviceBody, body: Body) -> Outcome:
     return _event(device, Event.RELEASE if device.plan.loaded else Event.RELEASE_WITHOUT_PLAN)
 
 
-def _set(device: Device, body: Body) -> Outcome:
+def _set(device: DeviceBody, body: Body) -> Outcome:
     if device.state not in _AT_REST:
         return Result.WRONG_STATE, {}
     allowed = device.limits.get("parameters", {})
@@ -133,7 +131,7 @@ def _set(device: Device, body: Body) -> Outcome:
     return Result.OK, device.instrument.parameters()
 
 
-def _tune_scan(device: Device, body: Body) -> Outcome:
+def _tune_scan(device: DeviceBody, body: Body) -> Outcome:
     bounds, steps = device.limits, int(body["steps"])
     if device.state not in _AT_REST or device.delayed is not None:
         return Result.WRONG_STATE, {}
@@ -157,7 +155,7 @@ def _tune_scan(device: Device, body: Body) -> Outcome:
     return Result.OK, {"dc_mv": levels}
 
 
-_TABLE: dict[Operation, Callable[[Device, Body], Outcome]] = {
+_TABLE: dict[Operation, Callable[[DeviceBody, Body], Outcome]] = {
     Operation.GET: _get,
     Operation.SET: _set,
     Operation.PLAN_NEW: _plan_new,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 
-from fabry_perot.codes import Type
-from fabry_perot.framing import FLAG_RETRANSMISSION, FLAG_URGENT, Frame, encode_frame
+from fabry_perot.wire.codes import Type
+from fabry_perot.wire.framing import FLAG_RETRANSMISSION, FLAG_URGENT, Frame, encode_frame
 
 DEPTH = 64
 """Control frames kept; of more the last in line is dropped, since the host repeats what it got no answer to."""

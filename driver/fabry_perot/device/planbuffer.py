@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fabry_perot.messages import POINT
+from fabry_perot.wire.messages import POINT
 
 
 class PlanBuffer:

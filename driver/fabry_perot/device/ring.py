@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import deque
 from itertools import islice
 
-from fabry_perot.codes import ALL_FRAGMENTS
-from fabry_perot.encoding import Encoding
-from fabry_perot.messages import ALineHead, pack
+from fabry_perot.wire.codes import ALL_FRAGMENTS
+from fabry_perot.wire.encoding import Encoding
+from fabry_perot.wire.messages import ALineHead, pack
 
 
 class ALineRing:

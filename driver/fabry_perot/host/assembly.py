@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from fabry_perot.aline import META_SIZE, ALineBatch, check_record, is_whole
-from fabry_perot.codes import ALL_FRAGMENTS, MAX_MISSING
-from fabry_perot.encoding import Encoding
 from fabry_perot.errors import FrameError
-from fabry_perot.messages import LAYOUT, ALineHead
+from fabry_perot.host.aline import META_SIZE, ALineBatch, check_record, is_whole
+from fabry_perot.wire.codes import ALL_FRAGMENTS, MAX_MISSING
+from fabry_perot.wire.encoding import Encoding
+from fabry_perot.wire.messages import LAYOUT, ALineHead
 
 _HEAD = LAYOUT[ALineHead]
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from fabry_perot.codes import Operation, Result
 from fabry_perot.errors import NoAnswer, Refused, ScannerError
 from fabry_perot.host.timing import HostTiming
-from fabry_perot.messages import REQUEST_HEAD, pack_body
-from fabry_perot.states import DeviceState
+from fabry_perot.wire.codes import Operation, Result
+from fabry_perot.wire.messages import REQUEST_HEAD, pack_body
+from fabry_perot.wire.states import DeviceState
 
 _PATIENT = {Operation.TUNE_SCAN: 20}
 """Operations that take their time are asked for so many times as often."""

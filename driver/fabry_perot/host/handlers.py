@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
-from fabry_perot.capabilities import Capabilities
-from fabry_perot.codes import Operation, Type
 from fabry_perot.errors import DeviceRestarted, PortBusy, ProtocolMismatch
-from fabry_perot.framing import Frame, crc32c
-from fabry_perot.messages import (
+from fabry_perot.host.body import HostBody
+from fabry_perot.host.capabilities import Capabilities
+from fabry_perot.host.phase import HostState
+from fabry_perot.wire.codes import Operation, Type
+from fabry_perot.wire.framing import Frame, crc32c
+from fabry_perot.wire.messages import (
     CAPS_HEAD,
     REPLY_HEAD,
     AbortAck,
@@ -23,13 +24,10 @@ from fabry_perot.messages import (
     unpack,
     unpack_body,
 )
-from fabry_perot.states import DeviceState, HostState
-
-if TYPE_CHECKING:
-    from fabry_perot.host.core import Host
+from fabry_perot.wire.states import DeviceState
 
 
-def _hello_ack(host: Host, frame: Frame, now: int) -> None:
+def _hello_ack(host: HostBody, frame: Frame, now: int) -> None:
     ack = unpack(HelloAck, frame.payload)
     if ack.nonce != host.nonce:
         return
@@ -42,7 +40,7 @@ def _hello_ack(host: Host, frame: Frame, now: int) -> None:
         _take_session(host, ack)
 
 
-def _take_session(host: Host, ack: HelloAck) -> None:
+def _take_session(host: HostBody, ack: HelloAck) -> None:
     before, host.device_state = host.hello, DeviceState(ack.state)
     if before is not None and (before.boot, before.session) != (ack.boot, ack.session):
         host.session_renewed(ack)
@@ -54,7 +52,7 @@ def _take_session(host: Host, ack: HelloAck) -> None:
         host.phase = (HostState.STREAMING if host.assembly else HostState.CONNECTED) if known else HostState.CONFIG
 
 
-def _caps_piece(host: Host, frame: Frame, now: int) -> None:
+def _caps_piece(host: HostBody, frame: Frame, now: int) -> None:
     offset, size = fixed(CAPS_HEAD, frame.payload, tail=True)
     if host.phase is not HostState.CONFIG or host.hello is None or offset != len(host.caps_buffer):
         return
@@ -68,7 +66,7 @@ def _caps_piece(host: Host, frame: Frame, now: int) -> None:
             host.phase = HostState.CONNECTED
 
 
-def _reply(host: Host, frame: Frame, now: int) -> None:
+def _reply(host: HostBody, frame: Frame, now: int) -> None:
     number, _operation, result, state = fixed(REPLY_HEAD, frame.payload, tail=True)
     body = unpack_body(frame.payload[REPLY_HEAD.size :])
     host.heard_at = now
@@ -87,22 +85,22 @@ def _reply(host: Host, frame: Frame, now: int) -> None:
         host.contact = (now, host.status.device_time if host.status else 0)
 
 
-def _plan_status(host: Host, frame: Frame, now: int) -> None:
+def _plan_status(host: HostBody, frame: Frame, now: int) -> None:
     host.plan_status = unpack(PlanStatus, frame.payload)
     if host.uploader is not None and host.assembly is not None:
         host.uploader.receive(host.plan_status, now)
 
 
-def _aline(host: Host, frame: Frame, now: int) -> None:
+def _aline(host: HostBody, frame: Frame, now: int) -> None:
     if host.assembly is not None:
         host.assembly.receive(frame.payload)
 
 
-def _aline_gone(host: Host, frame: Frame, now: int) -> None:
+def _aline_gone(host: HostBody, frame: Frame, now: int) -> None:
     host.gone += unpack(ALineGone, frame.payload).lines
 
 
-def _status(host: Host, frame: Frame, now: int) -> None:
+def _status(host: HostBody, frame: Frame, now: int) -> None:
     status = unpack(Status, frame.payload)
     host.status, host.heard_at = status, now
     host.device_state = DeviceState(status.state)
@@ -110,23 +108,23 @@ def _status(host: Host, frame: Frame, now: int) -> None:
         host.assembly.sent(status.sent)
 
 
-def _abort_ack(host: Host, frame: Frame, now: int) -> None:
+def _abort_ack(host: HostBody, frame: Frame, now: int) -> None:
     host.abort_acknowledged(unpack(AbortAck, frame.payload))
 
 
-def _fault(host: Host, frame: Frame, now: int) -> None:
+def _fault(host: HostBody, frame: Frame, now: int) -> None:
     fault = unpack(Fault, frame.payload)
     if host.device_state is not DeviceState.ESTOP:
         host.device_state = DeviceState.FAULT
     host.send(Type.FAULT_ACK, pack(fault))
 
 
-def _busy(host: Host, frame: Frame, now: int) -> None:
+def _busy(host: HostBody, frame: Frame, now: int) -> None:
     if host.hello is None:  # later it is our own old connection, of which the far end does not know yet that it is gone
         host.fail(PortBusy(f"another host is connected: {frame.payload.decode(errors='replace')}"))
 
 
-HANDLERS: dict[int, Callable[[Host, Frame, int], None]] = {
+HANDLERS: dict[int, Callable[[HostBody, Frame, int], None]] = {
     Type.HELLO_ACK: _hello_ack,
     Type.CAPS_PIECE: _caps_piece,
     Type.RSP: _reply,

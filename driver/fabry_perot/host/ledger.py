@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fabry_perot.host.plan import Plan
-from fabry_perot.messages import Status
+from fabry_perot.wire.messages import Status
 
 
 @dataclass(slots=True)

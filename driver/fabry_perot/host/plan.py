@@ -1,4 +1,4 @@
-"""A scan as the device executes it: points and acquisition parameters in the protocol's units."""
+"""A scan as the device executes it: points and sampling in the protocol's units."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabry_perot.codes import MAX_GROUP
-from fabry_perot.framing import crc32c
-from fabry_perot.messages import PLAN_HEAD, POINT
+from fabry_perot.wire.codes import MAX_GROUP
+from fabry_perot.wire.framing import crc32c
+from fabry_perot.wire.messages import PLAN_HEAD, POINT
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -20,7 +20,7 @@ class Plan:
     Parameters
     ----------
     points
-        (M,) records of :data:`fabry_perot.messages.POINT`.
+        (M,) records of :data:`fabry_perot.wire.messages.POINT`.
     samples
         Samples per A-line.
     interval_ps

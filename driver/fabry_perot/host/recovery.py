@@ -13,12 +13,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from fabry_perot.codes import SECURED, Operation
 from fabry_perot.errors import LeaseLapsed, LinkLost, ScannerError
 from fabry_perot.host.core import Host
 from fabry_perot.host.ledger import Ledger
+from fabry_perot.host.phase import HostState
 from fabry_perot.host.plan import Plan
-from fabry_perot.states import DeviceState, HoldCause, HostState
+from fabry_perot.wire.codes import SECURED, Operation
+from fabry_perot.wire.states import DeviceState, HoldCause
 
 _FIRST_WAIT, _LONGEST_WAIT = 50_000, 1_000_000
 _OURS = frozenset({HoldCause.LEASE, HoldCause.SESSION, HoldCause.NONE})

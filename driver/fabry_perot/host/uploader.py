@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fabry_perot.host.plan import Plan
-from fabry_perot.messages import PlanStatus
+from fabry_perot.wire.messages import PlanStatus
 
 _AHEAD = 4
 """PLAN_DATA frames on the way before the device confirmed any."""

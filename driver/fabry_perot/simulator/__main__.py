@@ -8,7 +8,7 @@ import signal
 import sys
 from collections.abc import Sequence
 
-from fabry_perot.simulator.control import Control
+from fabry_perot.simulator.commands import Commands
 from fabry_perot.simulator.machine import Machine
 from fabry_perot.simulator.options import parse
 from fabry_perot.simulator.server import Server, open_endpoint
@@ -25,7 +25,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ready = {"url": endpoint.url, "pid": os.getpid(), "boot": machine.device.boot, "link": options.link}
         sys.stdout.write(json.dumps(ready) + "\n")
         sys.stdout.flush()
-        console = _Console(Control(server, options.seed), exit_with_stdin)
+        console = _Console(Commands(server, options.seed), exit_with_stdin)
         server.run(console.over, console.watched)
     except KeyboardInterrupt:
         return 130
@@ -35,10 +35,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 class _Console:
-    """Standard input and output as the control channel."""
+    """Standard input and output as the channel of commands."""
 
-    def __init__(self, control: Control, exit_with_stdin: bool) -> None:
-        self._control = control
+    def __init__(self, commands: Commands, exit_with_stdin: bool) -> None:
+        self._commands = commands
         # Without the option standard input may be a terminal or long closed: it is left alone.
         self.watched = [sys.stdin.fileno()] if exit_with_stdin else []
 
@@ -47,7 +47,7 @@ class _Console:
         if not self.watched or self.watched[0] not in readable:
             return False
         data = os.read(self.watched[0], 65536)
-        for answer in self._control.feed(data):
+        for answer in self._commands.feed(data):
             sys.stdout.buffer.write(answer)
             sys.stdout.buffer.flush()
         return not data

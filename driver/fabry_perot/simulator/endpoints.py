@@ -9,8 +9,8 @@ import tty
 from pathlib import Path
 from typing import Protocol
 
-from fabry_perot.codes import Type
-from fabry_perot.framing import FLAG_URGENT, Frame, encode_frame
+from fabry_perot.wire.codes import Type
+from fabry_perot.wire.framing import FLAG_URGENT, Frame, encode_frame
 
 CHUNK = 65536
 MOST_REFUSED = 8

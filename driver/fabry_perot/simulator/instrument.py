@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabry_perot.codes import MISTUNED, SATURATED
-from fabry_perot.instrument import Acquisition, Recording
-from fabry_perot.messages import POINT
-from fabry_perot.phantoms import Balls, pressure
+from fabry_perot.hardware.instrument import Interrogation, Sampling
 from fabry_perot.simulator.film import LINEWIDTH, SWING, Film, Response, directivity, low_pass
 from fabry_perot.simulator.motion import Galvo, PulseTrain
+from fabry_perot.simulator.phantoms import Balls, pressure
+from fabry_perot.wire.codes import MISTUNED, SATURATED
+from fabry_perot.wire.messages import POINT
 
 POWER = 1000
 """Nominal interrogation power in µW."""
@@ -100,10 +100,10 @@ class PhantomInstrument:
         """Simulator time (µs) and point of the last shots: the truth that no reboot and no line can change."""
         self._fired = 0
         self._power, self._excitation = POWER, EXCITATION
-        self._repeat, self._recordings = repeat, list[Recording]()
+        self._repeat, self._recordings = repeat, list[Interrogation]()
         self._time_zero = round(time_zero * 1e10)
         self._galvo, self._laser = Galvo(), PulseTrain(seed)
-        self._acquisition = Acquisition(0, 0, 0)
+        self._sampling = Sampling(0, 0, 0)
         self._times: NDArray[np.float64] = np.zeros(0)
         self._points: NDArray[np.void] = np.zeros(0, POINT)
         self._first = 0
@@ -132,12 +132,12 @@ class PhantomInstrument:
             "parameters": {"interrogation_uw": [100, 5000], "excitation_pm": [400_000, 2_000_000]},
         }
 
-    def begin(self, acquisition: Acquisition) -> None:
+    def begin(self, sampling: Sampling) -> None:
         """Set up for a plan."""
-        self._acquisition = acquisition
-        ticks = np.arange(acquisition.samples, dtype=np.float64) * acquisition.interval_ps
+        self._sampling = sampling
+        ticks = np.arange(sampling.samples, dtype=np.float64) * sampling.interval_ps
         self._times = ticks * 1e-12 + self._time_zero * 1e-10
-        self._laser.rate(acquisition.pulse_rate_mhz)
+        self._laser.rate(sampling.pulse_rate_mhz)
         self._points = np.zeros(0, POINT)
         self._recordings.clear()
         self._lines.clear()
@@ -178,7 +178,7 @@ class PhantomInstrument:
         """Forget the shots of an unfinished point."""
         self._numbers.clear()
 
-    def read(self, index: int) -> Recording:
+    def read(self, index: int) -> Interrogation:
         """Return the mean of the shots fired since the last read, digitised."""
         if not self._repeat:
             return self._record(index)
@@ -187,7 +187,7 @@ class PhantomInstrument:
         self._numbers.clear()
         return self._recordings[index % len(self._recordings)]
 
-    def _record(self, index: int) -> Recording:
+    def _record(self, index: int) -> Interrogation:
         line = self._line(index).astype(np.float64) * (EXCITATION / self._excitation) ** 2
         point = self._point(index)
         x, y, wavelength = int(point["x"]), int(point["y"]), int(point["wavelength"])
@@ -206,7 +206,7 @@ class PhantomInstrument:
         counts = np.rint(total / (count * self.scale))
         clipped = np.clip(counts, -FULL_SCALE - 1, FULL_SCALE)
         level = self.film.level(x, y, np.array([float(used)]))[0] if self.response.nonlinear else 1200
-        return Recording(
+        return Interrogation(
             samples=clipped.astype(np.int16),
             scale=self.scale,
             energy=round(1e4 * energies / count),
@@ -232,7 +232,7 @@ class PhantomInstrument:
             angular = directivity if self.response.directivity else None
             rows = pressure(self._balls, where, self._times, self._sound_speed, angular)
             if self.response.bandwidth:
-                rows = low_pass(rows, self._acquisition.interval_ps * 1e-12)
+                rows = low_pass(rows, self._sampling.interval_ps * 1e-12)
             self._lines = dict(enumerate(rows, start=index))
             line = self._lines[index]
         return line

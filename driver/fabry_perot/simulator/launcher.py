@@ -34,7 +34,7 @@ class Simulator:
         self._process, self.url, self.pid = process, url, pid
 
     def command(self, do: str, **fields: Any) -> dict[str, Any]:
-        """Make it suffer a fault, or report (see :mod:`fabry_perot.simulator.control`), and return its answer.
+        """Make it suffer a fault, or report (see :mod:`fabry_perot.simulator.commands`), and return its answer.
 
         Raises
         ------

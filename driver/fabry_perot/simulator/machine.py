@@ -5,10 +5,10 @@ from __future__ import annotations
 import secrets
 
 from fabry_perot.device import Device, DeviceTiming
-from fabry_perot.framing import MAX_PAYLOAD, UART_PAYLOAD, USB_PAYLOAD
-from fabry_perot.shapes import by_name
 from fabry_perot.simulator.instrument import PhantomInstrument
 from fabry_perot.simulator.options import FILMS, Options
+from fabry_perot.simulator.shapes import by_name
+from fabry_perot.wire.framing import MAX_PAYLOAD, UART_PAYLOAD, USB_PAYLOAD
 
 STATUS_DUE = 100_000
 """While the firmware is down, the machine wants to be looked at every so many µs."""

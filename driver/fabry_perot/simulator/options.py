@@ -6,8 +6,8 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fabry_perot.shapes import NAMES
 from fabry_perot.simulator.film import Response
+from fabry_perot.simulator.shapes import NAMES
 
 FILMS = {
     "ideal": Response(),
@@ -36,7 +36,7 @@ class Options:
     noise_db
         Peak signal over rms noise of one shot, in dB; ``inf`` for none.
     phantom
-        Name of the object (:data:`fabry_perot.shapes.NAMES`) or path of a file with one.
+        Name of the object (:data:`fabry_perot.simulator.shapes.NAMES`) or path of a file with one.
     sound_speed
         Of the medium, in m/s.
     baud
@@ -96,7 +96,7 @@ def parse(arguments: Sequence[str] | None = None) -> tuple[Options, bool]:
     parser = argparse.ArgumentParser(
         prog="python -m fabry_perot.simulator",
         description="A simulated Fabry-Perot scanner. Prints one JSON line with its URL when ready. With "
-        "--exit-with-stdin it takes JSON commands on standard input, see fabry_perot.simulator.control.",
+        "--exit-with-stdin it takes JSON commands on standard input, see fabry_perot.simulator.commands.",
     )
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--pty", nargs="?", const="", metavar="LINK", help="pseudo-terminal, linked at LINK")

@@ -6,8 +6,8 @@ import select
 from collections.abc import Callable
 
 from fabry_perot.clock import ScaledClock
-from fabry_perot.faults import BitFlips, Chain, FrameLoss
 from fabry_perot.simulator.endpoints import CHUNK, Endpoint, PtyEndpoint, TcpEndpoint
+from fabry_perot.simulator.faults import BitFlips, Chain, FrameLoss
 from fabry_perot.simulator.machine import Machine
 from fabry_perot.simulator.options import Options
 from fabry_perot.simulator.pacing import Pacer

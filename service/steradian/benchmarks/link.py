@@ -80,10 +80,10 @@ def _port(kind: str, quick: bool) -> Row:
 
 def _frames(kind: str, count: int) -> Iterator[bytes]:
     """Yield the frames of ``count`` A-lines as a device with a full ring sends them."""
-    from fabry_perot.codes import MAX_GROUP, Type
     from fabry_perot.device.ring import ALineRing
-    from fabry_perot.framing import MAX_PAYLOAD, USB_PAYLOAD, Frame, crc32c, encode_frame
-    from fabry_perot.messages import ALineMeta, pack
+    from fabry_perot.wire.codes import MAX_GROUP, Type
+    from fabry_perot.wire.framing import MAX_PAYLOAD, USB_PAYLOAD, Frame, crc32c, encode_frame
+    from fabry_perot.wire.messages import ALineMeta, pack
 
     samples = np.random.default_rng(0).normal(0, 3000, (16, SAMPLES)).astype("<i2")
     ring = ALineRing(count)
@@ -102,7 +102,7 @@ def _frames(kind: str, count: int) -> Iterator[bytes]:
 
 def _in_turns(kind: str, count: int, rounds: int, size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the seconds that each piece of ``count`` A-lines took: read by the driver's port alone, and decoded."""
-    from fabry_perot.transport import open_transport
+    from fabry_perot.host.transport import open_transport
 
     times: list[float] = []
     with _source(kind, count, 2 * rounds) as url:
@@ -132,7 +132,7 @@ def _drain(transport: Any, data: bytes, left: int) -> bytes:
 def _decode(transport: Any, data: bytes, count: int) -> bytes:
     """Take ``count`` A-lines as (n, N_t) int16; return the bytes of the next piece that came with the last of them."""
     from fabry_perot.host import Host
-    from fabry_perot.messages import HelloAck
+    from fabry_perot.wire.messages import HelloAck
 
     host = Host(1)
     host.hello = HelloAck(1, _BOOT, _SESSION, 1, 1, 5, 1, 32768, count, 0, 0, _PLAN, count, 0, 0, 0, 0)

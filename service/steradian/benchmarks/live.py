@@ -10,7 +10,7 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from fabry_perot import phantoms
+from fabry_perot.simulator import phantoms
 from steradian.benchmarks.cases import INTERVAL, SPEED, YARN
 from steradian.imaging import Volume, reconstruct
 from steradian.imaging.conditioning import Display

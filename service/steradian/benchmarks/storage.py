@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabry_perot import ALineBatch
-from fabry_perot.aline import META_SIZE
-from fabry_perot.framing import crc32c
-from fabry_perot.messages import ALineMeta, pack
+from fabry_perot.host.aline import META_SIZE
+from fabry_perot.wire.framing import crc32c
+from fabry_perot.wire.messages import ALineMeta, pack
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.progress import Progress

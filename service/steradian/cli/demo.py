@@ -150,7 +150,7 @@ def _compare_with_truth(path: Path) -> float:
 
 
 def _true_mip(volume: Volume) -> Any:
-    from fabry_perot.phantoms import initial_pressure, yarn
+    from fabry_perot.simulator.phantoms import initial_pressure, yarn
 
     coordinates = (volume.coordinates(axis) for axis in "xyz")
     return initial_pressure(yarn(PHANTOM_SEED), *coordinates).max(axis=2)

@@ -11,7 +11,7 @@ import typer
 from typer.core import TyperGroup
 from ulid import ULID
 
-from fabry_perot.shapes import NAMES, by_name
+from fabry_perot.simulator.shapes import NAMES, by_name
 from steradian.cli.console import console, progress_bar, show_end, show_figures
 from steradian.errors import DamagedFile, InvalidInput
 from steradian.plans import ScanPlan

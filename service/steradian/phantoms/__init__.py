@@ -4,7 +4,7 @@ In three dimensions everything is a set of Gaussian :class:`Balls`, whose pressu
 whose waves :func:`line_pressure` propagates exactly in wavenumbers. Neither shares code with the reconstruction.
 """
 
-from fabry_perot.phantoms import Balls, initial_pressure, yarn
+from fabry_perot.simulator.phantoms import Balls, initial_pressure, yarn
 from steradian.phantoms.flat import line_pressure
 from steradian.phantoms.forward import pressure, sampled
 from steradian.phantoms.noise import add_noise

@@ -1,4 +1,4 @@
-"""The pressure of many balls at many sensors, compiled: the closed form of :mod:`fabry_perot.phantoms`, but fast.
+"""The pressure of many balls at many sensors, compiled: the closed form of the driver's phantoms, but fast.
 
 A chart of fifty thousand balls seen by twenty thousand sensors takes some ten seconds this way.
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fabry_perot.phantoms import WINDOW, Balls, Directivity, initial_pressure
+from fabry_perot.simulator.phantoms import WINDOW, Balls, Directivity, initial_pressure
 from steradian.errors import InvalidInput
 from steradian.imaging import workers
 from steradian.imaging.volume import Volume

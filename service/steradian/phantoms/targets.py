@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from fabry_perot.phantoms import Balls
+from fabry_perot.simulator.phantoms import Balls
 
 Array = NDArray[np.float64]
 SIGMA = 9e-6

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fabry_perot.phantoms import Balls
+from fabry_perot.simulator.phantoms import Balls
 
 Array = NDArray[np.float64]
 _STEP = 1.0  # distance of neighbouring balls in units of their s

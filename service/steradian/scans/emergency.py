@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 import fabry_perot
-from fabry_perot.states import RUNNING, DeviceState
+from fabry_perot.wire.states import RUNNING, DeviceState
 from steradian.storage.emergency import Deed, EmergencyLatch, Press
 
 LOOK = 0.01

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 import fabry_perot
 from fabry_perot.clock import RealClock
-from fabry_perot.states import HoldCause
+from fabry_perot.wire.states import HoldCause
 from steradian.errors import ScanInterrupted
 from steradian.scans.control import ENDING, Control, End, Phase, Wish
 from steradian.scans.course import Course, Segment

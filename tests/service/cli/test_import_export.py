@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
-from fabry_perot.phantoms import Balls, pressure
+from fabry_perot.simulator.phantoms import Balls, pressure
 from steradian.cli import main
 
 BALL = Balls(np.array([[0.4e-3, -0.7e-3, 1.5e-3]]), np.array([150e-6]), np.array([1.0]))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fabry_perot.phantoms import Balls, initial_pressure, pressure, yarn
+from fabry_perot.simulator.phantoms import Balls, initial_pressure, pressure, yarn
 from steradian.errors import Cancelled, InvalidInput
 from steradian.imaging import Iterative, reconstruct
 from steradian.imaging.band import refined, signal_band, thinned, thinning

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import LinearOperator, lsqr
 
-from fabry_perot.phantoms import Balls, initial_pressure, pressure
+from fabry_perot.simulator.phantoms import Balls, initial_pressure, pressure
 from steradian.errors import Cancelled, InvalidInput
 from steradian.imaging import reconstruct
 from steradian.imaging.operators import ForwardOperator

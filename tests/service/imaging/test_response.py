@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fabry_perot.phantoms import Balls, pressure
 from fabry_perot.simulator.film import directivity, low_pass
+from fabry_perot.simulator.phantoms import Balls, pressure
 from steradian.errors import InvalidInput
 from steradian.imaging import Correction, ElasticFilm, MeasuredFilm, reconstruct
 from steradian.imaging.response import tabulated

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
-from fabry_perot.phantoms import pressure, yarn
+from fabry_perot.simulator.phantoms import pressure, yarn
 from steradian import InvalidInput, ScanPlan, equi_steradian_mask, quality, reconstruct
 from steradian.imaging import outlines
 from steradian.masks import PointOfInterest, combined_mask, equiangular_mask, poisson_disc_mask

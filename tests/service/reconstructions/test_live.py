@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fabry_perot import phantoms, simulator
+from fabry_perot import simulator
+from fabry_perot.simulator import phantoms
 from steradian.benchmarks.live import live as benchmark
 from steradian.errors import Cancelled, InvalidInput, NotFound
 from steradian.imaging import Volume, reconstruct

@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from fabry_perot import ALine
-from fabry_perot.phantoms import Balls, pressure
+from fabry_perot.simulator.phantoms import Balls, pressure
 from steradian.cli.app import app
 from steradian.imaging.iterative import reconstruct_iteratively
 from steradian.masks import grid_mask

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fabry_perot import phantoms
-from fabry_perot.simulator import launch
+from fabry_perot.simulator import launch, phantoms
 from steradian.errors import InvalidInput
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from fabry_perot.phantoms import pressure, yarn
+from fabry_perot.simulator.phantoms import pressure, yarn
 from steradian.errors import Cancelled, InvalidInput
 from steradian.masks import equi_steradian_mask
 from steradian.reconstructions.sound_speed import SoundSpeedCurve, find_sound_speed, scan_sound_speed

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fabry_perot import phantoms
+from fabry_perot.simulator import phantoms
 from steradian.errors import InvalidInput
 from steradian.masks import Mask, equi_steradian_mask, grid_mask, subset_mask
 from steradian.reconstructions.parameters import ReconstructionParameters

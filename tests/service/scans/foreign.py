@@ -11,7 +11,7 @@ import subprocess
 import h5py
 import numpy as np
 
-from fabry_perot.phantoms import Balls, pressure
+from fabry_perot.simulator.phantoms import Balls, pressure
 
 SPEED, DT, SAMPLES = 1480.0, 2e-8, 128
 COUNTS, PITCH = (12, 8), (0.2e-3, 0.3e-3)

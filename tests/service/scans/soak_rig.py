@@ -17,11 +17,11 @@ import httpx
 import numpy as np
 
 from fabry_perot.errors import PortUnavailable
+from fabry_perot.hardware import Sampling
 from fabry_perot.host import Plan
-from fabry_perot.instrument import Acquisition
-from fabry_perot.phantoms import yarn
 from fabry_perot.simulator import launch
 from fabry_perot.simulator.instrument import PhantomInstrument
+from fabry_perot.simulator.phantoms import yarn
 from steradian.errors import Conflict
 from steradian.scans.check import check_scan_file
 from steradian.scans.store import AlineStore
@@ -234,7 +234,7 @@ class Truth:
             pulse_rate=plan.pulse_rate,
             averages=plan.averages,
         ).points
-        self.instrument.begin(Acquisition(plan.samples, round(plan.sampling_interval * 1e12), 100_000))
+        self.instrument.begin(Sampling(plan.samples, round(plan.sampling_interval * 1e12), 100_000))
         self.instrument.load(0, points)
 
     def samples(self, point, shot):

@@ -9,23 +9,23 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fabry_perot.aline import ALine, ALineBatch
 from fabry_perot.clock import Clock
-from fabry_perot.codes import Operation
-from fabry_perot.controls import Controls
 from fabry_perot.errors import DeviceRestarted, LeaseLapsed, LinkError, NoAnswer, PlanInvalid, ScanAborted, ScannerError
 from fabry_perot.host import HostTiming, Keeper, Plan, Recovery, ScanReport
-from fabry_perot.session import STEP, Session
-from fabry_perot.states import RUNNING, DeviceState, HoldCause
-from fabry_perot.streaming import stop_reason
-from fabry_perot.transport import Transport
+from fabry_perot.host.aline import ALine, ALineBatch
+from fabry_perot.host.panel import Panel
+from fabry_perot.host.session import STEP, Session
+from fabry_perot.host.streaming import stop_reason
+from fabry_perot.host.transport import Transport
+from fabry_perot.wire.codes import Operation
+from fabry_perot.wire.states import RUNNING, DeviceState, HoldCause
 
 _LIVE = RUNNING | {DeviceState.ARMED}
 _PATIENCE = 15.0
 """Seconds within which a scan is taken up, or not."""
 
 
-class Scanner(Controls):
+class Scanner(Panel):
     """A connected scanner; use :func:`connect` and a ``with`` block.
 
     The I/O runs in one background thread. The laser stays on only while the application consumes A-lines: waiting

@@ -21,8 +21,8 @@ from fabry_perot.errors import (
     ScannerError,
 )
 from fabry_perot.host import Host
-from fabry_perot.states import DeviceState, HoldCause
-from fabry_perot.transport import Transport
+from fabry_perot.host.transport import Transport
+from fabry_perot.wire.states import DeviceState, HoldCause
 
 _log = logging.getLogger(__name__)
 FIRST_WAIT, LONGEST_WAIT = 0.05, 1.0

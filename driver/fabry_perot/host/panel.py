@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fabry_perot.capabilities import Capabilities
-from fabry_perot.codes import AbortLevel, Operation
 from fabry_perot.errors import NoAnswer, PlanInvalid
 from fabry_perot.host import Keeper, Recovery
-from fabry_perot.messages import Status
-from fabry_perot.session import Session
-from fabry_perot.tuning import TuningCurve, TuningMap
+from fabry_perot.host.capabilities import Capabilities
+from fabry_perot.host.session import Session
+from fabry_perot.host.tuning import TuningCurve, TuningMap
+from fabry_perot.wire.codes import AbortLevel, Operation
+from fabry_perot.wire.messages import Status
 
 _LEVELS = {
     "pause": AbortLevel.PAUSE,
@@ -22,7 +22,7 @@ _LEVELS = {
 }
 
 
-class Controls:
+class Panel:
     """State, parameters, tuning and stops of a scanner; the base of :class:`fabry_perot.Scanner`.
 
     Parameters

@@ -7,11 +7,11 @@ from collections.abc import Callable
 from fabry_perot.device.lease import LaserLease
 from fabry_perot.device.planbuffer import PlanBuffer
 from fabry_perot.device.ring import ALineRing
-from fabry_perot.encoding import encode
-from fabry_perot.framing import crc32c
-from fabry_perot.instrument import Acquisition, Instrument, Recording
-from fabry_perot.messages import ALineMeta, pack
-from fabry_perot.states import RUNNING, DeviceState, Event
+from fabry_perot.hardware.instrument import Instrument, Interrogation, Sampling
+from fabry_perot.wire.encoding import encode
+from fabry_perot.wire.framing import crc32c
+from fabry_perot.wire.messages import ALineMeta, pack
+from fabry_perot.wire.states import RUNNING, DeviceState, Event
 
 LATE_PULSE = 1_000
 """A pulse slot missed by more than this many µs is skipped, as a free-running laser would."""
@@ -39,7 +39,7 @@ class Scan:
     ) -> None:
         self._instrument, self._plan, self._ring, self._lease = instrument, plan, ring, lease
         self._state, self._step = state, step
-        self.acquisition = Acquisition(0, 0, 0)
+        self.sampling = Sampling(0, 0, 0)
         self.encoding = 0
         self.shots = 0
         self.shots_wasted = 0
@@ -102,26 +102,26 @@ class Scan:
         if self._fired < max(1, int(self._plan.current()["averages"])):
             self.due = self._instrument.next_pulse(now + 1)
             return
-        recording = self._instrument.read(index)
-        used, data = encode(recording.samples, self.encoding)
-        self._ring.append(index, self._meta(recording, now) + data, used)
+        taken = self._instrument.read(index)
+        used, data = encode(taken.samples, self.encoding)
+        self._ring.append(index, self._meta(taken, now) + data, used)
         self._plan.position += 1
         self._fired, self._settled, self.due = 0, None, None
 
-    def _meta(self, recording: Recording, now: int) -> bytes:
+    def _meta(self, taken: Interrogation, now: int) -> bytes:
         meta = ALineMeta(
             fire_time=now,
-            wavelength=recording.wavelength,
+            wavelength=taken.wavelength,
             shot=self.shots,
-            crc=crc32c(recording.samples.astype("<i2", copy=False).tobytes()),
-            scale=recording.scale,
-            interval=self.acquisition.interval_ps,
-            samples=len(recording.samples),
+            crc=crc32c(taken.samples.astype("<i2", copy=False).tobytes()),
+            scale=taken.scale,
+            interval=self.sampling.interval_ps,
+            samples=len(taken.samples),
             averages=self._fired,
-            energy=min(recording.energy, 0xFFFF),
-            dc=recording.dc,
-            gain=recording.gain,
-            quality=recording.quality,
-            time_zero=recording.time_zero,
+            energy=min(taken.energy, 0xFFFF),
+            dc=taken.dc,
+            gain=taken.gain,
+            quality=taken.quality,
+            time_zero=taken.time_zero,
         )
         return pack(meta)

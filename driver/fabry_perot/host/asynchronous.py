@@ -14,13 +14,13 @@ from concurrent.futures import ThreadPoolExecutor
 from types import TracebackType
 from typing import Any, ParamSpec, Self, TypeVar
 
-from fabry_perot.aline import ALine, ALineBatch
-from fabry_perot.capabilities import Capabilities
-from fabry_perot.connecting import connect
 from fabry_perot.host import ScanReport
-from fabry_perot.messages import Status
-from fabry_perot.scanner import Scanner
-from fabry_perot.tuning import TuningCurve, TuningMap
+from fabry_perot.host.aline import ALine, ALineBatch
+from fabry_perot.host.capabilities import Capabilities
+from fabry_perot.host.connecting import connect
+from fabry_perot.host.scanner import Scanner
+from fabry_perot.host.tuning import TuningCurve, TuningMap
+from fabry_perot.wire.messages import Status
 
 P = ParamSpec("P")
 T = TypeVar("T")

@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fabry_perot.encoding import NAMES, Encoding
 from fabry_perot.errors import FrameError, PlanInvalid
-from fabry_perot.framing import encoded_size
+from fabry_perot.wire.encoding import NAMES, Encoding
+from fabry_perot.wire.framing import encoded_size
 
 Range = tuple[float, float]
 _ALINE_OVERHEAD = 56

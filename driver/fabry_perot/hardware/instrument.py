@@ -24,7 +24,7 @@ class InstrumentError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Acquisition:
+class Sampling:
     """Parameters common to all points of a plan.
 
     Parameters
@@ -43,7 +43,7 @@ class Acquisition:
 
 
 @dataclass(frozen=True, slots=True)
-class Recording:
+class Interrogation:
     """One interrogation as the digitiser gives it.
 
     Parameters
@@ -84,10 +84,10 @@ class Instrument(Protocol):
     """
 
     def capabilities(self) -> dict[str, Any]:
-        """Return the limits, as documented in :mod:`fabry_perot.capabilities`."""
+        """Return the limits, as documented in :mod:`fabry_perot.host.capabilities`."""
         ...
 
-    def begin(self, acquisition: Acquisition) -> None:
+    def begin(self, sampling: Sampling) -> None:
         """Set up for a plan; nothing moves."""
         ...
 
@@ -107,7 +107,7 @@ class Instrument(Protocol):
         """Fire one shot at point ``index`` and record it; ``shot`` counts all shots since boot."""
         ...
 
-    def read(self, index: int) -> Recording:
+    def read(self, index: int) -> Interrogation:
         """Return the mean of the shots fired at ``index`` since the last read, and forget them."""
         ...
 

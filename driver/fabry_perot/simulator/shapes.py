@@ -10,7 +10,7 @@ import numpy as np
 from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
-from fabry_perot.phantoms import Balls, yarn
+from fabry_perot.simulator.phantoms import Balls, yarn
 
 Array = NDArray[np.float64]
 NAMES = ("yarn", "tree", "star", "usaf", "vessels")

@@ -10,7 +10,7 @@ from __future__ import annotations
 import random
 from collections.abc import Callable, Iterable
 
-from fabry_perot.framing import Deframer, encode_frame
+from fabry_perot.wire.framing import Deframer, encode_frame
 
 Filter = Callable[[bytes, int], bytes]
 

@@ -8,10 +8,11 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from fabry_perot.codes import Operation, Result, Type
 from fabry_perot.errors import FrameError
-from fabry_perot.framing import Deframer, Frame
-from fabry_perot.messages import (
+from fabry_perot.host.transport import Transport
+from fabry_perot.wire.codes import Operation, Result, Type
+from fabry_perot.wire.framing import Deframer, Frame
+from fabry_perot.wire.messages import (
     CAPS_HEAD,
     CAPS_REQUEST,
     LAYOUT,
@@ -33,7 +34,6 @@ from fabry_perot.messages import (
     unpack,
     unpack_body,
 )
-from fabry_perot.transport import Transport
 
 _log = logging.getLogger(__name__)
 _MESSAGES: dict[int, type[Any]] = {

@@ -8,11 +8,11 @@ from collections.abc import Callable
 from typing import Any
 
 from fabry_perot.clock import Clock, RealClock
-from fabry_perot.codes import Operation
 from fabry_perot.errors import LinkLost, NoAnswer
 from fabry_perot.host import Host, HostTiming
-from fabry_perot.streaming import Pump
-from fabry_perot.transport import Transport
+from fabry_perot.host.streaming import Pump
+from fabry_perot.host.transport import Transport
+from fabry_perot.wire.codes import Operation
 
 STEP = 0.05
 """Longest wait between two looks at the state, in s; also how often a waiting consumer renews the lease."""

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fabry_perot.aline import ALineBatch
 from fabry_perot.errors import LeaseLapsed, PlanInvalid, ScanAborted
-from fabry_perot.scanner import Scanner
+from fabry_perot.host.aline import ALineBatch
+from fabry_perot.host.scanner import Scanner
 
 COLUMNS = {
     "scale": "f4",

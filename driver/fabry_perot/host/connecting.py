@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from serial.tools import list_ports
 
 from fabry_perot.errors import PortBusy, ScannerError
-from fabry_perot.framing import fast_stuffing
 from fabry_perot.host import HostTiming, Recovery
-from fabry_perot.scanner import Scanner
-from fabry_perot.tap import Tap
-from fabry_perot.transport import Transport, open_transport
+from fabry_perot.host.scanner import Scanner
+from fabry_perot.host.tap import Tap
+from fabry_perot.host.transport import Transport, open_transport
+from fabry_perot.wire.framing import fast_stuffing
 
 _log = logging.getLogger(__name__)
 _DEFAULT = Recovery()

@@ -24,11 +24,11 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from fabry_perot.faults import BitFlips, Cut, FrameLoss, Stall
+from fabry_perot.simulator.faults import BitFlips, Cut, FrameLoss, Stall
 from fabry_perot.simulator.server import Server
 
 
-class Control:
+class Commands:
     """Carries out commands on a running simulator.
 
     Parameters
@@ -44,7 +44,7 @@ class Control:
         self._pending = b""
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Take bytes from the control channel and return the answers, one line each."""
+        """Take bytes from the channel and return the answers, one line each."""
         lines = (self._pending + data).split(b"\n")
         self._pending = lines.pop()
         return [json.dumps(self._answer(line)).encode() + b"\n" for line in lines if line.strip()]

@@ -15,10 +15,10 @@ import google_crc32c
 import numpy as np
 from numpy.typing import NDArray
 
-from fabry_perot.encoding import Encoding, decode
 from fabry_perot.errors import FrameError
-from fabry_perot.framing import crc32c
-from fabry_perot.messages import LAYOUT, ALineMeta
+from fabry_perot.wire.encoding import Encoding, decode
+from fabry_perot.wire.framing import crc32c
+from fabry_perot.wire.messages import LAYOUT, ALineMeta
 
 _META = LAYOUT[ALineMeta]
 META_SIZE = _META.size

@@ -122,21 +122,3 @@ def _build() -> dict[tuple[DeviceState, Event], DeviceState]:
 
 TRANSITIONS = _build()
 """(state, event) → next state; a pair that is not here is refused and changes nothing."""
-
-
-class HostState(IntEnum):
-    """State of the host's side of the link."""
-
-    CLOSED = 0
-    HELLO = 1
-    CONFIG = 2
-    """Reading the capabilities."""
-    CONNECTED = 3
-    UPLOAD = 4
-    ARMING = 5
-    STREAMING = 6
-    GAP_FILL = 7
-    """Streaming, with A-lines known to be missing."""
-    DRAINING = 8
-    LOST = 9
-    """No STATUS for the silence limit; the session is kept in case it comes back."""
