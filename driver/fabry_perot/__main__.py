@@ -189,7 +189,7 @@ def _is_number(text: str) -> bool:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m fabry_perot", description=main.__doc__)
+    parser = argparse.ArgumentParser(prog="fabry-perot", description=main.__doc__)
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     port = argparse.ArgumentParser(add_help=False)
     port.add_argument("url", metavar="PORT", help="/dev/ttyUSB0, socket://HOST:PORT, rfc2217://HOST:PORT")
