@@ -225,4 +225,5 @@ class ALineBatch(Sequence[ALine]):
         if name == "point":
             return np.array(self._points, np.int64)
         field, unit = _FIELDS[name]
-        return np.asarray(self.meta[field] * unit)
+        values = self.meta[field]
+        return values if unit == 1 else values * unit

@@ -1,6 +1,6 @@
 """The table of a scan file's A-lines, and the checksum that proves a row of it: samples and columns, or nothing.
 
-One CRC-32C (Castagnoli) covers the row's samples and then its columns in the order of :data:`schema.PROVEN`, packed,
+One CRC-32C (Castagnoli) covers the row's samples and then its columns in the order of :data:`schema.ROW`, packed,
 little-endian. The samples' own checksum comes with them from the scanner; it is only continued over the columns, some
 50 bytes. In files before version 3 the checksum covers the samples alone.
 """
@@ -85,10 +85,12 @@ class RowTable:
 
 
 def pack(columns: Mapping[str, Any]) -> NDArray[np.void]:
-    """(n,) what checksums cover besides samples, of structure :data:`schema.PROVEN`, as stored rows have it."""
-    packed = np.empty(np.shape(columns["shot"]), schema.PROVEN)
-    for name in schema.PROVEN.names or ():
-        packed[name] = schema.STORED if name == "status" else columns[name]
+    """(n,) rows of structure :data:`schema.ROW` as stored ones have them, but for their checksums."""
+    packed = np.zeros(len(columns["shot"]), schema.ROW)
+    for name in schema.COLUMNS:
+        if name not in ("crc32c", "status"):
+            packed[name] = columns[name]
+    packed["status"] = schema.STORED
     return packed
 
 
@@ -102,6 +104,6 @@ def row_checksums(
     starts = range(0, len(data), size)
     checksums = samples.tolist() if isinstance(samples, np.ndarray) else samples
     return np.array(
-        [extend(checksum, data[start : start + size]) for checksum, start in zip(checksums, starts, strict=True)],
+        [extend(crc, data[start + schema.OWN : start + size]) for crc, start in zip(checksums, starts, strict=True)],
         np.uint32,
     )

@@ -60,11 +60,13 @@ COLUMNS: dict[str, np.dtype[np.generic]] = {
     "gain_db": np.dtype("<f4"),
     "status": np.dtype("<u1"),
 }
-"""One value per A-line each; ``status`` is written last."""
+"""One value per A-line each; ``crc32c`` comes first, ``status`` is written last."""
 PROVEN_SINCE = 3
 """First version whose checksums cover the columns."""
-PROVEN = np.dtype([(name, kind) for name, kind in COLUMNS.items() if name != "crc32c"])
-"""Columns that a row's checksum covers after its samples, packed."""
+ROW = np.dtype(list(COLUMNS.items()))
+"""A row of the table, packed; its checksum comes first and covers all that follows it."""
+OWN = COLUMNS["crc32c"].itemsize
+"""Bytes of a row that are its checksum."""
 _LATER = {"averages": 3, "time_zero_s": 3, "dc_v": 3, "gain_db": 3}
 """Version that brought a column."""
 

@@ -9,11 +9,11 @@ may look at a running scan.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, TypeAlias
 
 import google_crc32c
 import h5py
@@ -29,6 +29,8 @@ from steradian.scans.rows import pack, row_checksums
 from steradian.scans.storable import StorableAline, columns_of
 
 __all__ = ["AlineStore", "StorableAline", "create_scan_file"]
+_Rows: TypeAlias = NDArray[np.void] | Mapping[str, NDArray[Any]]
+"""Columns of some rows by their names."""
 SPAN = 1 << 16
 """A batch writes a column in one piece, values between its rows with it, up to so many bytes."""
 
@@ -74,8 +76,9 @@ class AlineStore:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._file = path.open("r+b", buffering=0)
+        self._handle = self._file.fileno()
         try:
-            lock(self._file.fileno(), path)
+            lock(self._handle, path)
             with open_to_read(path) as file:
                 self._locate(file)
         except (OSError, KeyError) as error:
@@ -151,20 +154,22 @@ class AlineStore:
         points = columns.points
         if not len(points):
             return
-        beyond = points[(points < 0) | (points >= len(given))]
+        beyond = points[points.view(np.uint64) >= len(given)]  # as a negative one is, too
         if beyond.size:
             raise InvalidInput("point", int(beyond[0]), f"0 to {len(given) - 1}")
         places = given[points]
-        packed = pack(columns.values)
-        new = {name: packed[name] for name in self._columns if name != "crc32c"}
-        new["crc32c"] = row_checksums(self.version, columns.checksums, packed)
-        self._columns["status"][places] = schema.MISSING  # should a write fail, what lies there is neither old nor new
+        new = pack(columns.values)
+        new["crc32c"] = row_checksums(self.version, columns.checksums, new)
+        before = {name: values[places] for name, values in self._columns.items()}
         self._stored[places] = False
-        self._write_samples(places, columns.pieces)
-        self._write_columns(places, new)
-        sync_data(self._file.fileno())
-        for name, values in new.items():
-            self._columns[name][places] = values
+        try:
+            self._put(places, new)
+            self._write_samples(places, columns.pieces)
+            self._write_columns(places)
+            sync_data(self._handle)
+        except BaseException:
+            self._forget(places, before)
+            raise
         self._stored[places] = True
 
     def set_fired(self, shots: int) -> None:
@@ -185,7 +190,7 @@ class AlineStore:
         head = [len(upload.rows), upload.tag, upload.fired, upload.laser_shots]
         crc = google_crc32c.value(data + np.array(head, schema.UPLOAD).tobytes())
         self._overwrite(self._run["upload"], np.array([*head, crc], schema.UPLOAD).tobytes())
-        sync_data(self._file.fileno())
+        sync_data(self._handle)
 
     def last_upload(self) -> Upload | None:
         """Return what was last given to the scanner, if that is known for sure."""
@@ -219,7 +224,7 @@ class AlineStore:
         self._stored[rows] = status == schema.STORED
         for row in rows.tolist():
             self._overwrite(self._offsets["status"] + row, bytes([status]))
-        sync_data(self._file.fileno())
+        sync_data(self._handle)
 
     def read_row(self, row: int) -> NDArray[Any]:
         """Return the (N_t,) samples of one row."""
@@ -236,8 +241,9 @@ class AlineStore:
         if not self._file.closed:
             try:
                 self.set_fired(self.fired)
-                os.fsync(self._file.fileno())
+                os.fsync(self._handle)
             finally:
+                self._handle = -1  # the number may soon be another file's
                 self._file.close()
 
     def __enter__(self) -> Self:
@@ -251,33 +257,40 @@ class AlineStore:
     def _write_samples(self, places: NDArray[np.int64], pieces: Sequence[bytes]) -> None:
         """Write A-lines into their rows, neighbours in one go."""
         size, rows, chunks = len(pieces[0]), self._chunk_rows, self._chunks
-        ends = np.flatnonzero((np.diff(places) != 1) | (places[1:] % rows == 0)) + 1
+        following = places[1:]
+        ends = ((following - places[:-1] != 1) | (following % rows == 0)).nonzero()[0] + 1
         starts = [0, *ends.tolist()]
         for start, end, place in zip(starts, [*starts[1:], len(pieces)], places[starts].tolist(), strict=True):
             data = pieces[start] if end == start + 1 else b"".join(pieces[start:end])
             self._overwrite(chunks[place // rows] + place % rows * size, data)
 
-    def _write_columns(self, places: NDArray[np.int64], new: dict[str, NDArray[Any]]) -> None:
-        """Write ``new`` values at ``places``; what lies between them is what is proven to be there."""
+    def _write_columns(self, places: NDArray[np.int64]) -> None:
+        """Write the table at ``places``; what it has between them is what is proven to be there."""
         first, last = int(places.min()), int(places.max()) + 1
         for name, values in self._columns.items():
-            size = values.itemsize
+            offset, size = self._offsets[name], values.itemsize
             if (last - first) * size <= SPAN:
-                piece = values[first:last].copy()
-                piece[places - first] = new[name]
-                self._overwrite(self._offsets[name] + first * size, piece.tobytes())
+                self._overwrite(offset + first * size, values[first:last].tobytes())
                 continue
-            for place, value in zip(places.tolist(), new[name], strict=True):
-                self._overwrite(self._offsets[name] + place * size, value.tobytes())
+            for place in places.tolist():
+                self._overwrite(offset + place * size, values[place].tobytes())
+
+    def _put(self, places: NDArray[np.int64], rows: _Rows) -> None:
+        for name, values in self._columns.items():
+            values[places] = rows[name]
+
+    def _forget(self, places: NDArray[np.int64], before: _Rows) -> None:
+        """Put back what was at ``places``, but as missing: where a write failed lies neither old nor new."""
+        self._put(places, before)
+        self._columns["status"][places] = schema.MISSING
 
     def _overwrite(self, offset: int, data: bytes) -> None:
-        handle = self._file.fileno()
-        written = os.pwrite(handle, data, offset)
+        written = os.pwrite(self._handle, data, offset)
         while written < len(data):  # a write may be short
-            written += os.pwrite(handle, data[written:], offset + written)
+            written += os.pwrite(self._handle, data[written:], offset + written)
 
     def _read(self, offset: int, count: int, kind: np.dtype[Any]) -> NDArray[Any]:
-        return np.frombuffer(os.pread(self._file.fileno(), count * kind.itemsize, offset), kind)
+        return np.frombuffer(os.pread(self._handle, count * kind.itemsize, offset), kind)
 
 
 def sync_data(file: int) -> None:

@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from steradian.scans import rows, schema, session, store
+from steradian.scans import rows, session, store
 
 
 def acknowledges_beyond():
@@ -29,15 +29,9 @@ def acknowledges_unsynchronised():
     store.sync_data = lambda handle: None
 
 
-def stored_before_written():
-    """The table in memory says that rows are stored before they are written."""
-    write = store.AlineStore._write_samples
-
-    def write_samples(self, places, pieces):
-        self._columns["status"][places] = schema.STORED
-        write(self, places, pieces)
-
-    store.AlineStore._write_samples = write_samples
+def remembers_what_was_not_written():
+    """The table in memory goes on saying that rows are stored whose write failed."""
+    store.AlineStore._forget = lambda self, places, before: None
 
 
 def checksum_of_samples_only():
@@ -55,7 +49,7 @@ MUTANTS = {
     for each in (
         acknowledges_beyond,
         acknowledges_unsynchronised,
-        stored_before_written,
+        remembers_what_was_not_written,
         checksum_of_samples_only,
         lists_what_nothing_proves,
     )

@@ -15,7 +15,7 @@ UNLISTED = "test_earlier_versions.py::test_a_row_that_it_does_not_list_is_not_li
 KILLERS = {
     "acknowledges_beyond": FULL,
     "acknowledges_unsynchronised": FULL,
-    "stored_before_written": NEIGHBOURS,
+    "remembers_what_was_not_written": NEIGHBOURS,
     "checksum_of_samples_only": COLUMN,
     "lists_what_nothing_proves": UNLISTED,
 }
