@@ -51,7 +51,7 @@ class _TotalVariation:
         finest = min(spacing)
         sides = (spacing[0], spacing[1] if len(shape) == 3 else finest, spacing[-1])
         self._rates = tuple(finest / s for s in sides)
-        self._low = 0.0 if non_negative else -np.inf
+        self._non_negative = non_negative
         self._threads = threads
         self._dual: NDArray[Any] | None = None
 
@@ -63,7 +63,8 @@ class _TotalVariation:
             self._dual = np.zeros((3, *self._shape), u.dtype)
         dual, kind = self._dual, u.dtype.type
         rates = np.array(self._rates, u.dtype)
-        scale, low = kind(length), kind(self._low)
+        # the kernels are compiled for finite numbers: no bound is the least of them
+        scale, low = kind(length), kind(0) if self._non_negative else np.finfo(kind).min
         rate = kind(1 / (max(length, 1e-30) * 4 * float((rates**2).sum())))
         pieces = -(-self._shape[0] // _ROWS)
 

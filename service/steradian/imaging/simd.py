@@ -3,6 +3,7 @@
 LLVM does not vectorise a butterfly whose eight streams may overlap, and Numba has no ``restrict``. So the kernels of
 this package load, combine and store whole vectors themselves. A vector maps to whatever registers the machine has.
 The lane count is part of the memory layout (a *cell* is 16 real parts followed by 16 imaginary parts).
+Where bounds are checked (:mod:`steradian.compiled`), a vector must lie within its array as a whole.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import operator
 from typing import Any
 
 from llvmlite import ir  # type: ignore[import-untyped]
-from numba.core import types
+from numba.core import cgutils, types
 from numba.core.datamodel import models
 from numba.core.extending import intrinsic, lower_builtin, register_model
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
@@ -57,8 +58,12 @@ _register(operator.mul, "fmul")
 
 
 def _pointer(context: Any, builder: Any, array_type: Any, array: Any, index: Any, vector: Any) -> Any:
-    data = context.make_array(array_type)(context, builder, array).data
-    return builder.bitcast(builder.gep(data, [index]), ir.PointerType(vector))
+    found = context.make_array(array_type)(context, builder, array)
+    if context.enable_boundscheck:
+        last = builder.add(index, ir.Constant(index.type, vector.count - 1))
+        for end in (index, last):
+            cgutils.do_boundscheck(context, builder, end, found.nitems)  # type: ignore[no-untyped-call]
+    return builder.bitcast(builder.gep(found.data, [index]), ir.PointerType(vector))
 
 
 def _load(lanes: int) -> Any:
@@ -112,8 +117,8 @@ splat1: Any = intrinsic(_splat(1))
 
 
 def _row(builder: Any, rows: Any, context: Any, rows_type: Any, i: int, at: Any) -> Any:
-    data = context.make_array(rows_type)(context, builder, rows).data
-    start = builder.load(builder.gep(data, [ir.Constant(at.type, i)]))
+    place = _pointer(context, builder, rows_type, rows, ir.Constant(at.type, i), ir.VectorType(at.type, 1))
+    start = builder.extract_element(builder.load(place, align=8), ir.Constant(ir.IntType(32), 0))
     return builder.add(start, at)
 
 

@@ -14,7 +14,7 @@ _SPREAD = 1.7  # a grid point of a sensor's stencil
 _GATHER = 4.0  # a tap of 16 modes at one depth index
 
 
-def _sized(window: Shape | Window, share: float, needed: int, size: int) -> Window:
+def _sized(window: Shape | Window, share: float, needed: int, size: int) -> Window | None:
     if isinstance(window, Window):
         return window
     return choose(window, share, round(size / needed - 5e-4, 3))
@@ -29,6 +29,8 @@ def lateral_grid(
         sizes = [1 if n == 1 else fast_size(factor * n) for n in modes]
         tight = min((s / n, a) for a, (s, n) in enumerate(zip(sizes, modes, strict=True)) if n > 1)[1]
         found = _sized(window, share, modes[tight], sizes[tight])
+        if found is None:
+            continue
         nx, ny = (1 if n == 1 else max(s, fast_size(2 * found.width + 2)) for s, n in zip(sizes, modes, strict=True))
         taps = found.width ** (1 if nx == 1 else 2)
         cost = sensors * taps * _SPREAD + nx * (ny + (modes[1] if nx > 1 else 0)) * _TRANSFORM
@@ -44,6 +46,8 @@ def time_grid(samples: int, record: int, window: Shape | Window, share: float) -
     for factor in _OVERSAMPLINGS if not isinstance(window, Window) else (window.oversampling,):
         length = fast_size(factor * samples)
         found = _sized(window, share, samples, length)
+        if found is None:
+            continue
         length = max(length, fast_size(2 * found.width + 2))
         cost = length * _TRANSFORM + record / 2 * found.width * _GATHER
         if best is None or cost < best[0]:

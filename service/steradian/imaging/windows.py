@@ -13,11 +13,14 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.imaging.checks import choice, whole, within
+from steradian.imaging.checks import choice, whole
+from steradian.ranges import Range, real
 
 Shape: TypeAlias = Literal["semicircle", "kaiser-bessel"]
 MOST_TAPS = 48
 """Both ends of a spectrum are repeated that far, half of it at either."""
+OVERSAMPLING = Range(1, 16, "grid points per mode", above=True)
+STEEPNESS = Range(0, 500, "β", above=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,9 +34,14 @@ class Window:
     width
         Number of taps w (the paper's 2K).
     oversampling
-        Grid points per mode, σ (the paper's c).
+        Grid points per mode, σ (the paper's c), more than 1: the spectrum's copies must not meet.
     beta
-        Steepness β.
+        Steepness β, more than 0.
+
+    Raises
+    ------
+    InvalidInput
+        If a number is out of range.
     """
 
     shape: Shape
@@ -44,7 +52,8 @@ class Window:
     def __post_init__(self) -> None:
         choice("shape", self.shape, get_args(Shape))
         whole("width", self.width, 2, MOST_TAPS)
-        within("oversampling", self.oversampling, 1, 16, "grid points per mode")
+        OVERSAMPLING.check("oversampling", self.oversampling)
+        STEEPNESS.check("beta", self.beta)
 
     def __call__(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """φ(x), x in grid cells, any shape; zero beyond half the width."""
@@ -103,9 +112,17 @@ class Window:
 
 @lru_cache(maxsize=256)
 def kaiser_bessel(half_width: float, oversampling: float) -> Window:
-    """Return the paper's window: K taps on either side, oversampling c, α = π(2c − 1) as in section 3."""
+    """Return the paper's window: K taps on either side, oversampling c, α = π(2c − 1) as in section 3.
+
+    Raises
+    ------
+    InvalidInput
+        If 2K is not 2 to 48, or c is not above 1.
+    """
+    width = round(2 * real("half_width", half_width, f"a number of taps to {MOST_TAPS // 2}"))
+    OVERSAMPLING.check("oversampling", oversampling)
     beta = np.pi * (2.0 - 1.0 / oversampling) * half_width
-    return Window("kaiser-bessel", round(2 * half_width), oversampling, float(beta))
+    return Window("kaiser-bessel", width, oversampling, float(beta))
 
 
 @lru_cache(maxsize=256)
@@ -117,10 +134,13 @@ def semicircle(width: int, oversampling: float) -> Window:
 
 
 @lru_cache(maxsize=256)
-def choose(shape: Shape, tolerance: float, oversampling: float) -> Window:
-    """Return the narrowest window of that shape whose error in one dimension is below ``tolerance``."""
+def choose(shape: Shape, tolerance: float, oversampling: float) -> Window | None:
+    """Return the narrowest window of that shape whose error in one dimension is below ``tolerance``, if there is one.
+
+    With little oversampling and twenty taps there is none below 1e-11.
+    """
     for width in range(3, 21):
         window = kaiser_bessel(width / 2, oversampling) if shape == "kaiser-bessel" else semicircle(width, oversampling)
         if window.error() < tolerance:
             return window
-    return window
+    return None

@@ -139,8 +139,25 @@ def test_weights_that_miss_the_rim_or_reach_beyond_it_are_areas() -> None:
 def test_a_window_wider_than_a_spectrums_repeated_ends_is_refused() -> None:
     with pytest.raises(InvalidInput, match="width is 60; allowed: a whole number from 2 to 48"):
         kaiser_bessel(30, 2.0)
-    with pytest.raises(InvalidInput, match="oversampling"):
-        Window("kaiser-bessel", 6, 0.9, 10.0)
+
+
+@pytest.mark.parametrize(
+    ("field", "made"),
+    [
+        ("width", lambda: Window("semicircle", 1, 2.0, 10.0)),
+        ("width", lambda: Window("semicircle", 5.5, 2.0, 10.0)),  # type: ignore[arg-type]
+        ("oversampling", lambda: Window("kaiser-bessel", 6, 0.9, 10.0)),
+        ("oversampling", lambda: Window("kaiser-bessel", 6, 1.0, 10.0)),
+        ("oversampling", lambda: kaiser_bessel(3, 0.0)),
+        ("beta", lambda: Window("kaiser-bessel", 6, 2.0, -3.0)),
+        ("beta", lambda: Window("kaiser-bessel", 6, 2.0, np.nan)),
+        ("half_width", lambda: kaiser_bessel(np.nan, 2.0)),
+    ],
+)
+def test_a_window_that_is_none_is_refused(field: str, made: Callable[[], Window]) -> None:
+    with pytest.raises(InvalidInput) as caught:
+        made()
+    assert caught.value.field == field
 
 
 CHILD = """
