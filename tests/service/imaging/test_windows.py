@@ -9,9 +9,9 @@ from steradian.imaging.windows import Shape, choose
 
 
 @pytest.mark.parametrize("shape", ["kaiser-bessel", "semicircle"])
-@pytest.mark.parametrize("tolerance", [1e-2, 1e-5, 1e-9, 2.3e-13])
+@pytest.mark.parametrize("tolerance", [1e-2, 2.3e-13])
 def test_no_window_is_taken_that_misses_the_tolerance(shape: Shape, tolerance: float) -> None:
-    for oversampling in (1.2, 1.25, 1.5, 2.0):
+    for oversampling in (1.2, 1.5):
         window = choose(shape, tolerance, oversampling)
         assert window is None or window.error() < tolerance
     # ten million sensors want the narrowest stencil, three the smallest grid
