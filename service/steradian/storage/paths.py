@@ -5,7 +5,7 @@ DATA/queue.sqlite              the job queue
 DATA/scans/<id>.h5             A-lines
 DATA/uploads/<id>              files that came over HTTP and wait to be imported
 DATA/pictures/<mask id>.png    pictures of masks, once they have been asked for
-DATA/reconstructions/<id>/     volume, projections, report and log of one job
+DATA/jobs/<id>/                what one job left: a volume with projections and report, an export, its log
 DATA/emergency-stop/           whether the stop is pressed (:mod:`steradian.storage.emergency`)
 DATA/run/<process>.json        heartbeats of the running processes
 DATA/lock                      held by the service that owns the directory
@@ -66,7 +66,7 @@ class DataDirectory:
 
     def job(self, job_id: str) -> JobDirectory:
         """Folder of one job."""
-        return JobDirectory(self.root.absolute() / "reconstructions" / job_id)
+        return JobDirectory(self.root.absolute() / "jobs" / job_id)
 
     @property
     def emergency(self) -> Path:
@@ -86,7 +86,7 @@ class DataDirectory:
             When the path is a file or cannot be written.
         """
         try:
-            for folder in ("scans", "uploads", "pictures", "reconstructions", "run"):
+            for folder in ("scans", "uploads", "pictures", "jobs", "run"):
                 (self.root / folder).mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InvalidInput("data", self.root, f"a folder that can be written ({error.strerror})") from error
@@ -111,10 +111,19 @@ class DataDirectory:
             ) from None
         try:
             owner.write_text(json.dumps({"pid": os.getpid()}))
+            self._rename_earlier()
             yield
         finally:
             owner.unlink(missing_ok=True)
             lock.release()
+
+    def _rename_earlier(self) -> None:
+        """Move the folders of jobs to where they lie today; before, all lay under ``reconstructions``."""
+        earlier = self.root / "reconstructions"
+        if earlier.is_dir():
+            for folder in earlier.iterdir():
+                folder.rename(self.root / "jobs" / folder.name)
+            earlier.rmdir()
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ def settle(service, names, killed, title, capsys):
     events = Counter(event.resource_id for event in ours if is_terminal(R(event.data["state"])))
     assert events == Counter(names), "one event for each end"
     assert (jobs["poison"].attempt, len(service.starts("poison"))) == (3, 3)
-    assert "SIGKILL" in (service.folder / "reconstructions" / "poison" / "log.txt").read_text()
+    assert "SIGKILL" in (service.folder / "jobs" / "poison" / "log.txt").read_text()
     states, starts = Counter(str(job.state) for job in jobs.values()), sum(len(service.starts(n)) for n in names)
     mode = "postgres" if service.settings.database_url else "embedded"
     with capsys.disabled():

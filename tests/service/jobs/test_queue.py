@@ -99,7 +99,7 @@ def test_a_job_that_crashes_fails_at_once_and_its_log_has_the_traceback(bench):
     bench.submit("crash", "crash")
     status = bench.queue.wait("crash", timeout=60)
     assert (status.state, status.attempt, status.error) == (R.FAILED, 1, "ZeroDivisionError: oh")
-    log = (bench.settings.data / "reconstructions" / "crash" / "log.txt").read_text()
+    log = (bench.settings.data / "jobs" / "crash" / "log.txt").read_text()
     assert "ZeroDivisionError: oh" in log
     assert 'raise ZeroDivisionError("oh")' in log
 

@@ -260,7 +260,7 @@ def test_cancelling_a_running_reconstruction_frees_its_memory_and_core_within_a_
             wait_for(lambda: resident(child) == 0)
             took, slow = time.monotonic() - begun, slowed()
             assert queue.wait("large", timeout=60).state is ReconstructionState.CANCELLED
-            left = {file.name for file in (tmp_path / "reconstructions" / "large").iterdir()}
+            left = {file.name for file in (tmp_path / "jobs" / "large").iterdir()}
             assert "volume.h5" not in left
             queue.submit(reconstruction_job("after", settings, path, small))
             assert queue.wait("after", timeout=60).state is ReconstructionState.SUCCEEDED

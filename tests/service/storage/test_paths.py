@@ -48,3 +48,17 @@ def test_a_job_knows_whether_a_process_runs_it(tmp_path):
     with job.running():
         assert DataDirectory(tmp_path).job("j1").is_running
     assert not job.is_running
+
+
+def test_a_folder_of_the_earlier_layout_is_opened_with_all_that_its_jobs_left(tmp_path):
+    """Volumes, exports and imports lay under ``reconstructions``; a move that was cut short is finished."""
+    for name in ("r1", "j1"):
+        (tmp_path / "reconstructions" / name).mkdir(parents=True)
+        (tmp_path / "reconstructions" / name / "volume.h5").write_text(name)
+    (tmp_path / "jobs" / "r0").mkdir(parents=True)
+    (tmp_path / "jobs" / "r0" / "volume.h5").write_text("r0")
+    for _ in range(2):
+        with DataDirectory(tmp_path).lock():
+            found = {name: DataDirectory(tmp_path).job(name).volume.read_text() for name in ("r0", "r1", "j1")}
+        assert found == {"r0": "r0", "r1": "r1", "j1": "j1"}
+    assert not (tmp_path / "reconstructions").exists()
