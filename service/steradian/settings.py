@@ -51,6 +51,9 @@ class Settings(BaseSettings):
     api_key: str | None = Field(
         default=None, repr=False, min_length=20, description="A key with every scope (at least 20 characters)"
     )
+    require_key: bool = Field(
+        default=False, description="Whether a key is needed on the loopback, too: for a machine with other users"
+    )
     key_file: Path | None = Field(
         default=None, description="File in which a first start writes an admin key, if there is no other"
     )
@@ -96,6 +99,11 @@ class Settings(BaseSettings):
     def is_local(self) -> bool:
         """Whether only this machine can reach the service."""
         return self.host in {"localhost", "::1"} or self.host.startswith("127.")
+
+    @property
+    def needs_key(self) -> bool:
+        """Whether nobody is let in without a key."""
+        return self.require_key or not self.is_local
 
     def executor(self, slot: int) -> str:
         """Name of one worker."""

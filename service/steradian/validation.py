@@ -99,7 +99,7 @@ def quantity(unit: str, description: str, **limits: Any) -> Any:
 def _as_float64(value: object) -> NDArray[np.float64]:
     try:
         return np.array(value, dtype=np.float64, order="C")
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"not an array of numbers: {error}") from None
 
 

@@ -62,6 +62,7 @@ def create_app(settings: Settings) -> FastAPI:
         responses=problems.RESPONSES,
     )
     app.state.services = services
+    app.state.routes = []
     app.state.feed = Feed(services)
     app.state.metrics = metrics.Metrics(services)
     app.add_middleware(BodyLimit, limit=settings.max_upload_bytes, uploads=settings.max_import_bytes)
@@ -71,5 +72,6 @@ def create_app(settings: Settings) -> FastAPI:
     problems.install(app)
     for module in (*RESOURCES, health, metrics, documentation):
         app.include_router(module.router)
+        app.state.routes += module.router.routes
     documentation.describe(app)
     return app

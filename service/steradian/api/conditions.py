@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from typing import Annotated, TypeAlias
 
@@ -43,7 +44,7 @@ class Conditions:
             return None
         for tag in _tags(self._match):
             name, _, number = tag.strip('"').rpartition("-")
-            if name == identifier and number.isdecimal():
+            if name == identifier and re.fullmatch("[0-9]{1,18}", number):
                 return int(number)
         raise Outdated(f"{self._match} is no version of {identifier}")
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal, TypeAlias
 
 from fastapi import APIRouter, Body, Query, Request, Response
-from fastapi.responses import FileResponse
 from pydantic import Field
 from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 
 from steradian.api.conditions import ConditionsNeeded, etag_of, etag_of_file
 from steradian.api.dependencies import Before, Limit, OptionalKey, ServicesNeeded, Wait, Who, link_next, replay
+from steradian.api.files import RangedFile
 from steradian.api.identifiers import FILE_NAME, JOB_ID
 from steradian.api.job_checks import check_job
 from steradian.api.job_views import JobView
@@ -186,7 +186,7 @@ def read_log(services: ServicesNeeded, job_id: JOB_ID) -> Response:
 @router.get(
     "/{job_id}/files/{name}",
     summary="A file that a job left",
-    response_class=FileResponse,
+    response_class=RangedFile,
     responses={
         200: {"content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}},
         206: {"description": "A range of it"},
@@ -195,7 +195,7 @@ def read_log(services: ServicesNeeded, job_id: JOB_ID) -> Response:
 )
 async def read_file(
     services: ServicesNeeded, job_id: JOB_ID, name: FILE_NAME, wait: Wait, conditions: ConditionsNeeded
-) -> FileResponse:
+) -> RangedFile:
     """Download a file of a job's ``files``, also in ranges."""
     view = await _view(services, job_id, wait)
     if not view.is_over:
@@ -206,7 +206,7 @@ async def read_file(
         raise NotFound(f"file of job {job_id}", name)
     etag = etag_of_file(path)
     conditions.tag(etag)
-    return FileResponse(path, media_type="application/octet-stream", filename=name, headers={"ETag": etag})
+    return RangedFile(path, media_type="application/octet-stream", filename=name, headers={"ETag": etag})
 
 
 async def _view(services: Services, job_id: str, wait: Wait) -> JobView:

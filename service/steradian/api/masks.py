@@ -8,11 +8,11 @@ from typing import Annotated
 
 import numpy as np
 from fastapi import APIRouter, Body, Request, Response
-from fastapi.responses import FileResponse
 
 from steradian.api.arrays import CSV, JSON, NPY, negotiate
 from steradian.api.conditions import ConditionsNeeded, etag_of
 from steradian.api.dependencies import Before, Limit, ServicesNeeded, link_next
+from steradian.api.files import RangedFile
 from steradian.api.identifiers import MASK_ID
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.views import Listing, MaskView, PointsView
@@ -88,13 +88,13 @@ def read_points(services: ServicesNeeded, request: Request, mask_id: MASK_ID, co
 @router.get(
     "/{mask_id}/picture",
     summary="A picture of a mask",
-    response_class=FileResponse,
+    response_class=RangedFile,
     responses={
         200: {"content": {"image/png": {"schema": {"type": "string", "format": "binary"}}}},
         304: {"description": "The one you have is still right"},
     },
 )
-def read_picture(services: ServicesNeeded, mask_id: MASK_ID, conditions: ConditionsNeeded) -> FileResponse:
+def read_picture(services: ServicesNeeded, mask_id: MASK_ID, conditions: ConditionsNeeded) -> RangedFile:
     """Draw where the mask senses, how densely and what it can see; drawn once, then kept."""
     row = services.masks.get(mask_id)
     etag = etag_of(row.id, "picture")
@@ -102,7 +102,7 @@ def read_picture(services: ServicesNeeded, mask_id: MASK_ID, conditions: Conditi
     path = services.data.picture(row.id)
     if not path.is_file():
         draw_mask(services.masks.load(row.id), path, with_point_spread=False)
-    return FileResponse(path, media_type="image/png", headers={"ETag": etag})
+    return RangedFile(path, media_type="image/png", headers={"ETag": etag})
 
 
 def _written(mask: Mask, kind: str) -> bytes | str:

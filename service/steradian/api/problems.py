@@ -16,6 +16,7 @@ from fastapi.responses import JSONResponse, Response
 from pydantic import BaseModel, Field
 from sqlalchemy.exc import DBAPIError, OperationalError
 from starlette.exceptions import HTTPException
+from starlette.routing import Match
 
 from steradian.api.conditions import NotModified
 from steradian.api.findings import Finding, findings_of, header_or_body
@@ -178,13 +179,20 @@ async def _invalid(request: Request, error: Exception) -> JSONResponse:
 
 async def _refused(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)  # noqa: S101
-    detail = str(error.detail)
+    detail, headers = str(error.detail), dict(error.headers or {})
     if error.status_code == 404:
         detail = f"there is no {request.method} {request.url.path}; the API begins at /api/v1/"
     elif error.status_code == 405:
-        detail = f"{request.url.path} knows no {request.method}"
+        headers["Allow"] = ", ".join(sorted(_methods(request)))
+        detail = f"{request.url.path} knows no {request.method}; allowed: {headers['Allow']}"
     code = CODE_OF.get(error.status_code, "refused")
-    return problem(request_id_of(request), error.status_code, code, detail, headers=dict(error.headers or {}))
+    return problem(request_id_of(request), error.status_code, code, detail, headers=headers)
+
+
+def _methods(request: Request) -> set[str]:
+    """Collect the methods of all routes to the request's path; the router knows only the first one's."""
+    routes = (route for route in request.app.state.routes if route.matches(request.scope)[0] is not Match.NONE)
+    return {method for route in routes for method in getattr(route, "methods", None) or ()}
 
 
 async def _not_modified(_request: Request, error: Exception) -> Response:

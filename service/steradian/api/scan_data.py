@@ -7,13 +7,13 @@ from typing import Annotated, Any
 
 import numpy as np
 from fastapi import APIRouter, Query, Request, Response
-from fastapi.responses import FileResponse
 from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
 from steradian.api.arrays import ARRAY_FORMATS, JSON, NPY, RAW, Selection, negotiate, respond
 from steradian.api.conditions import ConditionsNeeded, etag_of_file
 from steradian.api.dependencies import ServicesNeeded, Wait
+from steradian.api.files import RangedFile
 from steradian.api.identifiers import SCAN_ID
 from steradian.api.problems import NotReady
 from steradian.api.scans import is_settled
@@ -67,16 +67,14 @@ class CoverageView(BaseModel):
 @router.get(
     "/{scan_id}/file",
     summary="The A-lines as HDF5",
-    response_class=FileResponse,
+    response_class=RangedFile,
     responses={
         200: {"content": {"application/x-hdf5": {"schema": {"type": "string", "format": "binary"}}}},
         206: {"description": "A range of it"},
         304: {"description": "The one you have is still right"},
     },
 )
-async def read_file(
-    services: ServicesNeeded, scan_id: SCAN_ID, wait: Wait, conditions: ConditionsNeeded
-) -> FileResponse:
+async def read_file(services: ServicesNeeded, scan_id: SCAN_ID, wait: Wait, conditions: ConditionsNeeded) -> RangedFile:
     """Download the scan file, also in ranges."""
     row = await wait.until(lambda: services.scans.get(scan_id), is_settled)
     if not is_settled(row):
@@ -84,7 +82,7 @@ async def read_file(
     path = await run_in_threadpool(_file, services, scan_id)
     etag = etag_of_file(path)
     conditions.tag(etag)
-    return FileResponse(path, media_type="application/x-hdf5", filename=f"{scan_id}.h5", headers={"ETag": etag})
+    return RangedFile(path, media_type="application/x-hdf5", filename=f"{scan_id}.h5", headers={"ETag": etag})
 
 
 @router.get("/{scan_id}/shots", summary="What became of each shot")

@@ -18,6 +18,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from steradian.api.bodies import JsonRequest
 from steradian.api.problems import database_problem, problem
 from steradian.security.keys import Forbidden, KeyStore, Principal, Unauthorized
 from steradian.security.keys import Scope as Need
@@ -91,6 +92,8 @@ GUARDED: Final = (V1, "/metrics")
 EMERGENCY_STOP: Final = "/emergency-stop"
 """End of the one path that is answered while the database is not: whose key it is, is known from the last second."""
 UNSAFE: Final = frozenset({"POST", "PUT", "PATCH", "DELETE"})
+FORWARDING: Final = ("forwarded", "via", "x-real-ip")
+"""Headers that a proxy adds, beside all that begin with ``X-Forwarded-``."""
 LOCAL: Final = Principal("local", frozenset({Need.ADMIN}))
 
 
@@ -102,8 +105,9 @@ class _Keeper(Protocol):
 class Authenticate:
     """Finds out who asks; refuses callers without a valid key where one is needed, before anything is read.
 
-    Without keys only this machine can connect, but a page in its browser could, too: requests addressed to another
-    host's name, and writes that a page of another origin makes, are refused.
+    Without keys only this machine can connect, but others could use it to: a proxy on it, or a page in its browser.
+    What was forwarded needs a key; requests that are addressed to another host's name, and those that a page of
+    another origin makes by itself, are refused.
     """
 
     def __init__(self, app: ASGIApp, keeper: _Keeper) -> None:
@@ -142,19 +146,38 @@ class Authenticate:
             return await run_in_threadpool(self._keys.check, key.strip())
         if path == f"{V1}/events" and (ticket := parse_qs(scope["query_string"].decode("latin-1")).get("ticket")):
             return await run_in_threadpool(self._keys.redeem_ticket, ticket[0])
-        if not self._settings.is_local:
+        if self._settings.needs_key:
             raise Unauthorized("a key is needed: Authorization: Bearer …")
+        if _is_forwarded(headers):
+            raise Unauthorized("the request came through a proxy, so a key is needed: Authorization: Bearer …")
         self._check_origin(scope["method"], headers)
         return LOCAL
 
     def _check_origin(self, method: str, headers: Headers) -> None:
         host = headers.get("host", "")
-        name = urlsplit(f"//{host}").hostname or ""
+        name = _name(f"//{host}")
         if not (_is_loopback(name) or name in self._hosts):
             raise Forbidden(f"this service is not addressed as {host!r} without a key")
         origin = headers.get("origin")
-        if method in UNSAFE and origin is not None and urlsplit(origin).netloc != host:
-            raise Forbidden(f"a page of {origin} may not change anything here without a key")
+        if method in UNSAFE and origin is not None and origin.partition("://")[2] != host:
+            raise Forbidden(f"a page of {origin!r} may not change anything here without a key")
+        followed = method not in UNSAFE and headers.get("sec-fetch-mode") == "navigate"
+        if headers.get("sec-fetch-site", "none") not in {"same-origin", "none"} and not followed:
+            raise Forbidden("a page of another origin may do nothing here without a key")
+
+
+def _is_forwarded(headers: Headers) -> bool:
+    return any(name in FORWARDING or name.startswith("x-forwarded-") for name in headers)
+
+
+def _name(address: str) -> str:
+    """Return the host's name in an address; empty when it is none."""
+    try:
+        parts = urlsplit(address)
+        _ = parts.port
+        return parts.hostname or "" if parts.username is None else ""
+    except ValueError:
+        return ""
 
 
 def _is_loopback(name: str) -> bool:
@@ -178,6 +201,6 @@ class GuardedRoute(APIRoute):
                 raise Unauthorized("a key is needed")
             if need is not None and not principal.may(need):
                 raise Forbidden(f"this needs a key with the scope {need}")
-            return await handle(request)
+            return await handle(JsonRequest(request.scope, request.receive))
 
         return guarded

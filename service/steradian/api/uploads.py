@@ -75,7 +75,7 @@ async def create_upload(services: ServicesNeeded, request: Request, response: Re
 def read_upload(services: ServicesNeeded, upload_id: UPLOAD_ID) -> UploadView:
     """Tell whether a file is still there, and its size."""
     path = services.data.upload(upload_id)
-    if not upload_id.isalnum() or not path.is_file():
+    if not _is_name(upload_id) or not path.is_file():
         raise NotFound("upload", upload_id)
     return UploadView(id=upload_id, bytes=path.stat().st_size, links={"self": f"{BASE}/uploads/{upload_id}"})
 
@@ -83,6 +83,10 @@ def read_upload(services: ServicesNeeded, upload_id: UPLOAD_ID) -> UploadView:
 @router.delete("/{upload_id}", status_code=204, summary="Forget an upload")
 def delete_upload(services: ServicesNeeded, upload_id: UPLOAD_ID) -> Response:
     """Delete the file; nothing happens when there is none."""
-    if upload_id.isalnum():
+    if _is_name(upload_id):
         services.data.upload(upload_id).unlink(missing_ok=True)
     return Response(status_code=204)
+
+
+def _is_name(upload_id: str) -> bool:
+    return upload_id.isascii() and upload_id.isalnum()

@@ -1,4 +1,4 @@
-"""Who is let in at all: a service that others can reach does not start without a key."""
+"""Who is let in at all: a service that others can reach, or that is told to ask, does not start without a key."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from steradian.storage.database import Database
 
 
 def require_key(settings: Settings, database: Database) -> Path | None:
-    """Refuse to serve on an address that others reach while there is no key.
+    """Refuse to serve where a key is needed while there is none.
 
     Returns
     -------
@@ -25,11 +25,13 @@ def require_key(settings: Settings, database: Database) -> Path | None:
         Naming the ways to make one.
     """
     keys = KeyStore(database, fixed=settings.api_key)
-    if settings.is_local or keys.any_exists():
+    if not settings.needs_key or keys.any_exists():
         return None
     if settings.key_file is None:
-        ways = "127.0.0.1, or make a key first: steradian key create, STERADIAN_API_KEY or STERADIAN_KEY_FILE"
-        raise InvalidInput("host", settings.host, ways)
+        ways = "make a key first: steradian key create, STERADIAN_API_KEY or STERADIAN_KEY_FILE"
+        if settings.require_key:
+            raise InvalidInput("require_key", True, f"false, or {ways}")
+        raise InvalidInput("host", settings.host, f"127.0.0.1, or {ways}")
     path = settings.key_file
     path.parent.mkdir(parents=True, exist_ok=True)
     with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w") as file:

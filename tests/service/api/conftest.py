@@ -23,9 +23,9 @@ MAX_BODY, MAX_POINTS = 20_000, 5_000
 class Server:
     """A real API process on a data directory, without acquisition and workers."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, **more):
         self.settings = Settings.create(
-            data=folder, max_upload_bytes=MAX_BODY, max_mask_points=MAX_POINTS, max_volume_bytes=2**24
+            data=folder, max_upload_bytes=MAX_BODY, max_mask_points=MAX_POINTS, max_volume_bytes=2**24, **more
         )
         self.data = DataDirectory(folder)
         self.data.create()

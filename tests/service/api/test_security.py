@@ -19,6 +19,8 @@ from steradian.settings import Settings
 from steradian.storage.database import Database
 from steradian.storage.paths import DataDirectory
 
+from .conftest import Server
+
 ROUTES = sorted(SCOPES, key=str)
 NONE = dict.fromkeys(
     ("mask_id", "plan_id", "scan_id", "reconstruction_id", "batch_id", "scanner_id", "job_id", "upload_id", "name"),
@@ -194,17 +196,17 @@ def test_other_addresses_than_the_loopback_need_a_key_before_the_start(tmp_path)
     database.close()
 
 
-@pytest.mark.parametrize(
-    ("headers", "status"),
-    [
-        ({}, 201),
-        ({"Host": "evil.example"}, 403),
-        ({"Origin": "https://evil.example"}, 403),
-        ({"Origin": "null"}, 403),
-    ],
-    ids=["plain", "rebound name", "foreign page", "sandboxed page"],
-)
-def test_without_keys_a_foreign_page_in_the_same_machines_browser_can_do_nothing(server, headers, status):
-    body = {"arrangement": "grid", "aperture": 0.011, "count": 3, "interval": 1e-3}
-    answer = httpx.post(f"{server.url}/api/v1/masks", json=body, headers=headers)
-    assert answer.status_code in ({201, 200} if status == 201 else {status})
+def test_a_setting_demands_keys_on_the_loopback_too(tmp_path):
+    database = Database(f"sqlite:///{tmp_path / 'x.sqlite'}")
+    database.migrate()
+    with pytest.raises(InvalidInput, match="steradian key create"):
+        require_key(Settings.create(data=tmp_path, require_key=True), database)
+    database.close()
+    key = "k" * 20
+    server = Server(tmp_path / "data", require_key=True, api_key=key)
+    try:
+        server.wait()
+        asked = [httpx.get(f"{server.url}/api/v1/masks", headers=h) for h in ({}, {"Authorization": f"Bearer {key}"})]
+        assert [answer.status_code for answer in asked] == [401, 200]
+    finally:
+        server.close()
