@@ -1,9 +1,13 @@
+import importlib.util
+import os
 import socket
 import subprocess
 import sys
 import time
 import uuid
+from contextlib import ExitStack
 from dataclasses import dataclass
+from pathlib import Path
 
 import httpx
 import numpy as np
@@ -11,7 +15,7 @@ import pytest
 
 from steradian.scans.store import AlineStore, create_scan_file
 from steradian.settings import Settings
-from steradian.storage.database import Database
+from steradian.storage.database import Database, metadata_url
 from steradian.storage.paths import DataDirectory
 from steradian.storage.plans import PlanRepository
 from steradian.storage.scans import ScanRepository
@@ -29,7 +33,7 @@ class Server:
         )
         self.data = DataDirectory(folder)
         self.data.create()
-        self.database = Database(self.data.metadata_url)
+        self.database = Database(metadata_url(self.settings))
         self.database.migrate()
         with socket.create_server(("127.0.0.1", 0)) as listener:
             self.url = f"http://127.0.0.1:{listener.getsockname()[1]}"
@@ -63,10 +67,22 @@ class Server:
 
 @pytest.fixture(scope="session")
 def server(tmp_path_factory):
-    server = Server(tmp_path_factory.mktemp("api"))
-    server.wait()
-    yield server
-    server.close()
+    """An API on SQLite; on a PostgreSQL of its own where the environment says TEST_DATABASE=postgres."""
+    with ExitStack() as stack:
+        more = {}
+        if os.environ.get("TEST_DATABASE") == "postgres":
+            more["database_url"] = stack.enter_context(_postgres()).database()
+        server = Server(tmp_path_factory.mktemp("api"), **more)
+        server.wait()
+        yield server
+        server.close()
+
+
+def _postgres():
+    place = importlib.util.spec_from_file_location("postgres", Path(__file__).parents[1] / "postgres.py")
+    module = importlib.util.module_from_spec(place)
+    place.loader.exec_module(module)
+    return module.running_postgres()
 
 
 @pytest.fixture(scope="session")

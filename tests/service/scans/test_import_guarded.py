@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import h5py
@@ -77,6 +78,22 @@ def test_a_stopped_import_leaves_nothing(tmp_path):
     source, description = foreign.npy_time_first(tmp_path)
     with pytest.raises(Cancelled):
         import_guarded(source, tmp_path / "new" / "scan.h5", description=description, cancelled=lambda: True)
+    assert list((tmp_path / "new").iterdir()) == []
+
+
+def test_an_import_that_is_stopped_when_its_file_is_whole_leaves_nothing_either(tmp_path):
+    """The process may be done before somebody who stops it is heard."""
+    source, description = foreign.npy_time_first(tmp_path)
+
+    def when_it_is_whole():
+        end = time.monotonic() + 60
+        while not any(path.is_file() for path in tmp_path.glob("new/**/scan.h5")):
+            assert time.monotonic() < end
+            time.sleep(0.01)
+        return True
+
+    with pytest.raises(Cancelled):
+        import_guarded(source, tmp_path / "new" / "scan.h5", description=description, cancelled=when_it_is_whole)
     assert list((tmp_path / "new").iterdir()) == []
 
 

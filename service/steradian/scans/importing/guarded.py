@@ -8,8 +8,10 @@ folder first, which may be the one that the file came in.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -21,6 +23,7 @@ from typing import IO, Any
 from steradian.errors import Cancelled, Conflict, DamagedFile, DiskFull, InvalidInput, NotFound, SteradianError
 from steradian.progress import IsCancelled, Progress
 from steradian.scans.importing import ImportSummary, import_scan
+from steradian.scans.layout import sync_folder
 
 MEMORY = 4 << 30
 """Bytes of address space that an import may take beyond what its libraries do."""
@@ -57,6 +60,30 @@ def import_guarded(
     """
     if not source.is_file():
         raise NotFound("file", str(source))
+    if destination.exists():
+        raise Conflict(f"{destination} exists; choose another name or remove it")
+    destination.parent.mkdir(parents=True, exist_ok=True)
+    folder = destination.with_name(f"{destination.name}.importing")
+    shutil.rmtree(folder, ignore_errors=True)  # of an import that was killed
+    folder.mkdir()
+    try:
+        draft = folder / destination.name
+        made = _import_in_child(source, draft, description, progress, cancelled, seconds)
+        draft.replace(destination)  # here and not in the process, which may be done before it is stopped
+        sync_folder(destination.parent)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    return dataclasses.replace(made, path=destination)
+
+
+def _import_in_child(
+    source: Path,
+    destination: Path,
+    description: Path | None,
+    progress: Progress | None,
+    cancelled: IsCancelled | None,
+    seconds: float,
+) -> ImportSummary:
     allowed = seconds + SECONDS_PER_MIB * source.stat().st_size / (1 << 20)
     paths = [None if path is None else str(path) for path in (source, destination, description)]
     with subprocess.Popen(
@@ -75,8 +102,6 @@ def import_guarded(
         finally:
             child.kill()
             child.wait()
-            if child.returncode:
-                _clear(destination)
     if "result" in said:
         result = said["result"]
         return ImportSummary(destination, result["format"], result["points"], result["samples"])
@@ -96,12 +121,6 @@ def _listen(lines: IO[bytes], progress: Progress | None, cancelled: IsCancelled 
         if progress:
             progress(said["stage"], said["done"], said["total"])
     return {}
-
-
-def _clear(destination: Path) -> None:
-    """Remove what a process left that could not do so itself."""
-    for suffix in (".importing", ".importing.new"):
-        destination.with_name(destination.name + suffix).unlink(missing_ok=True)
 
 
 def _error(said: dict[str, Any]) -> SteradianError:
