@@ -93,6 +93,24 @@ def finish(service: RunningService, identifier: str) -> dict[str, Any]:
     return found
 
 
+def api_process(pid: int) -> int:
+    """Find the process that answers HTTP below a service's own; 0 where the system does not tell."""
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError, ValueError, IndexError):
+            parent = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
+            if parent == pid and b"steradian.api" in (folder / "cmdline").read_bytes():
+                return int(folder.name)
+    return 0
+
+
+def memory_mib(pid: int) -> float:
+    """Resident memory of a process in MiB; 0 where the system does not tell."""
+    with suppress(OSError, ValueError, IndexError):
+        pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+        return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+    return 0.0
+
+
 def processor_seconds(pid: int) -> float:
     """Processor time of a process and all below it, in seconds; 0 where the system does not tell."""
     table: dict[int, tuple[int, float]] = {}

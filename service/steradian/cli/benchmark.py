@@ -145,6 +145,29 @@ def queue(
 
 
 @app.command()
+def load(
+    json_file: JsonFile = None,
+    seconds: Annotated[float, typer.Option(help="For how long the mixed clients ask.", min=1)] = 60.0,
+    page: Annotated[Path | None, typer.Option(help="Also write the tables into this page, docs/load.md.")] = None,
+) -> None:
+    """Load the service: 150 clients and 50 event streams beside a scan and a job, fast readers, rude clients.
+
+    'reads' are over 32 kept connections, with /healthz in the same run as yardstick; 'rude' has the worst answer of
+    /healthz while others send half requests, open a thousand streams or send 60 MiB.
+    """
+    from steradian.benchmarks.load import load as measure
+    from steradian.benchmarks.load_page import write_page
+
+    with progress_bar() as progress:
+        rows = measure(seconds=seconds, progress=progress)
+    for kind in ("route", "total", "reads", "rude"):
+        _publish(kind, [row for row in rows if row["case"] == kind], None)
+    if page is not None:
+        write_page(page, rows)
+    _write("load", rows, json_file)
+
+
+@app.command()
 def live(
     json_file: JsonFile = None,
     revisions: Annotated[int, typer.Option(help="Parts in which the A-lines of the scan arrive.", min=2)] = 16,
