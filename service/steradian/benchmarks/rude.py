@@ -53,7 +53,6 @@ async def rude_clients(service: RunningService, *, patience: float) -> list[dict
 @asynccontextmanager
 async def _watching(url: str, times: list[float]) -> AsyncIterator[None]:
     """Ask /healthz again and again until the block ends; an answer that fails counts as a minute."""
-
     over = asyncio.Event()
 
     async def look() -> None:
