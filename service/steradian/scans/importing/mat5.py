@@ -32,6 +32,7 @@ BROKEN = (
     ArithmeticError,
     AttributeError,
     MemoryError,
+    NotImplementedError,
     zlib.error,
 )
 """What SciPy raises on a broken file; it asks for as much memory as the file says at once."""
