@@ -14,6 +14,7 @@ from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.api.views import EmergencyAnswer, EmergencyView, Listing, ScannerView
 from steradian.errors import NotFound
+from steradian.security.keys import Scope
 from steradian.storage.scanners import SCANNER_ID as SCANNER
 from steradian.storage.tables import ScannerRow
 from steradian.validation import Value
@@ -21,6 +22,10 @@ from steradian.validation import Value
 router = APIRouter(prefix=f"{V1}/scanners", tags=["scanners"], route_class=GuardedRoute)
 
 Number = Annotated[int, Header(alias="Scanner-Lease", ge=0, le=2**31, description="Number (fence) of your lease")]
+Lease = Annotated[
+    int | None,
+    Header(alias="Scanner-Lease", ge=0, le=2**31, description="Number (fence) of your lease, if you hold one"),
+]
 
 
 class LeaseRequest(Value):
@@ -28,7 +33,11 @@ class LeaseRequest(Value):
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"holder": "Ada", "seconds": 600, "note": "phantoms"}]})
 
-    holder: str = Field(min_length=1, max_length=120, description="Name of the operator or program")
+    holder: str = Field(
+        min_length=1,
+        max_length=120,
+        description="Name of the operator or program; the lease is the key's",
+    )
     seconds: float = Field(default=600.0, ge=1, le=86_400, description="How long from now (s)")
     note: str | None = Field(default=None, max_length=500)
 
@@ -58,17 +67,23 @@ def read_scanner(services: ServicesNeeded, scanner_id: SCANNER_ID, conditions: C
 
 
 @router.put("/{scanner_id}/lease", summary="Take a scanner, or hold it for longer")
-def take_lease(services: ServicesNeeded, who: Who, scanner_id: SCANNER_ID, wanted: LeaseRequest) -> ScannerView:
-    """Be the one operator until the lease ends; its number (fence) grows with every new holder."""
+def take_lease(
+    services: ServicesNeeded, who: Who, scanner_id: SCANNER_ID, wanted: LeaseRequest, lease: Lease = None
+) -> ScannerView:
+    """Be the one operator until the lease ends; its number (fence) grows with every new lease.
+
+    The lease belongs to the key: only requests with the same key and the lease's number make the laser fire. Two
+    clients of one key, and all of a service without keys, are told apart by ``holder`` or that number.
+    """
     services.scanner.get(scanner_id)
-    return _view(services, services.scanner.lease(wanted.holder, wanted.seconds, wanted.note, who.name))
+    return _view(services, services.scanner.lease(wanted.holder, wanted.seconds, wanted.note, who.name, lease))
 
 
 @router.delete("/{scanner_id}/lease", status_code=204, summary="Give a scanner back")
 def give_lease_back(services: ServicesNeeded, who: Who, scanner_id: SCANNER_ID, lease: Number) -> Response:
-    """End the lease; nothing happens when there is none."""
+    """End the lease; nothing happens when there is none. An admin may end another's."""
     services.scanner.get(scanner_id)
-    services.scanner.release(lease, who.name)
+    services.scanner.release(lease, who.name, whoever=who.may(Scope.ADMIN))
     return Response(status_code=204)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Request, Response
+from fastapi import APIRouter, Request, Response
 from pydantic import ConfigDict, Field, StringConstraints
 from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
@@ -12,8 +12,11 @@ from starlette.concurrency import run_in_threadpool
 from steradian.api.conditions import ConditionsNeeded, etag_of
 from steradian.api.dependencies import Before, Limit, RequiredKey, ServicesNeeded, Wait, Who, link_next, replay
 from steradian.api.identifiers import SCAN_ID
+from steradian.api.scanners import Lease
 from steradian.api.security import V1, GuardedRoute
+from steradian.api.services import Services
 from steradian.api.views import Listing, ScanView
+from steradian.security.keys import Principal
 from steradian.storage.idempotency import Answer
 from steradian.storage.scanners import EmergencyStopped
 from steradian.storage.states import SETTLED_SCAN_STATES, DesiredScanState
@@ -24,10 +27,6 @@ router = APIRouter(prefix=f"{V1}/scans", tags=["scans"], route_class=GuardedRout
 
 Name = Annotated[str, StringConstraints(min_length=1, max_length=60)]
 Text = Annotated[str, StringConstraints(max_length=200)]
-Lease = Annotated[
-    int | None,
-    Header(alias="Scanner-Lease", ge=0, le=2**31, description="Number (fence) of your lease, if you hold one"),
-]
 
 
 class ScanRequest(Value):
@@ -74,9 +73,7 @@ async def create_scan(
     """Queue a scan. A request repeated with the same Idempotency-Key never fires twice: it gets the first answer."""
 
     def make(session: Session) -> Answer:
-        if services.emergency.standing is not None:
-            raise EmergencyStopped("the emergency stop is pressed; release it first")
-        fence = services.scanner.admit(session, lease)
+        fence = _admit(services, session, lease, who)
         simulated = services.settings.simulated
         row = services.scans.add(session, plan, simulated=simulated, labels=wanted.labels, fence=fence, who=who.name)
         session.flush()
@@ -124,15 +121,27 @@ def change_scan(
 
 @router.put("/{scan_id}/desired-state", summary="Run, pause, stop or abort a scan")
 def wish(
-    services: ServicesNeeded, who: Who, scan_id: SCAN_ID, wanted: ScanWish, conditions: ConditionsNeeded
+    services: ServicesNeeded,
+    who: Who,
+    scan_id: SCAN_ID,
+    wanted: ScanWish,
+    conditions: ConditionsNeeded,
+    lease: Lease = None,
 ) -> ScanView:
-    """Say what a scan should become; repeating it changes nothing.
+    """Say what a scan should become; repeating it changes nothing. ``running`` needs the scanner's lease, if one runs.
 
     An interrupted scan goes on only by this: it proves that plan, scanner and tuning are what they were, or stays
     interrupted with the difference as its error.
     """
     revision = conditions.revision(scan_id)
-    row = services.scans.desire(scan_id, wanted.state, wanted.reason, who.name, revision)
+    row = services.scans.desire(
+        scan_id,
+        wanted.state,
+        wanted.reason,
+        who.name,
+        revision,
+        admit=lambda session: _admit(services, session, lease, who),
+    )
     conditions.tag(etag_of(row.id, row.revision))
     return ScanView.of(row)
 
@@ -140,3 +149,10 @@ def wish(
 def is_settled(row: ScanRow) -> bool:
     """Whether a scan changes only when a person asks."""
     return row.state in SETTLED_SCAN_STATES
+
+
+def _admit(services: Services, session: Session, lease: int | None, who: Principal) -> int:
+    """Return the lease's number under which somebody may have the laser fire; see :meth:`ScannerRepository.admit`."""
+    if services.emergency.standing is not None:
+        raise EmergencyStopped("the emergency stop is pressed; release it first")
+    return services.scanner.admit(session, lease, who.name)

@@ -218,7 +218,8 @@ class ReconstructionView(BaseModel):
 class LeaseView(BaseModel):
     """Who holds a scanner."""
 
-    holder: str
+    holder: str = Field(description="How the holder calls itself")
+    principal: str = Field(description="Whose key it is: the lease is of no use to others", examples=["local"])
     note: str | None
     ends: datetime
     fence: int = Field(description="Number of this lease; send it as Scanner-Lease with what needs the scanner")
@@ -281,7 +282,8 @@ class ScannerView(BaseModel):
         here = f"{BASE}/scanners/{row.id}"
         lease = None
         if held and row.lease_ends is not None:
-            lease = LeaseView(holder=row.holder or "", note=row.note, ends=row.lease_ends, fence=row.fence)
+            about: dict[str, Any] = {"holder": row.holder, "principal": row.held_by, "note": row.note}
+            lease = LeaseView(**about, ends=row.lease_ends, fence=row.fence)
         return cls(
             id=row.id,
             simulated=row.simulated,

@@ -56,62 +56,83 @@ class ScannerRepository(Repository[ScannerRow]):
             row.last_error = error or row.last_error
             self._event(session, row, "acquisition", error or state)
 
-    def lease(self, holder: str, seconds: float, note: str | None, who: str) -> ScannerRow:
-        """Take the scanner, or hold it for longer; a new holder gets a new, greater fencing number.
+    def lease(self, holder: str, seconds: float, note: str | None, who: str, fence: int | None = None) -> ScannerRow:
+        """Take the scanner, or hold it for longer; a new lease gets a new, greater fencing number.
+
+        Parameters
+        ----------
+        holder
+            How the caller calls itself: tells clients of the same principal apart.
+        who
+            The principal, whose the lease is.
+        fence
+            The number that the caller holds already, whatever it calls itself; ``None`` when it states none.
 
         Raises
         ------
         LeaseHeld
-            When another operator holds it.
+            When another principal holds it, or a client of the same one with another name and without its number.
         """
         with self.database.write() as session:
             row = self._find(session, SCANNER_ID, lock=True)
-            if self._is_held(row) and row.holder != holder:
-                raise LeaseHeld(f"the scanner is held by {row.holder} until {row.lease_ends:%H:%M:%S} UTC")
+            mine = row.held_by == who and (row.holder == holder or row.fence == fence)
+            if self._is_held(row) and not mine:
+                raise LeaseHeld(f"the scanner is held by {_holder(row)} until {row.lease_ends:%H:%M:%S} UTC")
             if not self._is_held(row):
                 row.fence += 1
-                row.holder = holder
                 self._event(session, row, who, f"leased by {holder}")
+            row.holder, row.held_by = holder, who
             row.lease_ends, row.note = self.clock() + timedelta(seconds=seconds), note
         return row
 
-    def release(self, fence: int, who: str) -> None:
+    def release(self, fence: int, who: str, *, whoever: bool = False) -> None:
         """Give the scanner back; nothing happens when nobody holds it.
+
+        Parameters
+        ----------
+        whoever
+            Whether the lease may be another principal's.
 
         Raises
         ------
         LeaseHeld
-            When the lease has another number.
+            When the lease has another number, or is another's.
         """
         with self.database.write() as session:
             row = self._find(session, SCANNER_ID, lock=True)
             if not self._is_held(row):
                 return
+            if row.held_by != who and not whoever:
+                raise LeaseHeld(f"the scanner is held by {_holder(row)}")
             if row.fence != fence:
-                raise LeaseHeld(f"the scanner is held by {row.holder} under another number")
-            row.lease_ends = row.holder = row.note = None
+                raise LeaseHeld(f"the scanner is held by {_holder(row)} under another number")
+            row.lease_ends = row.holder = row.held_by = row.note = None
             self._event(session, row, who, "released")
 
-    def admit(self, session: Session, fence: int | None) -> int:
-        """Return the fencing number under which a scan may be asked for.
+    def admit(self, session: Session, fence: int | None, who: str) -> int:
+        """Return the fencing number under which the laser may be asked to fire.
 
         Parameters
         ----------
         fence
             The number that the caller holds; ``None`` when it states none.
+        who
+            The principal who asks.
 
         Raises
         ------
         LeaseHeld
-            When the scanner is leased and ``fence`` is not the lease's number, or ``fence`` is of an old lease.
+            When the scanner is leased to another principal or under another number, or ``fence`` is of an old lease.
         EmergencyStopped
             When the emergency stop is pressed.
         """
         row = self._find(session, SCANNER_ID, lock=True)
         if row.stopped_at is not None:
             raise EmergencyStopped(f"{row.stopped_by} pressed the emergency stop; release it first")
+        if self._is_held(row) and row.held_by != who:
+            raise LeaseHeld(f"the scanner is held by {_holder(row)} until {row.lease_ends:%H:%M:%S} UTC")
         if self._is_held(row) and fence != row.fence:
-            raise LeaseHeld(f"the scanner is held by {row.holder}; send the lease's number as Scanner-Lease")
+            raise LeaseHeld(f"the scanner is held by {_holder(row)}; send the lease's number as Scanner-Lease")
         if fence is not None and fence != row.fence:
             raise LeaseHeld(f"the lease {fence} is over; the scanner is at {row.fence}")
         return row.fence
@@ -161,3 +182,7 @@ class ScannerRepository(Repository[ScannerRow]):
         stopped = row.stopped_at is not None
         data = {"connection": row.connection, "state": row.state, "emergency_stop": stopped, "who": who, "why": why}
         record(session, self.clock(), "scanner", row.id, data)
+
+
+def _holder(row: ScannerRow) -> str:
+    return f"{row.holder} ({row.held_by})"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from sqlalchemy import func, select
@@ -198,8 +199,15 @@ class ScanRepository(Repository[ScanRow]):
         reason: str | None,
         who: str = "local",
         revision: int | None = None,
+        admit: Callable[[Session], int] | None = None,
     ) -> ScanRow:
         """Note what a person wants of a scan; wishing the same again changes nothing.
+
+        Parameters
+        ----------
+        admit
+            Asked in the same transaction when the scan is to fire again; returns the lease's number under which it
+            does, or raises.
 
         Raises
         ------
@@ -216,6 +224,8 @@ class ScanRepository(Repository[ScanRow]):
             if wish not in possible:
                 allowed = ", ".join(sorted(possible)) or "nothing, it is over or about to be"
                 raise Conflict(f"scan {identifier} is {row.state} and cannot be {wish}; allowed: {allowed}")
+            if admit is not None and wish is DesiredScanState.RUNNING:
+                row.fence = admit(session)
             row.desired_state, row.reason, row.wished_by = wish, reason, who
             wished = {"state": row.state, "desired_state": wish, "who": who, "why": reason}
             record(session, self.clock(), "scan", row.id, wished)

@@ -184,7 +184,10 @@ class ReconstructionRow(Table):
 
 
 class ScannerRow(Table):
-    """A scanner: how it stands, who holds it, and whether somebody pressed the emergency stop."""
+    """A scanner: how it stands, who holds it, and whether somebody pressed the emergency stop.
+
+    The lease is the principal's in ``held_by``; ``holder`` is how that one calls itself.
+    """
 
     __tablename__ = "scanners"
     sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
@@ -197,6 +200,7 @@ class ScannerRow(Table):
     last_error: Mapped[str | None] = mapped_column(Text)
     fence: Mapped[int]
     holder: Mapped[str | None] = mapped_column(String(120))
+    held_by: Mapped[str | None] = mapped_column(String(160))
     note: Mapped[str | None] = mapped_column(Text)
     lease_ends: Mapped[datetime | None]
     stopped_at: Mapped[datetime | None]
