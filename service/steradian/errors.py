@@ -75,9 +75,19 @@ class DamagedFile(SteradianError):
 
 
 class DiskFull(SteradianError):
-    """The disk cannot hold what is to be written."""
+    """The disk cannot hold what is to be written.
+
+    Parameters
+    ----------
+    needed, available
+        Bytes, where they are known.
+    """
 
     code = "disk-full"
+
+    def __init__(self, message: str, *, needed: int | None = None, available: int | None = None) -> None:
+        self.needed, self.available = needed, available
+        super().__init__(message)
 
 
 class ScanFailed(SteradianError):

@@ -70,6 +70,9 @@ class Settings(BaseSettings):
     max_upload_bytes: int = Field(default=64 * 2**20, ge=1024, description="Largest request body (bytes)")
     max_import_bytes: int = Field(default=4 * 2**30, ge=1024, description="Largest file that can be imported (bytes)")
     max_volume_bytes: int = Field(default=8 * 2**30, ge=2**20, description="Largest volume a job may make (bytes)")
+    disk_reserve_bytes: int = Field(
+        default=100 * 2**20, ge=0, description="Free space of the disk that uploads and jobs leave (bytes)"
+    )
     job_timeout: float = Field(default=6 * 3600.0, gt=0, le=30 * 86_400, description="Longest a job may run (s)")
 
     @classmethod

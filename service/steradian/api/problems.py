@@ -16,6 +16,7 @@ from fastapi.responses import JSONResponse, Response
 from pydantic import BaseModel, Field
 from sqlalchemy.exc import DBAPIError, OperationalError
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 from starlette.routing import Match
 
 from steradian.api.conditions import NotModified
@@ -31,6 +32,7 @@ from steradian.errors import (
     SteradianError,
 )
 from steradian.jobs.model import QueueUnavailable
+from steradian.scans.layout import is_full
 from steradian.security.keys import Forbidden, Unauthorized
 from steradian.storage.scans import Outdated
 
@@ -88,6 +90,8 @@ class Problem(BaseModel):
     request_id: str = Field(description="Also in the X-Request-ID header and in the service's log")
     retryable: bool = Field(description="Whether the same request may succeed later")
     errors: list[Finding] = Field(default_factory=list, description="The fields that are wrong")
+    needed_bytes: int | None = Field(default=None, description="Of a full disk (507): what the request needs")
+    available_bytes: int | None = Field(default=None, description="Of a full disk (507): what it may take")
 
 
 _REFUSALS: dict[int | str, str] = {
@@ -117,6 +121,8 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, _refused)
     app.add_exception_handler(NotModified, _not_modified)
     app.add_exception_handler(DBAPIError, database_problem)
+    app.add_exception_handler(OSError, _system_problem)
+    app.add_exception_handler(ClientDisconnect, _gone)
     app.add_exception_handler(Exception, _unexpected)
 
 
@@ -128,8 +134,9 @@ def problem(
     *,
     errors: list[Finding] | None = None,
     headers: dict[str, str] | None = None,
+    **more: Any,
 ) -> JSONResponse:
-    """Build the answer."""
+    """Build the answer; ``more`` are further members of :class:`Problem`."""
     body = Problem(
         type=f"urn:steradian:problem:{code}",
         title=HTTPStatus(status).phrase,
@@ -139,6 +146,7 @@ def problem(
         request_id=request_id,
         retryable=code in RETRYABLE,
         errors=errors or [],
+        **more,
     )
     return JSONResponse(
         body.model_dump(mode="json", exclude_defaults=False),
@@ -160,7 +168,8 @@ async def _ours(request: Request, error: Exception) -> JSONResponse:
         return await _unexpected(request, error)
     errors = [header_or_body(error)] if isinstance(error, InvalidInput) else []
     headers = {"Retry-After": str(getattr(error, "retry_after", 1))} if error.code in RETRYABLE else {}
-    return problem(request_id_of(request), status, error.code, str(error), errors=errors, headers=headers)
+    room = {"needed_bytes": error.needed, "available_bytes": error.available} if isinstance(error, DiskFull) else {}
+    return problem(request_id_of(request), status, error.code, str(error), errors=errors, headers=headers, **room)
 
 
 async def _invalid(request: Request, error: Exception) -> JSONResponse:
@@ -200,9 +209,27 @@ async def _not_modified(_request: Request, error: Exception) -> Response:
     return Response(status_code=304, headers={"ETag": error.etag})
 
 
+async def _gone(request: Request, error: Exception) -> Response:
+    """Answer a client that left in the middle of its request; nobody reads it."""
+    _log.info("request %s: the client left before it had sent everything", request_id_of(request))
+    return Response(status_code=400)
+
+
+async def _system_problem(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, OSError)  # noqa: S101
+    return _disk_full(request) if is_full(error) else await _unexpected(request, error)
+
+
+def _disk_full(request: Request) -> JSONResponse:
+    _log.error("request %s: the disk is full", request_id_of(request))
+    return problem(request_id_of(request), 507, DiskFull.code, "the disk is full; nothing of the request was kept")
+
+
 async def database_problem(request: Request, error: Exception) -> JSONResponse:
     """Tell a database that does not answer, which passes, from one that refuses, which is a fault."""
     assert isinstance(error, DBAPIError)  # noqa: S101
+    if "disk is full" in str(error.orig):  # SQLITE_FULL
+        return _disk_full(request)
     if not (error.connection_invalidated or isinstance(error, OperationalError)) or "no such" in str(error.orig):
         return await _unexpected(request, error)
     _log.warning("the database does not answer: %s", error.orig)

@@ -18,6 +18,7 @@ from steradian.jobs.model import JobStatus, QueueUnavailable
 from steradian.security.keys import KeyStore
 from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url
+from steradian.storage.disk import Disk
 from steradian.storage.emergency import EmergencyLatch
 from steradian.storage.events import EventLog
 from steradian.storage.idempotency import Answers
@@ -50,6 +51,7 @@ class Services:
     def __init__(self, settings: Settings, clock: Clock = utc_now) -> None:
         self.settings, self.clock = settings, clock
         self.data = DataDirectory(settings.data)
+        self.disk = Disk(self.data.root, settings.disk_reserve_bytes)
         self.database = Database(metadata_url(settings))
         self.masks = MaskRepository(self.database, clock)
         self.plans = PlanRepository(self.database, clock)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import os
-import shutil
+from pathlib import Path
+from typing import BinaryIO
 
 from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, Field
@@ -14,13 +15,11 @@ from steradian.api.dependencies import ServicesNeeded
 from steradian.api.identifiers import UPLOAD_ID
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.views import BASE
-from steradian.errors import DiskFull, InvalidInput, NotFound
+from steradian.errors import InvalidInput, NotFound
+from steradian.scans.layout import sync_folder
 from steradian.storage.repository import new_id
 
 router = APIRouter(prefix=f"{V1}/uploads", tags=["jobs"], route_class=GuardedRoute)
-PIECE = 4 * 2**20
-RESERVE = 100 * 2**20
-"""Bytes of the disk that uploads leave free."""
 _BINARY = {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}, "examples": {}}}
 
 
@@ -45,25 +44,25 @@ async def create_upload(services: ServicesNeeded, request: Request, response: Re
 
     Then POST /jobs with kind ``import``. A file that nobody imports is deleted after a day.
     """
-    stated = int(request.headers.get("content-length", 0))
-    folder = services.data.uploads
-    await run_in_threadpool(folder.mkdir, parents=True, exist_ok=True)
-    free = shutil.disk_usage(folder).free
-    if stated + RESERVE > free:
-        raise DiskFull(f"the upload needs {stated} bytes; {max(0, free - RESERVE)} are free")
+    services.disk.require(int(request.headers.get("content-length", 0)), "the upload")
     identifier = new_id("u")
     path = services.data.upload(identifier)
     draft = path.with_name(f"{identifier}.part")
     digest, size = hashlib.sha256(), 0
+
+    def keep(file: BinaryIO, piece: bytes) -> None:
+        services.disk.require(len(piece), f"the upload, of which {size / 1e6:.1f} MB have come,")
+        digest.update(piece)
+        file.write(piece)
+
     try:
         with await run_in_threadpool(draft.open, "wb") as file:
             async for piece in request.stream():
-                digest.update(piece)
+                await run_in_threadpool(keep, file, piece)
                 size += len(piece)
-                await run_in_threadpool(file.write, piece)
-        if not size:
-            raise InvalidInput("body", "empty", "the bytes of a file")
-        await run_in_threadpool(os.replace, draft, path)
+            if not size:
+                raise InvalidInput("body", "empty", "the bytes of a file")
+            await run_in_threadpool(_finish, file, draft, path)
     finally:
         await run_in_threadpool(draft.unlink, missing_ok=True)
     here = f"{BASE}/uploads/{identifier}"
@@ -90,3 +89,11 @@ def delete_upload(services: ServicesNeeded, upload_id: UPLOAD_ID) -> Response:
 
 def _is_name(upload_id: str) -> bool:
     return upload_id.isascii() and upload_id.isalnum()
+
+
+def _finish(file: BinaryIO, draft: Path, path: Path) -> None:
+    """Give a file that has come whole its name; from then on it survives a power cut."""
+    file.flush()
+    os.fsync(file.fileno())
+    os.replace(draft, path)
+    sync_folder(path.parent)

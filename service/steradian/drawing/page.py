@@ -96,8 +96,11 @@ def save(figure: Figure, path: Path) -> None:
     check_ending(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(path.name + ".new")
-    figure.savefig(draft, format=path.suffix.lstrip(".") or "png")
-    draft.replace(path)
+    try:
+        figure.savefig(draft, format=path.suffix.lstrip(".") or "png")
+        draft.replace(path)
+    finally:
+        draft.unlink(missing_ok=True)
 
 
 def _points(pixels: float) -> float:

@@ -110,8 +110,11 @@ class Sheet:
         """Draw into a PNG, under a temporary name first."""
         drawn = self.draw()
         draft = path.with_name(path.name + ".new")
-        self._image.save(draft, format="png", compress_level=1)
-        draft.replace(path)
+        try:
+            self._image.save(draft, format="png", compress_level=1)
+            draft.replace(path)
+        finally:
+            draft.unlink(missing_ok=True)
         return drawn
 
     def draw(self) -> Drawn:

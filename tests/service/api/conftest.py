@@ -27,10 +27,9 @@ MAX_BODY, MAX_POINTS = 20_000, 5_000
 class Server:
     """A real API process on a data directory, without acquisition and workers."""
 
-    def __init__(self, folder, **more):
-        self.settings = Settings.create(
-            data=folder, max_upload_bytes=MAX_BODY, max_mask_points=MAX_POINTS, max_volume_bytes=2**24, **more
-        )
+    def __init__(self, folder, **settings):
+        limits = {"max_upload_bytes": MAX_BODY, "max_mask_points": MAX_POINTS, "max_volume_bytes": 2**24}
+        self.settings = Settings.create(data=folder, **limits | settings)
         self.data = DataDirectory(folder)
         self.data.create()
         self.database = Database(metadata_url(self.settings))
@@ -53,6 +52,12 @@ class Server:
             except httpx.HTTPError:
                 assert time.monotonic() < deadline, "the API did not start"
                 time.sleep(0.05)
+
+    def until(self, condition):
+        deadline = time.monotonic() + 60
+        while not condition():
+            assert time.monotonic() < deadline, "it did not happen within 60 s"
+            time.sleep(0.05)
 
     def close(self):
         self.process.stdin.close()
@@ -83,6 +88,12 @@ def _postgres():
     module = importlib.util.module_from_spec(place)
     place.loader.exec_module(module)
     return module.running_postgres()
+
+
+@pytest.fixture(scope="session")
+def start_server():
+    """Start an API process on a folder of its own; who starts it closes it."""
+    return Server
 
 
 @pytest.fixture(scope="session")

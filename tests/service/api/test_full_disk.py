@@ -1,0 +1,96 @@
+"""A disk that is nearly full, and one that is full: a file system of its own, real requests."""
+
+import contextlib
+import os
+import shutil
+import socket
+import subprocess
+
+import httpx
+import pytest
+
+MIB = 2**20
+
+
+@pytest.fixture
+def small(tmp_path):
+    """A folder on a disk of 64 MiB."""
+    if os.geteuid() or shutil.which("mount") is None:
+        pytest.skip("needs root to mount a small file system: run as root, or in the container")
+    folder = tmp_path / "small"
+    folder.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64m", "tmpfs", str(folder)], capture_output=True).returncode:
+        pytest.skip("needs the right to mount a small file system (CAP_SYS_ADMIN)")
+    yield folder
+    subprocess.run(["umount", "-l", str(folder)], check=True)
+
+
+@contextlib.contextmanager
+def serving(start_server, folder, **settings):
+    server = start_server(folder, **settings)
+    try:
+        server.wait()
+        with httpx.Client(base_url=f"{server.url}/api/v1", timeout=90) as http:
+            yield server, http
+    finally:
+        server.close()
+
+
+def chunked(count):
+    """A body whose length is not stated."""
+    return (bytes(MIB) for _ in range(count))
+
+
+def fill(path):
+    with path.open("wb", buffering=0) as file:
+        for piece in (MIB, 4096, 1):
+            with contextlib.suppress(OSError):
+                while True:
+                    file.write(bytes(piece))
+
+
+def test_an_upload_of_unknown_length_leaves_the_reserve_free(small, start_server):
+    with serving(start_server, small / "data", disk_reserve_bytes=20 * MIB) as (server, http):
+        kept = http.post("/uploads", content=chunked(10))
+        assert (kept.status_code, kept.json()["bytes"]) == (201, 10 * MIB)
+        answer = http.post("/uploads", content=chunked(60))
+        assert (answer.status_code, answer.json()["code"]) == (507, "disk-full"), answer.text
+        assert answer.json()["available_bytes"] < answer.json()["needed_bytes"] <= MIB
+        assert [path.name for path in server.data.uploads.iterdir()] == [kept.json()["id"]]
+        stated = http.post("/uploads", content=bytes(45 * MIB))
+        assert (stated.status_code, stated.json()["needed_bytes"]) == (507, 45 * MIB)
+        assert 0 < stated.json()["available_bytes"] < 40 * MIB
+    assert "Traceback" not in server.log
+
+
+def test_a_full_disk_is_a_507_wherever_it_is_met(small, start_server):
+    grid = {"arrangement": "grid", "aperture": 0.01, "count": 3, "interval": 1e-3}
+    with serving(start_server, small / "data", disk_reserve_bytes=0, max_mask_points=50_000) as (server, http):
+        mask = http.post("/masks", json=grid).json()
+        server.until(lambda: httpx.get(f"{server.url}/readyz", timeout=90).json()["checks"]["queue"])
+        fill(small / "filler")
+        answers = [
+            http.get(mask["links"]["picture"].removeprefix("/api/v1")),
+            *(http.post("/masks", json=grid | {"count": count, "interval": 1e-5}) for count in (100, 120, 140)),
+            http.post("/uploads", content=bytes(MIB)),
+            http.post("/uploads", content=chunked(1)),
+        ]
+        told = [(answer.status_code, answer.json()["code"]) for answer in answers]
+        assert told == [(507, "disk-full")] * len(answers)
+        assert http.get(mask["links"]["self"].removeprefix("/api/v1")).json() == mask
+        (small / "filler").unlink()
+        assert http.post("/masks", json=grid | {"count": 100, "interval": 1e-5}).status_code == 201
+        assert list(server.data.uploads.iterdir()) == []
+        assert not list(server.data.picture("x").parent.glob("*.new"))
+    assert "Traceback" not in server.log
+
+
+def test_a_client_that_leaves_in_the_middle_of_an_upload_leaves_nothing(tmp_path, start_server):
+    with serving(start_server, tmp_path) as (server, http):
+        head = f"POST /api/v1/uploads HTTP/1.1\r\nHost: localhost\r\nContent-Length: {MIB}\r\n\r\n".encode()
+        with socket.create_connection(("127.0.0.1", http.base_url.port)) as line:
+            line.sendall(head + b"x" * 1000)
+            server.until(lambda: any(server.data.uploads.iterdir()))
+        server.until(lambda: not any(server.data.uploads.iterdir()))
+        assert http.get("/").status_code == 200
+    assert "Traceback" not in server.log
