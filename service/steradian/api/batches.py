@@ -14,15 +14,15 @@ from starlette.concurrency import run_in_threadpool
 
 from steradian.api.dependencies import Before, Limit, OptionalKey, ServicesNeeded, Who, link_next, replay
 from steradian.api.identifiers import BATCH_ID
-from steradian.api.reconstructions import JobWish
-from steradian.api.requests import Wanted, check_parts, check_request, frames_of, note_request
+from steradian.api.job_checks import check_parts, check_reconstruction, frames_of
+from steradian.api.reconstructions import JobWish, note_reconstruction
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.api.views import BASE, Listing
 from steradian.errors import Conflict, InvalidInput
 from steradian.jobs.ledger import to_status
 from steradian.jobs.model import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobStatus
-from steradian.jobs.requests import Identifier
+from steradian.jobs.requests import Identifier, ReconstructionRequest, Through
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.storage.idempotency import Answer
 from steradian.storage.states import is_terminal
@@ -44,7 +44,7 @@ class BatchRequest(Value):
 
     model_config = ConfigDict(json_schema_extra={"examples": _EXAMPLES})
 
-    scan_id: str = Field(min_length=1, max_length=64, description="Identifier of the scan")
+    scan_id: Identifier = Field(description="Identifier of the scan")
     vary: dict[str, list[Any]] = Field(
         default_factory=dict,
         description="Values of each parameter that varies; mask_id: masks to look through (what-if), frame: frames",
@@ -65,7 +65,7 @@ class BatchRequest(Value):
             first.setdefault(wavelength, number)
         return self.vary | {"frame": list(range(len(excitation))) if self.each == "frame" else list(first.values())}
 
-    def jobs(self, vary: dict[str, list[Any]]) -> list[Wanted]:
+    def jobs(self, vary: dict[str, list[Any]]) -> list[ReconstructionRequest]:
         """Combine the values; raises :class:`InvalidInput` when there are too many or one is wrong."""
         count, known = 1, [*ReconstructionParameters.model_fields, *_BESIDE]
         for name, values in vary.items():
@@ -78,10 +78,12 @@ class BatchRequest(Value):
             raise InvalidInput("vary", "mask_id and frame", "one of the two")
         return [self._one(dict(zip(vary, values, strict=True))) for values in itertools.product(*vary.values())]
 
-    def _one(self, chosen: dict[str, Any]) -> Wanted:
+    def _one(self, chosen: dict[str, Any]) -> ReconstructionRequest:
         beside = _Beside.create(**{name: chosen.pop(name) for name in _BESIDE if name in chosen})
         parameters = ReconstructionParameters.create(**self.parameters | chosen)
-        return Wanted(parameters, mask_id=beside.mask_id, frame=beside.frame, points=self.points)
+        through = None if beside.mask_id is None else Through(mask_id=beside.mask_id, points=self.points)
+        about: dict[str, Any] = {"through": through, "frame": beside.frame, "priority": self.priority}
+        return ReconstructionRequest.create(scan_id=self.scan_id, parameters=parameters, **about)
 
 
 class _Beside(Value):
@@ -143,9 +145,7 @@ async def create_batch(services: ServicesNeeded, who: Who, wanted: BatchRequest,
 
     def make(session: Session) -> Answer:
         batch = services.batches.add(session, scan, vary, wanted.parameters, who.name)
-        noted = [
-            note_request(services, session, scan, one, who, batch=batch, priority=wanted.priority) for one in chosen
-        ]
+        noted = [note_reconstruction(services, session, scan, one, who, batch) for one in chosen]
         members = [row for row, _ in noted]
         view = BatchView.of(batch, members, {row.id: to_status(job) for row, job in noted})
         return Answer(202, view.links["self"], view.model_dump_json())
@@ -153,7 +153,7 @@ async def create_batch(services: ServicesNeeded, who: Who, wanted: BatchRequest,
     excitation = await run_in_threadpool(_excitation, services, wanted.scan_id)
     vary = wanted.whole(excitation)
     chosen = wanted.jobs(vary)
-    scan = await run_in_threadpool(check_request, services, wanted.scan_id, chosen[0])
+    scan = await run_in_threadpool(check_reconstruction, services, chosen[0])
     for one in chosen:
         await run_in_threadpool(check_parts, services, scan, one)
     answer = await run_in_threadpool(services.answers.once, key, make)
@@ -200,7 +200,8 @@ def _view(services: Services, row: BatchRow) -> BatchView:
 
 
 def _member(batch: BatchRow, row: ReconstructionRow, job: JobStatus) -> MemberView:
-    varied = {name: (job.payload if name in _BESIDE else row.parameters).get(name) for name in batch.vary}
+    asked = {**row.parameters, **job.payload, **(job.payload.get("through") or {})}
+    varied = {name: asked.get(name) for name in batch.vary}
     progress = 1.0 if job.is_over else job.done / job.total if job.total else 0.0
     return MemberView(id=row.id, varied=varied, state=job.state, progress=progress, figures=job.result or None)
 

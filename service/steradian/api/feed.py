@@ -17,7 +17,7 @@ from sqlalchemy.exc import DBAPIError
 from starlette.concurrency import run_in_threadpool
 
 from steradian.api.services import Services
-from steradian.jobs.ledger import event_kind
+from steradian.jobs.kinds import resource_of
 
 LOOK = 0.1
 """Seconds between looks at the log."""
@@ -92,7 +92,7 @@ class Feed:
 
     def _find_progress(self) -> dict[str, Progress]:
         rows: list[tuple[str, Any, str | None]] = [("scan", row, row.id) for row in self._services.scans.under_way()]
-        rows += [(event_kind(row.kind), row, row.payload.get("scan_id")) for row in self._services.ledger.unfinished()]
+        rows += [(resource_of(row.kind), row, row.payload.get("scan_id")) for row in self._services.ledger.unfinished()]
         found = {}
         for kind, row, scan_id in rows:
             if row.stage is not None:

@@ -10,13 +10,13 @@ from fastapi import Request
 from pydantic import BaseModel, Field
 
 from steradian.errors import InvalidInput
-from steradian.jobs.requests import Asked
+from steradian.jobs.requests import WorkRequest
 from steradian.masks import Arrangement
 from steradian.validation import allowed_range
 
 _TAGS = {
     "arrangement": ", ".join(kind.model_fields["arrangement"].default for kind in get_args(get_args(Arrangement)[0])),
-    "kind": ", ".join(model.model_fields["kind"].default for model in get_args(Asked)),
+    "kind": ", ".join(model.model_fields["kind"].default for model in get_args(WorkRequest)),
 }
 """The fields that tell the members of a union apart, and their values."""
 _PLACES = {"body": "body", "query": "query", "header": "header", "path": "path"}

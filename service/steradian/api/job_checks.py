@@ -1,18 +1,58 @@
-"""What a job beyond reconstructions must pass before it is queued: nothing is opened here."""
+"""What a job must pass before it is queued: rows and file sizes are looked at, nothing is opened here."""
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
 from steradian.api.problems import NotReady
-from steradian.api.requests import Wanted, check_alines, check_parts, existing_volume
 from steradian.api.services import Services
-from steradian.errors import InvalidInput, NotFound
-from steradian.jobs import requests
-from steradian.storage.states import SETTLED_SCAN_STATES
+from steradian.errors import Conflict, InvalidInput, NotFound
+from steradian.jobs.requests import (
+    ExportRequest,
+    ImportRequest,
+    QualityRequest,
+    ReconstructionRequest,
+    SoundSpeedRequest,
+    WorkRequest,
+)
+from steradian.reconstructions.parameters import DEFAULT_SPACING, ReconstructionParameters
+from steradian.storage.states import SETTLED_SCAN_STATES, ReconstructionState
 from steradian.storage.tables import ScanRow
 
 
-def check_job(services: Services, wanted: requests.Asked) -> None:
-    """Refuse what cannot work.
+def check_reconstruction(services: Services, wanted: ReconstructionRequest) -> ScanRow:
+    """Refuse what cannot work: a scan still running (unless it is to be followed) or empty, a volume too large.
+
+    Raises
+    ------
+    NotFound, NotReady, Conflict, InvalidInput
+        In that order.
+    """
+    scan = services.scans.get(wanted.scan_id)
+    if scan.state not in SETTLED_SCAN_STATES and not wanted.follow:
+        text = f"scan {scan.id} is {scan.state}; it can be reconstructed when it is over, or followed"
+        raise NotReady(text)
+    if scan.state in SETTLED_SCAN_STATES:
+        _check_alines(services, scan)
+    check_parts(services, scan, wanted)
+    return scan
+
+
+def check_parts(services: Services, scan: ScanRow, wanted: ReconstructionRequest) -> None:
+    """Refuse a volume that is too large, a mask or frame that does not exist; raises :class:`InvalidInput`."""
+    _check_size(services, scan, wanted.parameters)
+    frames = frames_of(services.plans.get(scan.plan_id).parameters)
+    if wanted.frame is not None and wanted.frame >= len(frames):
+        raise InvalidInput("frame", wanted.frame, f"0 to {len(frames) - 1}; the scan has {len(frames)}")
+    if wanted.through is not None:
+        aperture, mask_id = services.masks.get(scan.mask_id).aperture, wanted.through.mask_id
+        if abs(services.masks.get(mask_id).aperture - aperture) > 1e-6 * aperture:
+            raise InvalidInput("through.mask_id", mask_id, f"a mask of the scan's aperture, {aperture:g} m")
+
+
+def check_work(services: Services, wanted: WorkRequest) -> None:
+    """Refuse what cannot work of what is no reconstruction.
 
     Raises
     ------
@@ -20,15 +60,15 @@ def check_job(services: Services, wanted: requests.Asked) -> None:
         In that order.
     """
     match wanted:
-        case requests.SoundSpeed():
-            check_parts(services, _measured(services, wanted.scan_id), Wanted(wanted.parameters))
-        case requests.Quality():
+        case SoundSpeedRequest():
+            _check_size(services, _measured(services, wanted.scan_id), wanted.parameters)
+        case QualityRequest():
             _check_pair(services, wanted)
-        case requests.Export(scan_id=str(scan_id)):
+        case ExportRequest(scan_id=str(scan_id)):
             _measured(services, scan_id)
-        case requests.Export(reconstruction_id=str(reconstruction_id)):
+        case ExportRequest(reconstruction_id=str(reconstruction_id)):
             existing_volume(services, reconstruction_id, "reconstruction_id")
-        case requests.Import():
+        case ImportRequest():
             for identifier in (wanted.upload_id, wanted.companion_id):
                 if identifier is not None and not services.data.upload(identifier).is_file():
                     raise NotFound("upload", identifier)
@@ -36,15 +76,60 @@ def check_job(services: Services, wanted: requests.Asked) -> None:
             raise AssertionError(f"no check of {wanted!r}")
 
 
+def frames_of(plan: dict[str, Any]) -> list[float]:
+    """Return the excitation wavelength of each frame in m, 0 where the laser stays as it stands."""
+    return [value for value in plan.get("excitation") or (0.0,) for _ in range(plan.get("frames", 1))]
+
+
+def existing_volume(services: Services, reconstruction_id: str, field: str) -> Path:
+    """Find the volume that a reconstruction left.
+
+    Raises
+    ------
+    NotFound, NotReady, Conflict
+        When there is no such reconstruction, or no volume of it yet, or there will be none.
+    InvalidInput
+        When it is larger than a job may read.
+    """
+    services.reconstructions.get(reconstruction_id)
+    job = services.ledger.status(reconstruction_id)
+    if not job.is_over:
+        raise NotReady(f"{field} {reconstruction_id} is {job.state}; its volume can be used when it has succeeded")
+    if job.state is not ReconstructionState.SUCCEEDED:
+        raise Conflict(f"{field} {reconstruction_id} has {job.state} and left no volume")
+    path = services.data.job(reconstruction_id).volume
+    if not path.is_file():
+        raise NotFound("volume of", reconstruction_id)
+    if path.stat().st_size > 2 * services.settings.max_volume_bytes:
+        raise InvalidInput(field, reconstruction_id, f"a volume of at most {services.settings.max_volume_bytes} bytes")
+    return path
+
+
+def _check_alines(services: Services, scan: ScanRow) -> None:
+    """Refuse a scan without A-lines; raises :class:`Conflict`."""
+    if not services.data.scan_file(scan.id).is_file() or not (scan.summary or {}).get("stored", scan.done):
+        raise Conflict(f"scan {scan.id} is {scan.state} and holds no A-lines")
+
+
+def _check_size(services: Services, scan: ScanRow, parameters: ReconstructionParameters) -> None:
+    """Refuse a volume that is too large; raises :class:`InvalidInput`."""
+    plan, mask = services.plans.get(scan.plan_id), services.masks.get(scan.mask_id)
+    modes = parameters.modes or max(2, round(mask.aperture / DEFAULT_SPACING))
+    size = 4 * (modes * parameters.upsampling) ** 2 * plan.parameters["samples"] * parameters.upsampling
+    limit = services.settings.max_volume_bytes
+    if size > limit:
+        raise InvalidInput("parameters.modes", modes, f"a volume of at most {limit} bytes, not {size}")
+
+
 def _measured(services: Services, scan_id: str) -> ScanRow:
     scan = services.scans.get(scan_id)
     if scan.state not in SETTLED_SCAN_STATES:
         raise NotReady(f"scan {scan_id} is {scan.state}; it can be used when it is over")
-    check_alines(services, scan)
+    _check_alines(services, scan)
     return scan
 
 
-def _check_pair(services: Services, wanted: requests.Quality) -> None:
+def _check_pair(services: Services, wanted: QualityRequest) -> None:
     shapes = []
     for field, identifier in (("reconstruction_id", wanted.reconstruction_id), ("reference_id", wanted.reference_id)):
         existing_volume(services, identifier, field)

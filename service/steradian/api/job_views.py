@@ -8,12 +8,9 @@ from typing import Any, Self
 from pydantic import BaseModel, Field
 
 from steradian.api.views import BASE, ErrorView, ProgressView
-from steradian.jobs.ledger import event_kind
+from steradian.jobs.kinds import resource_of
 from steradian.jobs.model import JobStatus
 from steradian.storage.states import DesiredJobState, ReconstructionState, is_terminal
-
-_INSIDE = frozenset({"scan", "output", "principal", "batch_id"})
-"""What the payload holds for the worker alone."""
 
 
 class JobView(BaseModel):
@@ -45,7 +42,7 @@ class JobView(BaseModel):
         return cls(
             id=job.id,
             kind=job.kind,
-            asked={name: value for name, value in job.payload.items() if name not in _INSIDE},
+            asked=dict(job.payload),
             priority=job.priority,
             state=job.state,
             desired_state=job.desired_state,
@@ -70,9 +67,11 @@ class JobView(BaseModel):
 
 def _links(here: str, job: JobStatus) -> dict[str, str]:
     links = {f"file:{name}": f"{here}/files/{name}" for name in job.result.get("files", [])}
-    if event_kind(job.kind) == "reconstruction":
+    if resource_of(job.kind) == "reconstruction":
         links["reconstruction"] = f"{BASE}/reconstructions/{job.id}"
+    through, made = job.payload.get("through") or {}, job.result if job.kind == "import" else {}
+    named = {**job.payload, **through, **made}
     for name, noun in (("scan_id", "scans"), ("reconstruction_id", "reconstructions"), ("mask_id", "masks")):
-        if identifier := job.payload.get(name):
+        if identifier := named.get(name):
             links.setdefault(name.removesuffix("_id"), f"{BASE}/{noun}/{identifier}")
     return links

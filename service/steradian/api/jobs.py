@@ -13,7 +13,7 @@ from steradian.api.conditions import ConditionsNeeded, etag_of, etag_of_file
 from steradian.api.dependencies import Before, Limit, OptionalKey, ServicesNeeded, Wait, Who, link_next, replay
 from steradian.api.files import RangedFile
 from steradian.api.identifiers import FILE_NAME, JOB_ID
-from steradian.api.job_checks import check_job
+from steradian.api.job_checks import check_work
 from steradian.api.job_views import JobView
 from steradian.api.problems import NotReady
 from steradian.api.reconstructions import AttemptsView, JobWish, PriorityChange
@@ -21,45 +21,18 @@ from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.api.views import Listing
 from steradian.errors import NotFound
-from steradian.jobs import requests
 from steradian.jobs.ledger import to_status
-from steradian.jobs.model import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobRequest
+from steradian.jobs.requests import EXAMPLES, WorkRequest, job_of
 from steradian.security.keys import Principal
 from steradian.storage.idempotency import Answer, Key
 from steradian.storage.repository import new_id
 from steradian.storage.states import ReconstructionState
-from steradian.validation import Value
 
 router = APIRouter(prefix=f"{V1}/jobs", tags=["jobs"], route_class=GuardedRoute)
 
 
-class _Queueing(Value):
-    """When and for how long."""
-
-    priority: int = Field(default=DEFAULT_PRIORITY, ge=0, le=LOWEST_PRIORITY, description="Smaller ones run first")
-    timeout: float | None = Field(default=None, gt=0, le=30 * 86_400, description="Longest it may run (s)")
-
-
-class SoundSpeedRequest(requests.SoundSpeed, _Queueing):
-    """Find the speed of sound at which a scan's image is sharpest."""
-
-
-class QualityRequest(requests.Quality, _Queueing):
-    """Compare a reconstruction with another one."""
-
-
-class ExportRequest(requests.Export, _Queueing):
-    """Write a reconstruction or scan for other programs."""
-
-
-class ImportRequest(requests.Import, _Queueing):
-    """Make a scan of an uploaded file."""
-
-
-AnyRequest: TypeAlias = Annotated[
-    SoundSpeedRequest | QualityRequest | ExportRequest | ImportRequest, Field(discriminator="kind")
-]
-_EXAMPLES: dict[str, Any] = {kind: {"value": example} for kind, example in requests.EXAMPLES.items()}
+AnyRequest: TypeAlias = Annotated[WorkRequest, Field(discriminator="kind")]
+_EXAMPLES: dict[str, Any] = {kind: {"value": example} for kind, example in EXAMPLES.items()}
 
 
 @router.post(
@@ -86,24 +59,19 @@ async def create_job(
 async def queue_job(
     services: Services,
     who: Principal,
-    wanted: SoundSpeedRequest | QualityRequest | ExportRequest | ImportRequest,
+    wanted: WorkRequest,
     key: Key | None,
     wait: Wait,
 ) -> Response:
     """Check what is wanted, note it, hand it to the queue and, where the client waits, wait."""
 
     def make(session: Session) -> Answer:
-        payload = wanted.model_dump(mode="json", exclude={"kind", "priority", "timeout"})
-        if wanted.kind == "import":
-            payload |= {"scan_id": new_id("s"), "principal": who.name}
-        how = {"priority": wanted.priority, "timeout": wanted.timeout, "principal": who.name}
-        request = JobRequest(new_id("j"), wanted.kind, payload, **how)  # type: ignore[arg-type]
-        row = services.ledger.add(session, request)
+        row = services.ledger.add(session, job_of(new_id("j"), wanted, principal=who.name))
         session.flush()
         view = JobView.of(to_status(row))
         return Answer(202, view.links["self"], view.model_dump_json())
 
-    await run_in_threadpool(check_job, services, wanted)
+    await run_in_threadpool(check_work, services, wanted)
     answer = await run_in_threadpool(services.answers.once, key, make)
     identifier = answer.location.rpartition("/")[2]
     await run_in_threadpool(services.enqueue, identifier)

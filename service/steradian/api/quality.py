@@ -10,10 +10,10 @@ from pydantic import BaseModel, ConfigDict, Field
 from steradian.api.dependencies import OptionalKey, ServicesNeeded, Wait, Who
 from steradian.api.identifiers import RECONSTRUCTION_ID
 from steradian.api.job_views import JobView
-from steradian.api.jobs import QualityRequest, queue_job
+from steradian.api.jobs import queue_job
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.views import BASE, Listing
-from steradian.jobs.requests import Identifier, Quality
+from steradian.jobs.requests import Identifier, QualityRequest
 from steradian.storage.states import ReconstructionState
 from steradian.validation import Value
 
@@ -27,8 +27,8 @@ class Reference(Value):
     model_config = ConfigDict(json_schema_extra={"examples": [{"reference_id": "r01jz0000000000000000000001"}]})
 
     reference_id: Identifier = Field(description="Identifier of a reconstruction of the same voxels")
-    diameter: float | None = Quality.model_fields["diameter"]  # type: ignore[assignment]
-    threshold: float = Quality.model_fields["threshold"]  # type: ignore[assignment]
+    diameter: float | None = QualityRequest.model_fields["diameter"]  # type: ignore[assignment]
+    threshold: float = QualityRequest.model_fields["threshold"]  # type: ignore[assignment]
 
 
 class QualityView(BaseModel):

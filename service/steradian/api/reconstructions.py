@@ -2,81 +2,29 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 from fastapi import APIRouter, Request, Response
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 
 from steradian.api.conditions import ConditionsNeeded, etag_of
 from steradian.api.dependencies import Before, Limit, OptionalKey, ServicesNeeded, Wait, Who, link_next, replay
 from steradian.api.identifiers import RECONSTRUCTION_ID
-from steradian.api.requests import Wanted, check_request, note_request
+from steradian.api.job_checks import check_reconstruction
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.api.views import Listing, ReconstructionView
-from steradian.errors import InvalidInput
 from steradian.jobs.ledger import to_status
-from steradian.jobs.model import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobStatus
-from steradian.jobs.requests import Identifier
-from steradian.reconstructions.parameters import ReconstructionParameters
+from steradian.jobs.model import LOWEST_PRIORITY, JobStatus
+from steradian.jobs.requests import ReconstructionRequest, job_of
+from steradian.security.keys import Principal
 from steradian.storage.idempotency import Answer
-from steradian.storage.tables import ReconstructionRow
-from steradian.validation import Value, quantity
+from steradian.storage.tables import BatchRow, JobRow, ReconstructionRow, ScanRow
+from steradian.validation import Value
 
 router = APIRouter(prefix=f"{V1}/reconstructions", tags=["reconstructions"], route_class=GuardedRoute)
-
-
-_SCAN = "s01jz0000000000000000000000"
-
-
-class Through(Value):
-    """A mask through which a scan is looked at as if no other points had been measured."""
-
-    mask_id: Identifier = Field(description="Identifier of the mask")
-    points: Literal["nearest", "exact"] = Field(
-        default="nearest", description="nearest: the measured point nearest to each of the mask's; exact: the same ones"
-    )
-
-
-class ReconstructionRequest(Value):
-    """What to reconstruct and how."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "examples": [
-                {"scan_id": _SCAN, "parameters": {"modes": 226}},
-                {"scan_id": _SCAN, "follow": True, "interval": 2},
-                {"scan_id": _SCAN, "through": {"mask_id": "m0123456789abcdef01234567"}},
-            ]
-        }
-    )
-
-    scan_id: str = Field(min_length=1, max_length=64, description="Identifier of the scan")
-    parameters: ReconstructionParameters = ReconstructionParameters()
-    follow: bool = Field(
-        default=False, description="Begin while the scan runs: a revision every few seconds, the whole at its end"
-    )
-    interval: float = quantity("s", "Between two revisions while following", ge=0.2, le=3600, default=2.0)
-    through: Through | None = Field(default=None, description="Another mask, of a scan that is over")
-    frame: int | None = Field(default=None, ge=0, description="Which frame of a scan that has several")
-    priority: int = Field(default=DEFAULT_PRIORITY, ge=0, le=LOWEST_PRIORITY, description="Smaller ones run first")
-    timeout: float | None = Field(default=None, gt=0, le=30 * 86_400, description="Longest it may run (s)")
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.through is not None and (self.follow or self.frame is not None):
-            raise InvalidInput("through", self.through.mask_id, "neither follow nor frame with it")
-        if self.follow and self.frame is not None:
-            raise InvalidInput("frame", self.frame, "none while following")
-        return self
-
-    @property
-    def wanted(self) -> Wanted:
-        """What is asked for, without when and who."""
-        mask = {} if self.through is None else {"mask_id": self.through.mask_id, "points": self.through.points}
-        return Wanted(self.parameters, self.follow, self.interval, frame=self.frame, **mask)  # type: ignore[arg-type]
 
 
 class PriorityChange(Value):
@@ -121,13 +69,11 @@ async def create_reconstruction(
     """
 
     def make(session: Session) -> Answer:
-        row, job = note_request(
-            services, session, scan, wanted.wanted, who, priority=wanted.priority, timeout=wanted.timeout
-        )
+        row, job = note_reconstruction(services, session, scan, wanted, who)
         view = ReconstructionView.of(row, to_status(job))
         return Answer(202, view.links["self"], view.model_dump_json())
 
-    scan = await run_in_threadpool(check_request, services, wanted.scan_id, wanted.wanted)
+    scan = await run_in_threadpool(check_reconstruction, services, wanted)
     answer = await run_in_threadpool(services.answers.once, key, make)
     identifier = answer.location.rpartition("/")[2]
     await run_in_threadpool(services.enqueue, identifier)
@@ -207,3 +153,18 @@ async def _look(services: Services, identifier: str, wait: Wait) -> tuple[Recons
 def is_over(view: ReconstructionView) -> bool:
     """Whether nothing of it will change any more."""
     return JobStatus(view.id, view.state).is_over
+
+
+def note_reconstruction(
+    services: Services,
+    session: Session,
+    scan: ScanRow,
+    wanted: ReconstructionRequest,
+    who: Principal,
+    batch: BatchRow | None = None,
+) -> tuple[ReconstructionRow, JobRow]:
+    """Note a reconstruction and its job in the present transaction."""
+    row = services.reconstructions.add(session, scan, wanted.parameters.model_dump(mode="json"), batch)
+    job = services.ledger.add(session, job_of(row.id, wanted, principal=who.name, batch_id=row.batch_id))
+    session.flush()
+    return row, job

@@ -7,6 +7,7 @@ from typing import Any, Generic, Literal, Self, TypeVar, cast
 
 from pydantic import BaseModel, Field
 
+from steradian.jobs.kinds import LIVE
 from steradian.jobs.model import JobStatus
 from steradian.plans import VisitOrder
 from steradian.storage.emergency import Deed, Press
@@ -187,7 +188,7 @@ class ReconstructionView(BaseModel):
         here = f"{BASE}/reconstructions/{row.id}"
         mips = {f"mip_{axis}": f"{here}/mip?axis={axis}" for axis in ("x", "y", "z", "depth")}
         parts = {name: f"{here}/{name}" for name in ("volume", "quality", "log", "attempts")}
-        if job.kind == "live":
+        if job.kind == LIVE:
             parts["revision"] = f"{here}/revision"
         links = {"self": here, "scan": f"{BASE}/scans/{row.scan_id}", **parts}
         return cls(
@@ -195,7 +196,7 @@ class ReconstructionView(BaseModel):
             kind=job.kind,
             scan_id=row.scan_id,
             batch_id=row.batch_id,
-            mask_id=job.payload.get("mask_id"),
+            mask_id=(job.payload.get("through") or {}).get("mask_id"),
             frame=job.payload.get("frame"),
             simulated=row.simulated,
             parameters=(job.result or {}).get("parameters") or row.parameters,

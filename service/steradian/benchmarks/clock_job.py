@@ -19,10 +19,11 @@ def milliseconds() -> int:
 
 def work(payload: dict[str, Any], progress: Progress) -> dict[str, Any]:
     """Report the time every ``every`` seconds for ``seconds`` seconds."""
-    end = time.monotonic() + payload["seconds"]
+    request = payload["request"]
+    end = time.monotonic() + request["seconds"]
     while time.monotonic() < end:
         progress("clock", milliseconds(), TURN)
-        time.sleep(payload["every"])
+        time.sleep(request["every"])
     return {}
 
 

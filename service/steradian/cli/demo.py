@@ -22,6 +22,7 @@ from steradian.plans import ScanPlan, preview
 if TYPE_CHECKING:
     from steradian.imaging import Volume
     from steradian.scans.run import ScanSummary
+    from steradian.storage.paths import DataDirectory
 
 APERTURE, DEPTH, COUNT = 13.56e-3, 3.6e-3, 1600
 MODES = 226
@@ -33,6 +34,7 @@ DISC = 7.2e-3
 THRESHOLD = 0.04
 """Region in which images are compared (paper, section 5): a disc's pixels of at least 4 % of the truth's maximum."""
 PHANTOM_SEED = 1
+RESULTS = {".h5", ".json", ".png"}
 
 
 @dataclass
@@ -67,6 +69,8 @@ def demo(
     41 x 41 grid for comparison. Leaves scan.h5, volume.h5, mip-x.png, mip-y.png, mip-z.png and report.json;
     results of an earlier demo in the folder are replaced.
     """
+    from steradian.storage.paths import DataDirectory
+
     report = DemoReport()
     output.mkdir(parents=True, exist_ok=True)
     with report.timed("mask"):
@@ -79,16 +83,16 @@ def demo(
     bytes_, seconds = f"{cost.bytes / 1e6:.1f} MB", f"{cost.laser_seconds:.1f} s of laser at {plan.pulse_rate:g} Hz"
     show_figures("2  Plan", {"visit": f"{1e3 * cost.travel:.0f} mm, {plan.order}", "time": seconds, "A-lines": bytes_})
 
-    with report.timed("scan"):
-        summary = _scan(plan, output / "scan.h5", speed)
-    report.shots_fired, report.shots_stored = summary.fired, summary.stored
-    show_figures("3  Scan (simulated)", {"shots fired": summary.fired, "A-lines stored": summary.stored})
-
-    with tempfile.TemporaryDirectory(prefix="steradian-demo-") as queue:
+    with tempfile.TemporaryDirectory(prefix=".data-", dir=output) as folder:
+        data, scan_id = DataDirectory(Path(folder)), new_scan_id()
+        with report.timed("scan"):
+            summary = _scan(plan, data, scan_id, speed)
+        report.shots_fired, report.shots_stored = summary.fired, summary.stored
+        show_figures("3  Scan (simulated)", {"shots fired": summary.fired, "A-lines stored": summary.stored})
         with report.timed("reconstruction"):
-            _reconstruct_queued(output / "scan.h5", output, Path(queue))
+            _reconstruct_queued(scan_id, data, output)
         with report.timed("comparison grid"):
-            grid = _measure_grid(output / "grid", Path(queue), speed)
+            grid = _measure_grid(output / "grid", data, speed)
     report.grid_count = grid.count
 
     with report.timed("comparison"):
@@ -98,44 +102,45 @@ def demo(
     _show(report, output)
 
 
-def _scan(plan: ScanPlan, path: Path, speed: float) -> ScanSummary:
+def _scan(plan: ScanPlan, data: DataDirectory, scan_id: str, speed: float) -> ScanSummary:
     from steradian.scans.run import run_scan
 
-    path.unlink(missing_ok=True)
     with scanner_port("simulated", speed=speed, seed=PHANTOM_SEED) as port, progress_bar() as progress:
-        return run_scan(plan, port, path, scan_id=new_scan_id(), progress=progress)
+        return run_scan(plan, port, data.scan_file(scan_id), scan_id=scan_id, progress=progress)
 
 
-def _reconstruct_queued(scan: Path, output: Path, data: Path) -> None:
-    """Send a job through the same queue and worker process that the service uses."""
+def _reconstruct_queued(scan_id: str, data: DataDirectory, output: Path) -> None:
+    """Send a job through the same queue and worker process that the service uses; move scan and results out."""
     from steradian.jobs.engine import JobQueue, new_job_id
-    from steradian.jobs.model import JobRequest
+    from steradian.jobs.requests import ReconstructionRequest, job_of
     from steradian.runtime.supervisor import running_worker
     from steradian.settings import Settings
     from steradian.storage.states import ReconstructionState
 
-    settings = Settings.create(data=data)
-    payload = {
-        "scan": str(scan.absolute()),
-        "output": str(output.absolute()),
-        "parameters": {"modes": MODES, "depth_range": DEPTHS},
-    }
+    settings = Settings.create(data=data.root)
+    request = ReconstructionRequest.create(scan_id=scan_id, parameters={"modes": MODES, "depth_range": DEPTHS})
     queue = JobQueue(settings)
     try:
         with running_worker(settings), progress_bar() as progress:
-            job = queue.submit(JobRequest(new_job_id(), "reconstruction", payload))
+            job = queue.submit(job_of(new_job_id(), request))
             status = queue.wait(job, progress=progress)
     finally:
         queue.close()
     if status.state is not ReconstructionState.SUCCEEDED:
         raise SteradianError(f"the reconstruction {status.state}: {status.error}")
+    output.mkdir(parents=True, exist_ok=True)
+    data.scan_file(scan_id).replace(output / "scan.h5")
+    for result in data.job(job).root.iterdir():
+        if result.suffix in RESULTS:
+            result.replace(output / result.name)
 
 
-def _measure_grid(folder: Path, data: Path, speed: float) -> Mask:
+def _measure_grid(folder: Path, data: DataDirectory, speed: float) -> Mask:
     """Measure and reconstruct the same phantom through the paper's strongest grid."""
     grid = grid_mask(APERTURE, GRID_COUNT, GRID_INTERVAL)
-    _scan(ScanPlan.create(mask=grid), folder / "scan.h5", speed)
-    _reconstruct_queued(folder / "scan.h5", folder, data)
+    scan_id = new_scan_id()
+    _scan(ScanPlan.create(mask=grid), data, scan_id, speed)
+    _reconstruct_queued(scan_id, data, folder)
     return grid
 
 

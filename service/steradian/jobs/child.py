@@ -21,8 +21,8 @@ def work(payload: dict[str, Any], progress: Progress, *, kept: list[KeptPlans]) 
     Parameters
     ----------
     payload
-        ``kind`` of the job (:data:`steradian.jobs.kinds.KINDS`) and what that kind needs; ``data`` (the data
-        directory, to which paths are relative) and ``job`` (the job's own folder), put there by the worker.
+        ``kind`` of the job (:data:`steradian.jobs.kinds.KINDS`) and its ``request``, as the ledger has them, the
+        ``principal`` who asked, ``data`` (the data directory) and ``job`` (the job's own folder).
     kept
         Where the plans of earlier jobs are; empty before the first one.
 
@@ -43,7 +43,8 @@ def work(payload: dict[str, Any], progress: Progress, *, kept: list[KeptPlans]) 
         raise InvalidInput("kind", payload["kind"], ", ".join(KINDS))
     folder = JobDirectory(Path(payload["job"]))
     with folder.running():
-        return kind.run(Work(DataDirectory(Path(payload["data"])), folder.root, kept[0], progress), payload)
+        about = Work(DataDirectory(Path(payload["data"])), folder.root, payload["principal"], kept[0], progress)
+        return kind.run(about, payload["request"])
 
 
 if __name__ == "__main__":

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from steradian.errors import Conflict, NotFound
+from steradian.jobs.kinds import resource_of
 from steradian.jobs.model import MAX_ATTEMPTS, Died, Failed, JobRequest, JobStatus, Succeeded
 from steradian.storage.events import record
 from steradian.storage.repository import Page, Repository
@@ -35,6 +36,7 @@ class JobLedger(Repository[JobRow]):
             id=request.id,
             kind=request.kind,
             payload=dict(request.payload),
+            batch_id=request.batch_id,
             priority=request.priority,
             timeout=request.timeout,
             submitted=False,
@@ -48,7 +50,7 @@ class JobLedger(Repository[JobRow]):
             history=[{"state": _R.QUEUED, "at": now.isoformat(), "who": request.principal, "why": "requested"}],
         )
         session.add(row)
-        record(session, now, event_kind(row.kind), row.id, self._event(row, request.principal, "requested"))
+        record(session, now, resource_of(row.kind), row.id, self._event(row, request.principal, "requested"))
         return row
 
     def status(self, job_id: str) -> JobStatus:
@@ -68,20 +70,20 @@ class JobLedger(Repository[JobRow]):
         with self.database.read() as session:
             return {row.id: to_status(row) for row in session.scalars(select(JobRow).where(JobRow.id.in_(job_ids)))}
 
-    def page_of(self, limit: int, before: int | None, kind: str | None, **asked: str | None) -> Page[JobRow]:
-        """List jobs, newest first, like :meth:`page`; of one kind, or those that were asked something.
+    def page_of(self, limit: int, before: int | None, kind: str | None, **members: str | None) -> Page[JobRow]:
+        """List jobs, newest first, like :meth:`page`; of one kind, or those whose request says something.
 
         Parameters
         ----------
-        **asked
-            Members of the payload that must be equal; ``None`` does not matter.
+        **members
+            Members of the request that must be equal; ``None`` does not matter.
         """
         query = select(JobRow).order_by(JobRow.sequence.desc()).limit(limit + 1)
         if before is not None:
             query = query.where(JobRow.sequence < before)
         if kind is not None:
             query = query.where(JobRow.kind == kind)
-        for name, value in asked.items():
+        for name, value in members.items():
             if value is not None:
                 query = query.where(JobRow.payload[name].as_string() == value)
         with self.database.read() as session:
@@ -251,16 +253,11 @@ class JobLedger(Repository[JobRow]):
         row.history = [*row.history, {"state": following, "at": now.isoformat(), "who": who, "why": why}]
         if is_terminal(following):
             row.ended = now
-        record(session, now, event_kind(row.kind), row.id, self._event(row, who, why))
+        record(session, now, resource_of(row.kind), row.id, self._event(row, who, why))
 
     def _event(self, row: JobRow, who: str, why: str) -> dict[str, Any]:
-        about: Mapping[str, Any] = {name: row.payload.get(name) for name in ("scan_id", "batch_id")}
+        about = {"scan_id": row.payload.get("scan_id"), "batch_id": row.batch_id}
         return {"state": row.state, "attempt": row.attempt, "who": who, "why": why, **about}
-
-
-def event_kind(kind: str) -> str:
-    """Name the resource under which a job is known: those behind ``/jobs`` alone have no other."""
-    return "job" if kind in {"sound-speed", "quality", "export", "import"} else "reconstruction"
 
 
 def to_status(row: JobRow) -> JobStatus:

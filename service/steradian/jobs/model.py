@@ -41,6 +41,8 @@ class JobRequest:
         Seconds after which it has failed; ``None``: the service's limit.
     principal
         Who asked for it.
+    batch_id
+        The batch it belongs to.
     """
 
     id: str
@@ -49,6 +51,7 @@ class JobRequest:
     priority: int = DEFAULT_PRIORITY
     timeout: float | None = None
     principal: str = "local"
+    batch_id: str | None = None
 
 
 @dataclass(frozen=True)

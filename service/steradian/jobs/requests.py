@@ -1,6 +1,7 @@
-"""What each kind of job is asked to do: checked when it is queued, and again when it starts.
+"""What each kind of job is asked: the body of the HTTP request, kept in the ledger and read by whoever does the job.
 
-Jobs name resources by identifier; where their files lie follows from the data directory of whoever runs them.
+One model all the way. Jobs name resources by identifier; where their files lie follows from the data directory of
+whoever runs them.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from typing import Annotated, Any, Literal, Self, TypeAlias
 from pydantic import ConfigDict, Field, StringConstraints, model_validator
 
 from steradian.errors import InvalidInput
+from steradian.jobs.model import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobRequest
 from steradian.ranges import LENGTH, SOUND_SPEED
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.validation import Value, quantity
@@ -40,38 +42,60 @@ EXAMPLES: dict[str, Any] = {
     "import": {"kind": "import", "upload_id": "u01jz0000000000000000000000", "labels": {"from": "k-Wave"}},
 }
 """A request of each kind of job."""
+_SCAN = "s01jz0000000000000000000000"
+RECONSTRUCTION_EXAMPLES: list[Any] = [
+    {"scan_id": _SCAN, "parameters": {"modes": 226}},
+    {"scan_id": _SCAN, "follow": True, "interval": 2},
+    {"scan_id": _SCAN, "through": {"mask_id": "m0123456789abcdef01234567"}},
+]
 
 
-class Reconstruction(Value):
-    """A scan's A-lines into a volume."""
+class Request(Value):
+    """What can be said of any job: when and for how long."""
 
-    scan: str = Field(description="The recording's path, relative to the data directory where it lies there")
-    output: str = Field(description="Folder for the results, likewise")
-    parameters: ReconstructionParameters = ReconstructionParameters()
-    frame: int | None = Field(default=None, ge=0, description="Which frame of the scan; none: the first")
+    priority: int = Field(default=DEFAULT_PRIORITY, ge=0, le=LOWEST_PRIORITY, description="Smaller ones run first")
+    timeout: float | None = Field(default=None, gt=0, le=30 * 86_400, description="Longest it may run (s)")
 
 
-class Live(Value):
-    """The same while the scan still runs, again and again."""
+class Through(Value):
+    """A mask through which a scan is looked at as if no other points had been measured."""
 
-    scan_id: Identifier
-    parameters: ReconstructionParameters = ReconstructionParameters()
-    interval: float = quantity("s", "Between the beginnings of two revisions", ge=0.2, le=3600, default=2.0)
-
-
-class WhatIf(Value):
-    """A finished scan as if another mask had been measured."""
-
-    scan_id: Identifier
-    mask_id: Identifier
+    mask_id: Identifier = Field(description="Identifier of the mask")
     points: Literal["nearest", "exact"] = Field(
-        default="nearest", description="nearest: the measured point nearest to each of the mask's; exact: the same"
+        default="nearest", description="nearest: the measured point nearest to each of the mask's; exact: the same ones"
     )
+
+
+class ReconstructionRequest(Request):
+    """What to reconstruct and how."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": RECONSTRUCTION_EXAMPLES})
+
+    scan_id: Identifier = Field(description="Identifier of the scan")
     parameters: ReconstructionParameters = ReconstructionParameters()
+    follow: bool = Field(
+        default=False, description="Begin while the scan runs: a revision every few seconds, the whole at its end"
+    )
+    interval: float = quantity("s", "Between two revisions while following", ge=0.2, le=3600, default=2.0)
+    through: Through | None = Field(default=None, description="Another mask, of a scan that is over")
+    frame: int | None = Field(default=None, ge=0, description="Which frame of a scan that has several")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.through is not None and (self.follow or self.frame is not None):
+            raise InvalidInput("through", self.through.mask_id, "neither follow nor frame with it")
+        if self.follow and self.frame is not None:
+            raise InvalidInput("frame", self.frame, "none while following")
+        return self
+
+    @property
+    def kind(self) -> Literal["reconstruction", "live", "what-if"]:
+        """The kind of job that it takes."""
+        return "live" if self.follow else "reconstruction" if self.through is None else "what-if"
 
 
-class SoundSpeed(Value):
-    """How sharp the image is at each speed of sound."""
+class SoundSpeedRequest(Request):
+    """Find the speed of sound at which a scan's image is sharpest."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [EXAMPLES["sound-speed"]]})
 
@@ -89,8 +113,8 @@ class SoundSpeed(Value):
         return self
 
 
-class Quality(Value):
-    """How much an image is like another one."""
+class QualityRequest(Request):
+    """Compare a reconstruction with another one."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [EXAMPLES["quality"]]})
 
@@ -105,8 +129,8 @@ class Quality(Value):
     )
 
 
-class Export(Value):
-    """A volume or scan in a format of other programs."""
+class ExportRequest(Request):
+    """Write a reconstruction or scan for other programs."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [EXAMPLES["export"]]})
 
@@ -125,8 +149,8 @@ class Export(Value):
         return self
 
 
-class Import(Value):
-    """A recording from elsewhere becomes a scan."""
+class ImportRequest(Request):
+    """Make a scan of an uploaded file."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [EXAMPLES["import"]]})
 
@@ -147,12 +171,18 @@ class Import(Value):
         return self
 
 
-class ImportAs(Import):
-    """The same with the identifier that the scan will have, chosen when the job was queued."""
-
-    scan_id: Identifier
-    principal: str
+WorkRequest: TypeAlias = SoundSpeedRequest | QualityRequest | ExportRequest | ImportRequest
+"""What may be asked for as a job of its own; reconstructions are resources of their own."""
 
 
-Asked: TypeAlias = SoundSpeed | Quality | Export | Import
-"""What may be asked for as a job of its own; reconstructions have resources of their own."""
+def job_of(
+    job_id: str, request: ReconstructionRequest | WorkRequest, *, principal: str = "local", batch_id: str | None = None
+) -> JobRequest:
+    """Make a job of a request."""
+    payload = request.model_dump(mode="json")
+    return JobRequest(job_id, request.kind, payload, request.priority, request.timeout, principal, batch_id)
+
+
+def imported_scan_id(job_id: str) -> str:
+    """Name the scan that an import makes: a second attempt at the job makes the same one."""
+    return f"s{job_id[1:]}"

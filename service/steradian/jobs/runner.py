@@ -92,10 +92,11 @@ class JobRunner:
             refusal = Failed("unknown-kind", f"no worker runs jobs of kind {row.kind!r}")
             return await self._settle(row.id, refusal)
         folder, progress = self._data.job(row.id), _Progress(self, row.id)
-        about = {"kind": row.kind, "job": str(folder.root), "data": str(self._data.root.absolute())}
+        about = {"kind": row.kind, "request": row.payload, "principal": row.history[0]["who"]}
+        where = {"job": str(folder.root), "data": str(self._data.root.absolute())}
         job = asyncio.ensure_future(
             process.run(
-                row.payload | about,
+                about | where,
                 log=folder.log,
                 report=progress,
                 timeout=min(row.timeout or self._settings.job_timeout, self._settings.job_timeout),

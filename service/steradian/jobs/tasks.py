@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from steradian.errors import Conflict
+from steradian.errors import Conflict, InvalidInput
 from steradian.jobs import requests
 from steradian.progress import Progress
 from steradian.storage.paths import DataDirectory
@@ -27,27 +27,29 @@ class Work:
     Attributes
     ----------
     data, folder
-        The data directory, and the job's own folder in it.
+        The data directory, and the job's own folder in it, which has the job's name.
+    principal
+        Who asked for the job.
     plans
         Plans of earlier jobs of this process.
     """
 
     data: DataDirectory
     folder: Path
+    principal: str
     plans: KeptPlans
     progress: Progress
 
 
-def reconstruct(work: Work, job: requests.Reconstruction) -> dict[str, Any]:
+def reconstruct(work: Work, job: requests.ReconstructionRequest) -> dict[str, Any]:
     """Reconstruct a recording."""
     from steradian.reconstructions.job import reconstruct_scan
 
-    scan, output = work.data.root / job.scan, work.data.root / job.output
     how: dict[str, Any] = {"frame": job.frame or 0, "plans": work.plans, "progress": work.progress}
-    return asdict(reconstruct_scan(scan, output, job.parameters, **how))
+    return asdict(reconstruct_scan(work.data.scan_file(job.scan_id), work.folder, job.parameters, **how))
 
 
-def follow(work: Work, job: requests.Live) -> dict[str, Any]:
+def follow(work: Work, job: requests.ReconstructionRequest) -> dict[str, Any]:
     """Reconstruct a scan while it runs, and in full when it is over."""
     from steradian.reconstructions.live import follow_scan
     from steradian.storage.scans import ScanRepository
@@ -65,7 +67,7 @@ def follow(work: Work, job: requests.Live) -> dict[str, Any]:
     return asdict(report)
 
 
-def look_through(work: Work, job: requests.WhatIf) -> dict[str, Any]:
+def look_through(work: Work, job: requests.ReconstructionRequest) -> dict[str, Any]:
     """Reconstruct a scan through another mask."""
     from steradian.reconstructions.job import Report, write_reconstruction
     from steradian.reconstructions.shots import even_out
@@ -73,12 +75,14 @@ def look_through(work: Work, job: requests.WhatIf) -> dict[str, Any]:
     from steradian.scans.opening import open_recording
     from steradian.storage.masks import MaskRepository
 
+    if job.through is None:
+        raise InvalidInput("through", None, "the mask to look through")
     with _database() as database:
-        mask = MaskRepository(database).load(job.mask_id)
+        mask = MaskRepository(database).load(job.through.mask_id)
     scan = work.data.scan_file(job.scan_id)
-    figures = what_if(scan, mask, work.folder, job.parameters, points=job.points, progress=work.progress)
+    figures = what_if(scan, mask, work.folder, job.parameters, points=job.through.points, progress=work.progress)
     recording, uneven = even_out(open_recording(scan), job.parameters.shots)
-    sparse, _ = through(recording, mask, job.points)
+    sparse, _ = through(recording, mask, job.through.points)
     report = write_reconstruction(
         sparse,
         work.folder,
@@ -90,7 +94,7 @@ def look_through(work: Work, job: requests.WhatIf) -> dict[str, Any]:
     return asdict(report) | {"what_if": _plain(figures), "files": _left(work.folder)}
 
 
-def scan_speeds(work: Work, job: requests.SoundSpeed) -> dict[str, Any]:
+def scan_speeds(work: Work, job: requests.SoundSpeedRequest) -> dict[str, Any]:
     """Find the speed of sound at which a scan's image is sharpest."""
     from steradian.reconstructions.sound_speed import scan_sound_speed
 
@@ -106,7 +110,7 @@ def scan_speeds(work: Work, job: requests.SoundSpeed) -> dict[str, Any]:
     return _plain(curve) | {"files": _left(work.folder)}
 
 
-def compare_volumes(work: Work, job: requests.Quality) -> dict[str, Any]:
+def compare_volumes(work: Work, job: requests.QualityRequest) -> dict[str, Any]:
     """Compare a volume with a reference."""
     from steradian.quality import compare
     from steradian.reconstructions.volume_file import read_volume
@@ -122,7 +126,7 @@ def compare_volumes(work: Work, job: requests.Quality) -> dict[str, Any]:
     return {"figures": whole, "files": ["quality.json"]}
 
 
-def export(work: Work, job: requests.Export) -> dict[str, Any]:
+def export(work: Work, job: requests.ExportRequest) -> dict[str, Any]:
     """Write a volume or scan in another format; a format that is a folder is packed into a zip archive."""
     wanted = work.folder / f"{job.reconstruction_id or job.scan_id}{requests.SUFFIXES[job.format]}"
     if job.scan_id is not None:
@@ -142,30 +146,31 @@ def export(work: Work, job: requests.Export) -> dict[str, Any]:
     return {"files": [made.name], "bytes": made.stat().st_size}
 
 
-def import_recording(work: Work, job: requests.ImportAs) -> dict[str, Any]:
+def import_recording(work: Work, job: requests.ImportRequest) -> dict[str, Any]:
     """Make a scan of an upload: its file is looked at here and nowhere else."""
     from steradian.reconstructions.imported import read_imported
     from steradian.scans.importing.guarded import import_guarded
     from steradian.storage.imports import register_import
 
     uploads = [work.data.upload(name) for name in (job.upload_id, job.companion_id) if name is not None]
-    scan = work.data.scan_file(job.scan_id)
+    scan_id = requests.imported_scan_id(work.folder.name)
+    scan = work.data.scan_file(scan_id)
     if not scan.is_file():  # else an earlier attempt got that far
         if not all(upload.is_file() for upload in uploads):
             raise Conflict("an upload is gone; send the file again")
         source, description = _unpacked(work.folder, job, *uploads)
         import_guarded(source, scan, description=description, progress=work.progress)
     said = read_imported(scan)
-    about: dict[str, Any] = {"labels": job.labels, "who": job.principal}
+    about: dict[str, Any] = {"labels": job.labels, "who": work.principal}
     with _database() as database:
-        register_import(database, said.plan, job.scan_id, simulated=said.simulated, summary=said.summary, **about)
+        register_import(database, said.plan, scan_id, simulated=said.simulated, summary=said.summary, **about)
     for upload in uploads:
         upload.unlink(missing_ok=True)
-    return {"scan_id": job.scan_id, "plan_id": said.plan.id, "mask_id": said.plan.mask.id, **said.summary}
+    return {"scan_id": scan_id, "plan_id": said.plan.id, "mask_id": said.plan.mask.id, **said.summary}
 
 
 def _unpacked(
-    folder: Path, job: requests.ImportAs, upload: Path, companion: Path | None = None
+    folder: Path, job: requests.ImportRequest, upload: Path, companion: Path | None = None
 ) -> tuple[Path, Path | None]:
     """Give uploads the names by which the importer knows text files and a description its companion."""
     source = folder / ("source.csv" if _is_text(upload) else "source")

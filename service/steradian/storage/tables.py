@@ -137,6 +137,7 @@ class JobRow(Table):
     revision: Mapped[int] = mapped_column()
     kind: Mapped[str] = mapped_column(String(40))
     payload: Mapped[dict[str, Any]]
+    batch_id: Mapped[str | None] = mapped_column(String(40))
     priority: Mapped[int]
     timeout: Mapped[float | None]
     submitted: Mapped[bool]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from steradian.imaging import Axes, Volume
+from steradian.jobs.kinds import KINDS
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import Succeeded
 from steradian.reconstructions.volume_file import write_volume
@@ -61,9 +62,7 @@ def test_a_job_is_queued_once_shown_moved_and_cancelled(http, reconstruction, sc
     assert (made.status_code, job["kind"], job["state"]) == (202, kind, "queued")
     assert http.post("/jobs", json=body, headers=key).json()["id"] == job["id"]
     here = made.headers["location"].removeprefix("/api/v1")
-    assert {name: job["asked"][name] for name in body if name in job["asked"]} | {"kind": kind} == body | {
-        name: job["asked"][name] for name in body if name == "parameters"
-    }
+    assert job["asked"] == KINDS[kind].request.create(**body).model_dump(mode="json"), "the request is kept as it came"
     assert job["id"] in [item["id"] for item in http.get("/jobs", params={"kind": kind}).json()["items"]]
     assert all(item["kind"] == kind for item in http.get("/jobs", params={"kind": kind}).json()["items"])
     seen = http.get(here)
@@ -78,6 +77,26 @@ def test_a_job_is_queued_once_shown_moved_and_cancelled(http, reconstruction, sc
     assert (early.status_code, early.json()["code"]) == (409, "not-ready")
     gone = http.put(f"{here}/desired-state", json={"state": "cancelled", "reason": "typo"})
     assert (gone.json()["state"], gone.json()["reason"]) == ("cancelled", "typo")
+
+
+@pytest.mark.parametrize(
+    ("kind", "more"),
+    [
+        ("reconstruction", {"frame": 0}),
+        ("live", {"follow": True, "interval": 1.5}),
+        ("what-if", {"through": {"mask_id": "", "points": "exact"}}),
+    ],
+)
+def test_a_reconstruction_is_one_request_from_http_to_who_does_it(http, ledger, scan_with_alines, mask, kind, more):
+    if "through" in more:
+        more["through"]["mask_id"] = mask["id"]
+    body = {"scan_id": scan_with_alines["scan"]["id"], "parameters": {"modes": 4}, "priority": 7, **more}
+    made = http.post("/reconstructions", json=body).json()
+    row = ledger.get(made["id"])
+    assert (made["kind"], row.kind, row.priority) == (kind, kind, 7)
+    whole = KINDS[kind].request.create(**body)
+    assert KINDS[kind].request.create(**row.payload) == whole
+    assert http.get(f"/jobs/{made['id']}").json()["asked"] == row.payload == whole.model_dump(mode="json")
 
 
 def test_a_waiting_reconstruction_is_moved_only_if_it_is_as_the_caller_saw_it(http, scan_with_alines):

@@ -38,7 +38,7 @@ def settle(service, names, killed, title, capsys):
         assert ends == [job.state], f"{name} ended {ends}"
         assert job.state is (R.FAILED if name == "poison" else R.SUCCEEDED), (name, job.error)
     log = EventLog(service.queue.ledger.database)
-    ours = [event for event in log.after(0, 10_000) if event.kind == "reconstruction"]
+    ours = [event for event in log.after(0, 10_000) if event.kind == "job"]
     events = Counter(event.resource_id for event in ours if is_terminal(R(event.data["state"])))
     assert events == Counter(names), "one event for each end"
     assert (jobs["poison"].attempt, len(service.starts("poison"))) == (3, 3)

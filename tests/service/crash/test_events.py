@@ -102,7 +102,7 @@ def test_a_listener_whose_place_is_pruned_is_told_to_reload(service):
     listener.listen(lambda name: name == "reset")
     assert listener.resets == 1
     service.submit("two", "succeed", answer=1)
-    listener.listen(lambda name: name == "reconstruction")
+    listener.listen(lambda name: name == "job")
     assert listener.seen[-1][2:] == ("two", "queued"), "from there on nothing is missed"
     listener.last = "another.7"
     listener.listen(lambda name: name == "reset")

@@ -8,7 +8,8 @@ from steradian.errors import InvalidInput
 from steradian.jobs.process import child_main
 
 
-def work(payload, progress):
+def work(job, progress):
+    payload = job["request"]
     with open(payload["diary"], "a") as diary:
         diary.write(f"{os.getpid()}\n")
     progress("working", 1, 4)

@@ -24,7 +24,7 @@ def test_a_job_that_is_given_up_while_its_process_starts_leaves_none_behind(tmp_
 
     async def give_up():
         process = JobProcess([sys.executable, ECHO], {})
-        payload = {"do": "hang", "diary": str(tmp_path / "diary")}
+        payload = {"request": {"do": "hang", "diary": str(tmp_path / "diary")}}
         job = asyncio.ensure_future(process.run(payload, log=tmp_path / "log.txt", report=_nothing, timeout=60))
         await there.wait()
         job.cancel()

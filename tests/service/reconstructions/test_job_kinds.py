@@ -78,17 +78,16 @@ class Place:
         wave = ahead / distance * np.exp(-(ahead**2) / (2 * 60e-6**2))
         return np.round(2e4 * wave / np.abs(wave).max()).astype(np.int16)
 
-    def do(self, kind, **asked):
+    def do(self, kind, *, name=None, **request):
         """Run a job; returns its identifier and its report."""
         self.done += 1
-        name = f"j{self.done}"
-        about = {"kind": kind, "job": str(self.data.job(name).root), "data": str(self.data.root.absolute())}
-        return name, work(asked | about, lambda *_: None, kept=[])
+        name = name or f"j{self.done}"
+        about = {"kind": kind, "request": request, "principal": "ada"}
+        where = {"job": str(self.data.job(name).root), "data": str(self.data.root.absolute())}
+        return name, work(about | where, lambda *_: None, kept=[])
 
     def reconstruct(self, **parameters):
-        name = f"j{self.done + 1}"
-        where = {"scan": f"scans/{self.scan}.h5", "output": f"reconstructions/{name}"}
-        return self.do("reconstruction", **where, parameters={"modes": 16} | parameters, frame=None, scan_id=self.scan)
+        return self.do("reconstruction", scan_id=self.scan, parameters={"modes": 16} | parameters)
 
     def upload(self, content, name="u1"):
         self.data.upload(name).write_bytes(content)
@@ -120,8 +119,8 @@ def test_a_reconstruction_leaves_volume_projections_and_report(place):
 
 
 def test_what_if_shows_the_other_mask_and_how_much_it_is_like_the_whole(place):
-    asked = {"scan_id": place.scan, "mask_id": place.sparse.id, "points": "exact", "parameters": {"modes": 16}}
-    name, report = place.do("what-if", **asked, batch_id=None)
+    through = {"mask_id": place.sparse.id, "points": "exact"}
+    name, report = place.do("what-if", scan_id=place.scan, through=through, parameters={"modes": 16})
     assert report["sensors"] == place.sparse.count
     assert report["what_if"]["used"] == place.sparse.count
     assert 0 < report["what_if"]["quality"]["volume_correlation"] < 1
@@ -143,7 +142,7 @@ def test_quality_of_an_image_against_itself_is_perfect_and_against_a_worse_one_i
 )
 def test_a_volume_is_exported_as_one_file(place, format, begins):
     one, _ = place.reconstruct()
-    name, report = place.do("export", reconstruction_id=one, scan_id=None, format=format)
+    name, report = place.do("export", reconstruction_id=one, format=format)
     (left,) = report["files"]
     path = place.data.job(name).root / left
     assert path.read_bytes().startswith(begins)
@@ -154,12 +153,11 @@ def test_a_volume_is_exported_as_one_file(place, format, begins):
 
 
 def test_a_scan_that_was_exported_comes_back_by_import_with_the_same_alines(place):
-    name, report = place.do("export", reconstruction_id=None, scan_id=place.scan, format="ipasc")
+    name, report = place.do("export", scan_id=place.scan, format="ipasc")
     upload = place.upload((place.data.job(name).root / report["files"][0]).read_bytes())
-    asked = {"upload_id": upload, "scan_id": "simported", "principal": "ada", "labels": {"from": "ipasc"}}
-    asked |= {"description": None, "companion_id": None}
     for _ in range(2):  # a job may be started again after it had all but finished
-        _, found = place.do("import", **asked)
+        _, found = place.do("import", name="jimported", upload_id=upload, labels={"from": "ipasc"})
+    assert found["scan_id"] == "simported"
     row = place.scans.get("simported")
     assert (row.state, row.labels, row.simulated) == (ScanState.COMPLETE, {"from": "ipasc"}, True)
     assert row.history[0]["who"] == "ada"
@@ -177,24 +175,21 @@ def test_text_is_imported_with_a_description_and_a_file_of_positions(place):
     points = "\n".join(f"{x},{y}" for x, y in place.mask.positions)
     beside = place.upload(f"x,y\n{points}\n".encode(), "u3")
     said = {"sampling_interval": 25e-9, "sound_speed": 1500, "aperture": 2e-3}
-    asked = {"upload_id": upload, "companion_id": beside, "description": said, "labels": {}, "principal": "ada"}
-    _, found = place.do("import", **asked, scan_id="stext")
+    _, found = place.do("import", name="jtext", upload_id=upload, companion_id=beside, description=said)
     assert found["points"] == 64
     assert place.scans.get("stext").state is ScanState.COMPLETE
 
 
 def test_an_upload_that_is_no_recording_is_refused_and_leaves_no_scan(place):
     upload = place.upload(b"\x89HDF\r\n\x1a\n" + b"\0" * 100, "u4")
-    asked = {"upload_id": upload, "companion_id": None, "description": None, "labels": {}, "principal": "ada"}
     with pytest.raises(DamagedFile):
-        place.do("import", **asked, scan_id="sbad")
+        place.do("import", name="jbad", upload_id=upload)
     assert not place.data.scan_file("sbad").exists()
 
 
 def test_a_description_cannot_name_a_file_of_the_service(place):
-    asked = {"upload_id": "u5", "companion_id": None, "labels": {}, "principal": "ada", "scan_id": "sbad"}
     with pytest.raises(InvalidInput, match=r"description\.positions"):
-        place.do("import", **asked, description={"positions": "../../../../etc/passwd"})
+        place.do("import", upload_id="u5", description={"positions": "../../../../etc/passwd"})
 
 
 def test_the_speed_of_sound_is_found_again(place):
@@ -207,7 +202,7 @@ def test_the_speed_of_sound_is_found_again(place):
 
 def test_following_a_scan_that_is_over_is_its_full_reconstruction(place):
     one, _ = place.reconstruct()
-    name, _ = place.do("live", scan_id=place.scan, parameters={"modes": 16}, interval=0.2)
+    name, _ = place.do("live", scan_id=place.scan, follow=True, parameters={"modes": 16}, interval=0.2)
     whole, live = (read_volume(place.data.job(job).volume).values for job in (one, name))
     np.testing.assert_array_equal(live, whole)
     assert json.loads(place.data.job(name).revision.read_text())["final"] is True

@@ -16,10 +16,9 @@ import pytest
 
 from steradian.jobs.engine import JobQueue
 from steradian.jobs.ledger import JobLedger
-from steradian.jobs.submissions import reconstruction_job
+from steradian.jobs.requests import ReconstructionRequest, job_of
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.runtime.supervisor import running_worker
 from steradian.scans.store import AlineStore, create_scan_file
 from steradian.settings import Settings
@@ -245,12 +244,12 @@ def test_cancelling_a_running_reconstruction_frees_its_memory_and_core_within_a_
     noise = np.random.default_rng(0).integers(-1000, 1000, (mask.count, 1024)).astype(np.int16)
     with AlineStore(path) as store:
         store.append(Aline(point, row, point + 1) for point, row in enumerate(noise))
-    large, small = (ReconstructionParameters(modes=modes) for modes in (452, 16))
+    large, small = (ReconstructionRequest.create(scan_id="s1", parameters={"modes": modes}) for modes in (452, 16))
     try:
         with running_worker(settings):
-            queue.submit(reconstruction_job("warm", settings, path, small))
+            queue.submit(job_of("warm", small))
             assert queue.wait("warm", timeout=120).state is ReconstructionState.SUCCEEDED
-            queue.submit(reconstruction_job("large", settings, path, large))
+            queue.submit(job_of("large", large))
             wait_for(lambda: queue.status("large").state is ReconstructionState.RUNNING)
             worker = int(json_pid(tmp_path / "run" / "worker-0.json"))
             child = wait_for(lambda: child_of(worker))
@@ -262,7 +261,7 @@ def test_cancelling_a_running_reconstruction_frees_its_memory_and_core_within_a_
             assert queue.wait("large", timeout=60).state is ReconstructionState.CANCELLED
             left = {file.name for file in (tmp_path / "jobs" / "large").iterdir()}
             assert "volume.h5" not in left
-            queue.submit(reconstruction_job("after", settings, path, small))
+            queue.submit(job_of("after", small))
             assert queue.wait("after", timeout=60).state is ReconstructionState.SUCCEEDED
     finally:
         queue.close()

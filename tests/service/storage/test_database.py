@@ -1,11 +1,16 @@
+import json
 import threading
 
 import pytest
+from alembic import command
 from alembic.autogenerate import compare_metadata
+from alembic.config import Config
 from alembic.migration import MigrationContext
 from sqlalchemy import select, text
 
-from steradian.storage.database import Database
+from steradian.jobs.kinds import KINDS, resource_of
+from steradian.jobs.ledger import JobLedger
+from steradian.storage.database import MIGRATIONS, Database
 from steradian.storage.masks import MaskRepository
 from steradian.storage.tables import MaskRow, Table
 
@@ -62,3 +67,47 @@ def test_two_processes_worth_of_writers_lose_nothing(tmp_path, database):
         thread.join()
     with database.read() as session:
         assert session.scalar(text("SELECT done FROM counter")) == 100
+
+
+EARLIER = {
+    "reconstruction": {
+        "scan": "scans/s1.h5", "output": "reconstructions/j1", "parameters": {"modes": 16}, "frame": 1,
+        "scan_id": "s1", "batch_id": "b1",
+    },
+    "live": {"scan_id": "s1", "parameters": {}, "interval": 3.0, "batch_id": None},
+    "what-if": {"scan_id": "s1", "mask_id": "m1", "points": "exact", "parameters": {}, "batch_id": "b1"},
+    "sound-speed": {"scan_id": "s1", "first": 1400.0, "last": 1500.0, "steps": 5, "parameters": {}},
+    "quality": {"reconstruction_id": "r1", "reference_id": "r2", "diameter": None, "threshold": 0.04},
+    "export": {"reconstruction_id": "r1", "scan_id": None, "format": "nrrd"},
+    "import": {"upload_id": "u1", "description": None, "companion_id": None, "labels": {}, "scan_id": "s2",
+               "principal": "ada"},
+}  # fmt: skip
+
+
+def test_jobs_that_were_queued_before_requests_had_one_model_can_still_be_done(tmp_path):
+    database = Database(f"sqlite:///{tmp_path / 'earlier.sqlite'}")
+    config = Config()
+    config.set_main_option("script_location", str(MIGRATIONS))
+    with database.engine.execution_options(immediate=True).begin() as connection:
+        config.attributes["connection"] = connection
+        command.upgrade(config, "0002")
+        for kind, payload in EARLIER.items():
+            about = {"id": kind, "kind": kind, "payload": json.dumps(payload)}
+            connection.execute(
+                text(
+                    "INSERT INTO jobs (id, revision, kind, payload, priority, submitted, state, desired_state, created,"
+                    " attempt, attempts, done, total, history) VALUES (:id, 1, :kind, :payload, 100, 1, 'queued',"
+                    " 'succeeded', '2026-01-01T00:00:00.000000+00:00', 0, '[]', 0, 0, '[]')"
+                ),
+                about,
+            )
+    database.migrate()
+    ledger = JobLedger(database)
+    for kind in EARLIER:
+        row = ledger.get(kind)
+        request = KINDS[kind].request.create(**row.payload)
+        assert row.batch_id == EARLIER[kind].get("batch_id")
+        if resource_of(kind) == "reconstruction":
+            assert (request.kind, request.scan_id) == (kind, "s1")
+    assert KINDS["what-if"].request.create(**ledger.get("what-if").payload).through.mask_id == "m1"
+    database.close()

@@ -1,0 +1,39 @@
+"""A job's payload is the request as it came; the batch it belongs to has a column of its own."""
+
+from __future__ import annotations
+
+from pathlib import PurePath
+from typing import Any
+
+import sqlalchemy as sa
+from alembic import op
+
+revision = "0003"
+down_revision = "0002"
+
+JOBS = sa.table("jobs", sa.column("id"), sa.column("kind"), sa.column("payload", sa.JSON), sa.column("batch_id"))
+
+
+def upgrade() -> None:
+    """Add the column and write what was asked before in the words of today."""
+    op.add_column("jobs", sa.Column("batch_id", sa.String(40)))
+    connection = op.get_bind()
+    for row in connection.execute(sa.select(JOBS)).all():
+        values = {"payload": as_request(row.kind, row.payload), "batch_id": row.payload.get("batch_id")}
+        connection.execute(JOBS.update().where(JOBS.c.id == row.id).values(values))
+
+
+def as_request(kind: str, payload: dict[str, Any]) -> dict[str, Any]:
+    """Return a request: without the batch, paths, and what an import was given when it was queued."""
+    request = {name: value for name, value in payload.items() if name not in {"batch_id", "scan", "output"}}
+    match kind:
+        case "reconstruction":
+            return {"scan_id": PurePath(payload.get("scan", "")).stem} | request
+        case "live":
+            return request | {"follow": True}
+        case "what-if":
+            through = {name: request.pop(name) for name in ("mask_id", "points") if name in request}
+            return request | {"through": through}
+        case "import":
+            return {name: value for name, value in request.items() if name not in {"scan_id", "principal"}}
+    return request
