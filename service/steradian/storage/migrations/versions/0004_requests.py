@@ -8,8 +8,8 @@ from typing import Any
 import sqlalchemy as sa
 from alembic import op
 
-revision = "0003"
-down_revision = "0002"
+revision = "0004"
+down_revision = "0003"
 
 JOBS = sa.table("jobs", sa.column("id"), sa.column("kind"), sa.column("payload", sa.JSON), sa.column("batch_id"))
 
