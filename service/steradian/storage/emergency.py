@@ -19,6 +19,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 from threading import Lock
 from typing import Any, Final
 
@@ -154,12 +155,10 @@ class EmergencyLatch:
 def _open(path: Path) -> int:
     """Open a block; one that is missing appears at its full size at once, so that nobody's press is overwritten."""
     if not path.exists():
-        draft = path.with_name(f"{path.name}.{os.getpid()}")
-        with os.fdopen(os.open(draft, os.O_WRONLY | os.O_CREAT, 0o600), "wb") as file:
-            file.write(_BLANK)
-            file.flush()
-            os.fsync(file.fileno())
-        with suppress(FileExistsError):
-            os.link(draft, path)
-        draft.unlink()
+        with NamedTemporaryFile(dir=path.parent, prefix=f"{path.name}.") as draft:
+            draft.write(_BLANK)
+            draft.flush()
+            os.fsync(draft.fileno())
+            with suppress(FileExistsError):
+                os.link(draft.name, path)
     return os.open(path, os.O_RDWR | getattr(os, "O_CLOEXEC", 0))

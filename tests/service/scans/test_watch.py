@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from fabry_perot.simulator import launch
+from steradian.errors import ScanFailed
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.scans.control import End, Phase, Wish
@@ -129,3 +130,18 @@ def test_a_wish_is_heard_and_the_last_one_known_holds(desk):
     desk.until(lambda: watch.wish() is Wish.STOP)
     watch.close()
     assert watch.wish() is Wish.STOP
+
+
+def test_an_answer_that_nobody_foresaw_ends_the_scan_instead_of_the_ear_for_wishes(desk, monkeypatch):
+    """A thread that ended unseen would leave the scan running, whatever is wished."""
+    watch = desk.watch()
+    assert watch.wish() is Wish.RUN
+
+    def surprise(identifier):
+        raise RuntimeError("another row than any before")
+
+    monkeypatch.setattr(desk.scans, "get", surprise)
+    desk.until(lambda: watch._failure is not None)
+    with pytest.raises(ScanFailed, match="another row than any before"):
+        watch.wish()
+    watch.close()

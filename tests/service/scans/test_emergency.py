@@ -1,0 +1,97 @@
+"""The acquisition's hold on the laser while the emergency stop stands, and what is said of it afterwards."""
+
+import threading
+import time
+from contextlib import contextmanager
+
+import pytest
+
+from fabry_perot.simulator import launch
+from steradian.masks import equi_steradian_mask
+from steradian.plans import ScanPlan
+from steradian.scans.control import Control, End, Wish
+from steradian.scans.emergency import EmergencyWatch
+from steradian.scans.run import run_scan
+from steradian.storage.emergency import Deed, EmergencyLatch
+
+
+@pytest.fixture(scope="module")
+def plan():
+    mask = equi_steradian_mask(aperture=13.56e-3, depth=3.6e-3, count=60)
+    return ScanPlan.create(mask=mask, samples=256, pulse_rate=100.0)
+
+
+class CountedLatch(EmergencyLatch):
+    """Tells how often it was looked at, and cannot be looked at a first few times."""
+
+    def __init__(self, folder, failures=0):
+        super().__init__(folder)
+        self.looks, self.failures = 0, failures
+
+    def standing(self):
+        self.looks += 1
+        if self.looks <= self.failures:
+            raise RuntimeError("whatever it was")
+        return super().standing()
+
+    def until(self, looks):
+        deadline = time.monotonic() + 60
+        while self.looks < looks:
+            assert time.monotonic() < deadline
+            threading.Event().wait(0.005)
+
+
+def test_what_was_answered_to_a_press_holds_when_the_acquisition_is_started_anew(tmp_path):
+    """The laser was switched off; that nothing runs after the restart is no answer to that press."""
+    latch = CountedLatch(tmp_path)
+    press = latch.press("Ada", "smoke")
+    latch.answer(Deed(press.number, "off", 0.012))
+    with EmergencyWatch(latch).looking():
+        latch.until(5)
+    assert latch.deed(press.number) == Deed(press.number, "off", 0.012)
+
+
+def test_a_look_at_the_stop_that_fails_is_followed_by_the_next(tmp_path):
+    latch = CountedLatch(tmp_path, failures=3)
+    press = latch.press("Ada", "smoke")
+    with EmergencyWatch(latch).looking():
+        latch.until(6)
+    assert latch.deed(press.number).laser == "idle"
+
+
+def test_who_guards_a_scanner_does_so_until_its_laser_is_off(plan, tmp_path):
+    """A session that fails leaves a firing laser to the end of its connection, which switches it off."""
+
+    class Fails(Control):
+        @contextmanager
+        def guarding(self, scanner):
+            try:
+                yield
+            finally:
+                shutters.append(simulator.command("report")["shutter"])
+
+        def progress(self, done, total):
+            shutters.append(simulator.command("report")["shutter"])
+            raise RuntimeError("a fault of our own")
+
+    shutters = []
+    with launch(speed=1.0) as simulator, pytest.raises(RuntimeError, match="our own"):
+        run_scan(plan, simulator.url, tmp_path / "a.h5", control=Fails())
+    assert shutters == [True, False]
+
+
+def test_what_is_wished_once_the_laser_is_armed_comes_before_the_first_shot(plan, tmp_path):
+    class Hesitates(Control):
+        """Wants the scan to end, but only while the laser is armed."""
+
+        @contextmanager
+        def guarding(self, scanner):
+            self.scanner = scanner
+            yield
+
+        def wish(self):
+            return Wish.ABORT if self.scanner.state == "armed" else Wish.RUN
+
+    with launch(speed=20.0) as simulator:
+        summary = run_scan(plan, simulator.url, tmp_path / "a.h5", control=Hesitates())
+        assert (summary.end, simulator.command("report")["shots"]) == (End.ABORTED, 0)

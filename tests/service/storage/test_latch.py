@@ -1,0 +1,23 @@
+"""The latch of the emergency stop is the same one for every process, from the first moment on."""
+
+import os
+
+from steradian.storage.emergency import EmergencyLatch
+
+
+def test_a_press_between_two_processes_that_make_the_latch_is_not_overwritten(tmp_path, monkeypatch):
+    """The second finds no latch, and by the time it has made one the first has been pressed."""
+    fsync, pressed = os.fsync, []
+
+    def meanwhile(handle):
+        monkeypatch.setattr(os, "fsync", fsync)
+        pressed.append(EmergencyLatch(tmp_path).press("Ada", "smoke"))
+        return fsync(handle)
+
+    monkeypatch.setattr(os, "fsync", meanwhile)
+    late = EmergencyLatch(tmp_path)
+    assert [late.standing()] == pressed
+    assert [EmergencyLatch(tmp_path).standing()] == pressed
+    late.release(pressed[0].number)
+    assert EmergencyLatch(tmp_path).standing() is None
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["answered", "pressed", "released"]
