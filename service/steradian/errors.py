@@ -68,6 +68,12 @@ class Conflict(SteradianError):
     code = "conflict"
 
 
+class Superseded(Conflict):
+    """A newer start of the same job has begun, so what this one does counts no more."""
+
+    code = "superseded"
+
+
 class DamagedFile(SteradianError):
     """A file is truncated, not of the expected kind, or of a newer schema."""
 

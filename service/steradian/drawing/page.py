@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from steradian.drafts import draft
 from steradian.drawing.style import FONT, INK, LABEL, PAPER, QUIET, TICK, TITLE
 from steradian.errors import InvalidInput
 
@@ -95,12 +96,8 @@ def save(figure: Figure, path: Path) -> None:
     """
     check_ending(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(path.name + ".new")
-    try:
-        figure.savefig(draft, format=path.suffix.lstrip(".") or "png")
-        draft.replace(path)
-    finally:
-        draft.unlink(missing_ok=True)
+    with draft(path) as file:
+        figure.savefig(file, format=path.suffix.lstrip(".") or "png")
 
 
 def _points(pixels: float) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from steradian.drafts import draft
 from steradian.drawing import style
 from steradian.drawing.style import GAP, INK, LABEL, PAPER, QUIET, TICK, TITLE, font
 from steradian.drawing.ticks import MOST, ticks
@@ -109,12 +110,8 @@ class Sheet:
     def save(self, path: Path) -> Drawn:
         """Draw into a PNG, under a temporary name first."""
         drawn = self.draw()
-        draft = path.with_name(path.name + ".new")
-        try:
-            self._image.save(draft, format="png", compress_level=1)
-            draft.replace(path)
-        finally:
-            draft.unlink(missing_ok=True)
+        with draft(path) as file:
+            self._image.save(file, format="png", compress_level=1)
         return drawn
 
     def draw(self) -> Drawn:

@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from steradian.drafts import signed
 from steradian.errors import InvalidInput
 from steradian.jobs.process import child_main
 from steradian.progress import Progress
@@ -22,7 +23,8 @@ def work(payload: dict[str, Any], progress: Progress, *, kept: list[KeptPlans]) 
     ----------
     payload
         ``kind`` of the job (:data:`steradian.jobs.kinds.KINDS`) and its ``request``, as the ledger has them, the
-        ``principal`` who asked, ``data`` (the data directory) and ``job`` (the job's own folder).
+        ``principal`` who asked, ``data`` (the data directory), ``job`` (the job's own folder) and ``start`` (the number
+        of this start).
     kept
         Where the plans of earlier jobs are; empty before the first one.
 
@@ -41,9 +43,15 @@ def work(payload: dict[str, Any], progress: Progress, *, kept: list[KeptPlans]) 
     kind = KINDS.get(payload["kind"])
     if kind is None:
         raise InvalidInput("kind", payload["kind"], ", ".join(KINDS))
-    folder = JobDirectory(Path(payload["job"]))
-    with folder.running():
-        about = Work(DataDirectory(Path(payload["data"])), folder.root, payload["principal"], kept[0], progress)
+    folder, start = JobDirectory(Path(payload["job"])), int(payload["start"])
+
+    def go_on(stage: str, done: int, total: int) -> None:
+        folder.check(start)
+        progress(stage, done, total)
+
+    folder.begin(start)
+    with folder.running(), signed(str(start), lambda: folder.check(start)):
+        about = Work(DataDirectory(Path(payload["data"])), folder.root, payload["principal"], kept[0], go_on)
         return kind.run(about, payload["request"])
 
 

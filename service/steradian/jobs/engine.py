@@ -184,9 +184,9 @@ class JobQueue:
                 self.cancel(row.id, "service")
                 self.ledger.cancelled(row.id, "service")
             else:
-                self.ledger.start(row.id, "service")
+                started = self.ledger.start(row.id, "service")
                 failed = Failed("internal", f"the queue's engine gave it up: {engine_state}")
-                self.ledger.settle(row.id, failed, "service")
+                self.ledger.settle(row.id, started.fence, failed, "service")
 
 
 def _disagree(state: ReconstructionState, engine_state: str) -> bool:

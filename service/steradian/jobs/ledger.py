@@ -8,9 +8,19 @@ from typing import Any
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from steradian.errors import Conflict, NotFound
+from steradian.errors import Conflict, NotFound, Superseded
 from steradian.jobs.kinds import resource_of
-from steradian.jobs.model import MAX_ATTEMPTS, Died, Failed, JobRequest, JobStatus, Succeeded
+from steradian.jobs.model import (
+    MAX_ATTEMPTS,
+    MAX_INTERRUPTIONS,
+    Died,
+    Failed,
+    Interrupted,
+    JobRequest,
+    JobStatus,
+    Outcome,
+    Succeeded,
+)
 from steradian.storage.events import record
 from steradian.storage.repository import Page, Repository
 from steradian.storage.scans import Outdated
@@ -41,6 +51,7 @@ class JobLedger(Repository[JobRow]):
             timeout=request.timeout,
             submitted=False,
             state=_R.QUEUED,
+            fence=0,
             desired_state=DesiredJobState.SUCCEEDED,
             created=now,
             attempt=0,
@@ -57,13 +68,13 @@ class JobLedger(Repository[JobRow]):
         """Tell how a job stands; raises :class:`NotFound`."""
         return to_status(self.get(job_id))
 
-    def state(self, job_id: str) -> ReconstructionState:
-        """Tell a job's state alone; raises :class:`NotFound`."""
+    def standing(self, job_id: str) -> tuple[ReconstructionState, int]:
+        """Tell a job's state and the number of its newest start; raises :class:`NotFound`."""
         with self.database.read() as session:
-            found = session.scalar(select(JobRow.state).where(JobRow.id == job_id))
+            found = session.execute(select(JobRow.state, JobRow.fence).where(JobRow.id == job_id)).one_or_none()
         if found is None:
             raise NotFound(self.kind, job_id)
-        return found
+        return found.state, found.fence
 
     def statuses(self, job_ids: list[str]) -> dict[str, JobStatus]:
         """Tell how several jobs stand."""
@@ -115,7 +126,8 @@ class JobLedger(Repository[JobRow]):
     def start(self, job_id: str, worker: str) -> JobRow:
         """Begin the next attempt, or end the job when too many died; the row's state says which.
 
-        An attempt that is still open belongs to a worker that is gone.
+        An attempt that is still open belongs to a worker that is gone, or cut off: from now on its number, ``fence``
+        of the row, is not the current one.
         """
 
         def change(session: Session, row: JobRow) -> None:
@@ -123,8 +135,8 @@ class JobLedger(Repository[JobRow]):
                 self._close_attempt(session, row, Died("its worker died"), worker)
             if row.state is not _R.QUEUED:
                 return
-            row.attempt += 1
-            opened = {"number": row.attempt, "worker": worker, "started": self.clock().isoformat()}
+            row.attempt, row.fence = row.attempt + 1, row.fence + 1
+            opened = {"number": row.attempt, "start": row.fence, "worker": worker, "started": self.clock().isoformat()}
             row.attempts = [*row.attempts, opened | {"ended": None, "outcome": None, "detail": None}]
             row.stage, row.done, row.total = "starting", 0, 1
             row.started = row.started or self.clock()
@@ -132,8 +144,19 @@ class JobLedger(Repository[JobRow]):
 
         return self._transact(job_id, change)
 
-    def settle(self, job_id: str, outcome: Succeeded | Failed | Died, worker: str) -> JobRow:
-        """Note how an attempt ended; a death queues the job again until it has died too often."""
+    def settle(self, job_id: str, fence: int, outcome: Outcome, worker: str) -> JobRow:
+        """Note how a start ended; a death queues the job again until it has died too often.
+
+        Parameters
+        ----------
+        fence
+            Number of the start.
+
+        Raises
+        ------
+        Superseded
+            When it is not the newest start any more; nothing has changed then.
+        """
 
         def change(session: Session, row: JobRow) -> None:
             if row.state is _R.RUNNING:
@@ -141,18 +164,16 @@ class JobLedger(Repository[JobRow]):
             elif row.state is _R.CANCELLING:
                 self._end_cancelled(session, row, worker)
 
-        return self._transact(job_id, change)
+        return self._fenced(job_id, fence, change)
 
-    def put_back(self, job_id: str, worker: str) -> JobRow:
-        """Queue a running job again as if its last attempt had not been."""
+    def put_back(self, job_id: str, fence: int, worker: str) -> JobRow:
+        """Queue a running job again as if its start had not been; raises :class:`Superseded` like :meth:`settle`."""
 
         def change(session: Session, row: JobRow) -> None:
             if row.state is _R.RUNNING:
-                self._note_end(row, "put back", None)
-                row.attempt, row.stage, row.done, row.total = row.attempt - 1, "put back", 0, 1
-                self._move(session, row, _R.QUEUED, worker, "the worker was asked to end")
+                self._put_back(session, row, "put back", worker, "the worker was asked to end")
 
-        return self._transact(job_id, change)
+        return self._fenced(job_id, fence, change)
 
     def want_cancelled(self, job_id: str, who: str, reason: str | None) -> JobRow:
         """Note that a person wants a job cancelled; repeating it changes nothing.
@@ -173,14 +194,20 @@ class JobLedger(Repository[JobRow]):
 
         return self._transact(job_id, change)
 
-    def cancelled(self, job_id: str, who: str) -> JobRow:
-        """Note that nothing of a job runs any more that a person wants cancelled."""
+    def cancelled(self, job_id: str, who: str, fence: int | None = None) -> JobRow:
+        """Note that nothing of a job runs any more that a person wants cancelled.
+
+        Raises
+        ------
+        Superseded
+            When start number ``fence``, of which nothing runs any more, is not the newest.
+        """
 
         def change(session: Session, row: JobRow) -> None:
             if row.state is _R.CANCELLING:
                 self._end_cancelled(session, row, who)
 
-        return self._transact(job_id, change)
+        return self._transact(job_id, change) if fence is None else self._fenced(job_id, fence, change)
 
     def set_priority(self, job_id: str, priority: int, revision: int | None = None) -> JobRow:
         """Note another priority; with ``revision``, only if the job has not changed since.
@@ -200,13 +227,22 @@ class JobLedger(Repository[JobRow]):
 
         return self._transact(job_id, change)
 
-    def report(self, job_id: str, stage: str, done: int, total: int) -> None:
-        """Note how far a job has come."""
+    def report(self, job_id: str, fence: int, stage: str, done: int, total: int) -> None:
+        """Note how far a start has come; raises :class:`Superseded` like :meth:`settle`."""
 
-        def change(row: JobRow) -> None:
-            row.stage, row.done, row.total = stage[:120], done, total
+        def change(_session: Session, row: JobRow) -> None:
+            if row.state is _R.RUNNING:
+                row.stage, row.done, row.total = stage[:120], done, total
 
-        self._change(job_id, change)
+        self._fenced(job_id, fence, change)
+
+    def _fenced(self, job_id: str, fence: int, change: Callable[[Session, JobRow], object]) -> JobRow:
+        def checked(session: Session, row: JobRow) -> None:
+            if row.fence != fence:
+                raise Superseded(f"start {fence} of job {job_id} counts no more; start {row.fence} has begun")
+            change(session, row)
+
+        return self._transact(job_id, checked)
 
     def _change(self, job_id: str, change: Callable[[JobRow], object]) -> JobRow:
         return self._transact(job_id, lambda _session, row: change(row))
@@ -217,7 +253,7 @@ class JobLedger(Repository[JobRow]):
             change(session, row)
         return row
 
-    def _close_attempt(self, session: Session, row: JobRow, outcome: Succeeded | Failed | Died, worker: str) -> None:
+    def _close_attempt(self, session: Session, row: JobRow, outcome: Outcome, worker: str) -> None:
         match outcome:
             case Succeeded(result):
                 self._note_end(row, "succeeded", None)
@@ -232,6 +268,18 @@ class JobLedger(Repository[JobRow]):
                     self._move(session, row, _R.QUEUED, worker, message)
                 else:
                     self._fail(session, row, worker, "died", f"started {MAX_ATTEMPTS} times, last: {message}")
+            case Interrupted(message):
+                if sum(start["outcome"] == "interrupted" for start in row.attempts) + 1 < MAX_INTERRUPTIONS:
+                    self._put_back(session, row, "interrupted", worker, message)
+                else:
+                    self._note_end(row, "interrupted", message)
+                    self._fail(session, row, worker, "interrupted", f"again and again, last: {message}")
+
+    def _put_back(self, session: Session, row: JobRow, outcome: str, worker: str, why: str) -> None:
+        """Queue a job again without counting its start."""
+        self._note_end(row, outcome, why)
+        row.attempt, row.stage, row.done, row.total = row.attempt - 1, "put back", 0, 1
+        self._move(session, row, _R.QUEUED, worker, why)
 
     def _fail(self, session: Session, row: JobRow, worker: str, code: str, message: str) -> None:
         row.error_code, row.error = code, message

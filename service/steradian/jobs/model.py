@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any
+from typing import Any, TypeAlias
 
 from steradian.errors import SteradianError
 from steradian.storage.states import DesiredJobState, ReconstructionState, is_terminal
@@ -13,6 +13,8 @@ from steradian.storage.states import DesiredJobState, ReconstructionState, is_te
 MAX_ATTEMPTS = 3
 """How often a job is started when its process or its worker dies; an error it reports itself is final at once."""
 
+MAX_INTERRUPTIONS = 20
+"""How often a job is put back because what it stands on failed: a database, a folder, an earlier start still at it."""
 
 DEFAULT_PRIORITY, LOWEST_PRIORITY = 100, 1000
 
@@ -125,3 +127,13 @@ class Died:
     """A job's process ended without a word: killed, out of memory, crashed."""
 
     message: str
+
+
+@dataclass(frozen=True)
+class Interrupted:
+    """What a job stands on failed, not the job: it is put back, and the start does not count."""
+
+    message: str
+
+
+Outcome: TypeAlias = Succeeded | Failed | Died | Interrupted

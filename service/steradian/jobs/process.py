@@ -2,7 +2,8 @@
 
 The child reads each job as one JSON line from standard input, which stays open: when it closes, the worker is gone and
 the child ends at once. It writes JSON lines: ``{"begun"}``, ``{"stage", "done", "total"}`` on the way and at last
-``{"result", "last"}`` or ``{"error": {"code", "message"}}``. What a job writes elsewhere goes to its log.
+``{"result", "last"}``, ``{"error": {"code", "message"}}`` or ``{"interrupted"}``. What a job writes elsewhere goes to
+its log.
 
 A child stays for the next job only after a success, because loading the numerics takes seconds. Cancelling, a timeout
 and any failure end the process, so what they hit is one job and its memory.
@@ -11,6 +12,7 @@ and any failure end the process, so what they hit is one job and its memory.
 from __future__ import annotations
 
 import asyncio
+import errno
 import gc
 import json
 import os
@@ -24,9 +26,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any, TypeAlias
 
-from steradian.errors import SteradianError
-from steradian.jobs.model import Died, Failed, Succeeded
+from steradian.errors import SteradianError, Superseded
+from steradian.jobs.model import Died, Failed, Interrupted, Outcome, Succeeded
 from steradian.progress import Progress
+from steradian.storage.paths import StillRunning
 
 Report: TypeAlias = Callable[[str, int, int], Awaitable[None]]
 """Called by the worker with each stage, done and total that the child reports."""
@@ -36,6 +39,8 @@ MAX_JOBS = 50
 """Jobs after which a child is replaced."""
 MAX_RESIDENT = 2 * 2**30
 """Bytes that a child may hold between jobs; one that holds more is replaced."""
+LOST = {errno.EIO, errno.ESTALE, errno.ENOTCONN, errno.ENODEV, errno.ENXIO, errno.ETIMEDOUT, errno.EHOSTDOWN}
+"""What the system says of a file system that is gone."""
 IDLE = 600.0
 """Seconds after which a child without work ends."""
 
@@ -54,7 +59,7 @@ class JobProcess:
         log: Path,
         report: Report,
         timeout: float,  # noqa: ASYNC109 - it ends a process, not only the waiting
-    ) -> Succeeded | Failed | Died:
+    ) -> Outcome:
         """Run a job to its end; cancelling this coroutine kills the child.
 
         Parameters
@@ -63,7 +68,7 @@ class JobProcess:
             Seconds after which the child is killed and the job has failed.
         """
         log.parent.mkdir(parents=True, exist_ok=True)
-        outcome: Succeeded | Failed | Died | None = None
+        outcome: Outcome | None = None
         try:
             async with asyncio.timeout(timeout):
                 while outcome is None:
@@ -87,7 +92,7 @@ class JobProcess:
         if child.stdin is not None:
             child.stdin.close()
 
-    async def _converse(self, request: dict[str, Any], report: Report) -> Succeeded | Failed | Died | None:
+    async def _converse(self, request: dict[str, Any], report: Report) -> Outcome | None:
         """Hand a job to the child; ``None`` when a kept child had ended before it began."""
         kept = self._child is not None
         child = self._child = self._child or await self._start()
@@ -109,6 +114,8 @@ class JobProcess:
                     return Succeeded(result)
                 case {"error": {"code": str(kind), "message": str(message)}}:
                     return Failed(kind, message)
+                case {"interrupted": str(message)}:
+                    return Interrupted(message)
                 case _:
                     pass
         code = await child.wait()
@@ -149,7 +156,8 @@ def child_main(work: Callable[[dict[str, Any], Progress], dict[str, Any]]) -> No
     """Be the child: read jobs, do ``work``, report; end when standard input closes, after a failure or when idle.
 
     An error of our own tree is reported and final; any other is reported with its type, its traceback in the log,
-    and counts as deterministic too.
+    and counts as deterministic too. What is no fault of the job (a lost database or folder, an earlier start that is
+    still at it) is an interruption.
     """
     speak = _Speaker()
     jobs: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
@@ -175,6 +183,8 @@ def _do(
 ) -> dict[str, Any] | None:
     try:
         return work(payload, lambda stage, done, total: speak(stage=stage, done=int(done), total=int(total)))
+    except (StillRunning, Superseded) as error:
+        speak(interrupted=str(error))
     except SteradianError as error:
         speak(error={"code": error.code, "message": str(error)})
     except MemoryError:
@@ -184,8 +194,20 @@ def _do(
 
         traceback.print_exc()
         sys.stderr.flush()
-        speak(error={"code": "internal", "message": f"{type(error).__name__}: {error}"})
+        message = f"{type(error).__name__}: {error}"
+        if _is_interruption(error):
+            speak(interrupted=message)
+        else:
+            speak(error={"code": "internal", "message": message})
     return None
+
+
+def _is_interruption(error: Exception) -> bool:
+    """Whether a database or a file system failed, not the job."""
+    if isinstance(error, OSError):
+        return error.errno in LOST
+    databases = sys.modules.get("sqlalchemy.exc")
+    return databases is not None and isinstance(error, (databases.OperationalError, databases.InterfaceError))
 
 
 def _listen(jobs: queue.SimpleQueue[dict[str, Any]]) -> None:

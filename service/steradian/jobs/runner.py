@@ -7,12 +7,14 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, Final, TypeVar
 
-from sqlalchemy.exc import DBAPIError
+from sqlalchemy.exc import SQLAlchemyError
 
+from steradian.errors import Superseded
 from steradian.jobs.ledger import JobLedger
-from steradian.jobs.model import Died, Failed, Succeeded
+from steradian.jobs.model import Died, Failed, Interrupted, Outcome, Succeeded
 from steradian.jobs.process import JobProcess
 from steradian.settings import Settings
 from steradian.stopping import StopEvent
@@ -28,8 +30,10 @@ HURRIED_POLL: Final = 0.01
 """That pause."""
 BACKOFF: Final = 0.5
 """Seconds before the second start of a job whose process died; doubled for the third."""
-PATIENCE: Final = 120.0
-"""Seconds for which a database that does not answer is asked again."""
+MAX_DOUBLINGS: Final = 6
+"""How often that is doubled after interruptions in a row."""
+TELL_EVERY: Final = 30.0
+"""Seconds between two complaints about a database that does not answer."""
 
 T = TypeVar("T")
 _R = ReconstructionState
@@ -67,8 +71,9 @@ class JobRunner:
         return self.idle.is_set() and time.monotonic() - self._ended < HURRY
 
     async def run(self, job_id: str) -> str:
-        """Attempt a job until it is over; returns its state."""
+        """Attempt a job until it is over, or another worker has it; returns its state then."""
         self.idle.clear()
+        row, interruptions = None, 0
         try:
             while True:
                 row = await self._patiently(lambda: self._ledger.start(job_id, self._worker))
@@ -76,10 +81,16 @@ class JobRunner:
                     row = await self._attempt(row)
                 if row.state is not _R.QUEUED:
                     return row.state
-                await asyncio.sleep(BACKOFF * 2 ** (row.attempt - 1))
+                interrupted = row.attempts[-1]["outcome"] == "interrupted"
+                interruptions = interruptions + 1 if interrupted else 0
+                await self._rest(BACKOFF * 2 ** (min(interruptions, MAX_DOUBLINGS) if interrupted else row.attempt - 1))
+        except Superseded as error:
+            _log.warning("%s; another worker has it", error)
+            return _R.RUNNING
         except asyncio.CancelledError:
             # The engine ends a cancelled step at any of its waits, perhaps before that was written down.
-            self._ledger.cancelled(job_id, self._worker)
+            with suppress(Superseded, SQLAlchemyError):
+                self._ledger.cancelled(job_id, self._worker, None if row is None else row.fence)
             raise
         finally:
             self._ended = time.monotonic()
@@ -87,21 +98,11 @@ class JobRunner:
             self.ended.set()
 
     async def _attempt(self, row: JobRow) -> JobRow:
+        """Do what a start of a job asks for and note how it ended, whatever happens on the way."""
         process = self._processes.get(row.kind)
         if process is None:
-            refusal = Failed("unknown-kind", f"no worker runs jobs of kind {row.kind!r}")
-            return await self._settle(row.id, refusal)
-        folder, progress = self._data.job(row.id), _Progress(self, row.id)
-        about = {"kind": row.kind, "request": row.payload, "principal": row.history[0]["who"]}
-        where = {"job": str(folder.root), "data": str(self._data.root.absolute())}
-        job = asyncio.ensure_future(
-            process.run(
-                about | where,
-                log=folder.log,
-                report=progress,
-                timeout=min(row.timeout or self._settings.job_timeout, self._settings.job_timeout),
-            )
-        )
+            return await self._settle(row, Failed("unknown-kind", f"no worker runs jobs of kind {row.kind!r}"))
+        job = asyncio.ensure_future(self._converse(process, row, progress := _Progress(self, row)))
         try:
             while not job.done():
                 await asyncio.wait({job}, timeout=POLL)
@@ -109,53 +110,90 @@ class JobRunner:
                     break
                 if self.stopping.is_set():
                     await _kill(job)
-                    await self._patiently(lambda: self._ledger.put_back(row.id, self._worker))
-                    self.idle.set()
-                    await asyncio.Event().wait()  # the process ends first
+                    await self._patiently(lambda: self._ledger.put_back(row.id, row.fence, self._worker))
+                    await self._stand_still()
                 await progress.pass_on()
-                if await self._is_unwanted(row.id):
+                if await self._is_unwanted(row):
                     await _kill(job)
-                    return await self._patiently(lambda: self._ledger.cancelled(row.id, self._worker))
-            return await self._settle(row.id, job.result())
+                    return await self._cancelled(row)
+            return await self._settle(row, job.result())
         finally:
             await _kill(job)
 
-    async def _settle(self, job_id: str, outcome: Succeeded | Failed | Died) -> JobRow:
+    async def _converse(self, process: JobProcess, row: JobRow, progress: _Progress) -> Outcome:
+        folder = self._data.job(row.id)
+        about = {"kind": row.kind, "request": row.payload, "principal": row.history[0]["who"], "start": row.fence}
+        where = {"job": str(folder.root), "data": str(self._data.root.absolute())}
+        timeout = min(row.timeout or self._settings.job_timeout, self._settings.job_timeout)
+        try:
+            return await process.run(about | where, log=folder.log, report=progress, timeout=timeout)
+        except OSError as error:
+            return Interrupted(f"the job's process cannot be run: {error}")
+        except Exception as error:
+            _log.exception("job %s: its process cannot be understood", row.id)
+            return Died(f"its process cannot be understood: {error}")
+
+    async def _settle(self, row: JobRow, outcome: Outcome) -> JobRow:
         if not isinstance(outcome, Succeeded):
-            _log.warning("job %s: %s", job_id, outcome.message)
-            self._note(job_id, outcome.message)
-        return await self._patiently(lambda: self._ledger.settle(job_id, outcome, self._worker))
+            _log.warning("job %s: %s", row.id, outcome.message)
+            self._note(row.id, outcome.message)
+        return await self._patiently(lambda: self._ledger.settle(row.id, row.fence, outcome, self._worker))
+
+    async def _cancelled(self, row: JobRow) -> JobRow:
+        return await self._patiently(lambda: self._ledger.cancelled(row.id, self._worker, row.fence))
 
     def _note(self, job_id: str, text: str) -> None:
-        """Add a line of the worker's own to the job's log."""
+        """Add a line of the worker's own to the job's log, if its disk takes it."""
         path = self._data.job(job_id).log
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("a") as log:
-            log.write(f"{self._worker}: {text}\n")
-
-    async def _is_unwanted(self, job_id: str) -> bool:
         try:
-            state = await asyncio.to_thread(self._ledger.state, job_id)
-        except DBAPIError:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with path.open("a") as log:
+                log.write(f"{self._worker}: {text}\n")
+        except OSError as error:
+            _log.warning("the log of job %s cannot be written: %s", job_id, error)
+
+    async def _is_unwanted(self, row: JobRow) -> bool:
+        """Tell whether a person wants a start ended; raises :class:`Superseded` when there is a newer one."""
+        try:
+            state, fence = await asyncio.to_thread(self._ledger.standing, row.id)
+        except SQLAlchemyError:
             return False  # asked again soon
+        if fence != row.fence:
+            raise Superseded(f"start {row.fence} of job {row.id} counts no more; start {fence} has begun")
         return state in {_R.CANCELLING, _R.CANCELLED}
 
-    async def report(self, job_id: str, stage: str, done: int, total: int) -> None:
+    async def report(self, row: JobRow, stage: str, done: int, total: int) -> None:
         """Pass progress on; one that is lost is replaced by the next."""
         try:
-            await asyncio.to_thread(self._ledger.report, job_id, stage, done, total)
-        except DBAPIError as error:
-            _log.warning("progress of job %s is lost: %s", job_id, error.orig)
+            await asyncio.to_thread(self._ledger.report, row.id, row.fence, stage, done, total)
+        except Superseded:
+            return  # as the next look says
+        except SQLAlchemyError as error:
+            _log.warning("progress of job %s is lost: %s", row.id, error)
+
+    async def _rest(self, seconds: float) -> None:
+        """Wait before the next start; a worker that is asked to end meanwhile has nothing to put back."""
+        deadline = time.monotonic() + seconds
+        while (left := deadline - time.monotonic()) > 0:
+            if self.stopping.is_set():
+                await self._stand_still()
+            await asyncio.sleep(min(left, POLL))
+
+    async def _stand_still(self) -> None:
+        """Let the worker's process end before the engine hears of this one's end."""
+        self.idle.set()
+        await asyncio.Event().wait()
 
     async def _patiently(self, change: Callable[[], T]) -> T:
-        """Change the ledger, also when its database comes back only after a while."""
-        deadline = time.monotonic() + PATIENCE
+        """Change the ledger, also when its database comes back only after a while; a full disk is waited for too."""
+        told = float("-inf")
         while True:
             try:
                 return await asyncio.to_thread(change)
-            except DBAPIError:
-                if time.monotonic() > deadline:
-                    raise
+            except SQLAlchemyError as error:
+                if time.monotonic() - told > TELL_EVERY:
+                    told = time.monotonic()
+                    _log.warning("the database does not take what became of a job; trying again: %s", error)
                 await asyncio.sleep(0.5)
 
 
@@ -182,8 +220,8 @@ def hurried(event: threading.Event, runner: JobRunner, poll: float) -> Callable[
 class _Progress:
     """Passes on progress at most every :data:`POLL` seconds: at once, or the newest when its turn has come."""
 
-    def __init__(self, runner: JobRunner, job_id: str) -> None:
-        self._runner, self._id, self._when = runner, job_id, float("-inf")
+    def __init__(self, runner: JobRunner, row: JobRow) -> None:
+        self._runner, self._row, self._when = runner, row, float("-inf")
         self._newest: tuple[str, int, int] | None = None
 
     async def __call__(self, stage: str, done: int, total: int) -> None:
@@ -195,7 +233,7 @@ class _Progress:
         if self._newest is None or time.monotonic() - self._when < POLL:
             return
         self._when, newest, self._newest = time.monotonic(), self._newest, None
-        await self._runner.report(self._id, *newest)
+        await self._runner.report(self._row, *newest)
 
 
 async def _kill(job: asyncio.Future[Any]) -> None:

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from steradian.drafts import draft
 from steradian.errors import Conflict, InvalidInput
 from steradian.jobs import requests
 from steradian.progress import Progress
@@ -122,7 +123,8 @@ def compare_volumes(work: Work, job: requests.QualityRequest) -> dict[str, Any]:
     work.progress("comparing", 0, 1)
     figures = compare(images[0], images[1], diameter=job.diameter, threshold=job.threshold)
     whole = {name: value if value == value else None for name, value in figures.items()}  # NaN is no JSON
-    (work.folder / "quality.json").write_text(json.dumps(whole, indent=2) + "\n")
+    with draft(work.folder / "quality.json") as file:
+        file.write_text(json.dumps(whole, indent=2) + "\n")
     return {"figures": whole, "files": ["quality.json"]}
 
 
@@ -140,7 +142,9 @@ def export(work: Work, job: requests.ExportRequest) -> dict[str, Any]:
         made = export_volume(volume, wanted, format=job.format, progress=work.progress)  # type: ignore[arg-type]
     if made.is_dir():
         work.progress("packing", 0, 1)
-        packed = Path(shutil.make_archive(str(made), "zip", made.parent, made.name))
+        packed = made.with_name(f"{made.name}.zip")
+        with draft(packed, keep_ending=True) as beside:
+            shutil.make_archive(str(beside.with_suffix("")), "zip", made.parent, made.name)
         shutil.rmtree(made)
         made = packed
     return {"files": [made.name], "bytes": made.stat().st_size}
@@ -150,6 +154,7 @@ def import_recording(work: Work, job: requests.ImportRequest) -> dict[str, Any]:
     """Make a scan of an upload: its file is looked at here and nowhere else."""
     from steradian.reconstructions.imported import read_imported
     from steradian.scans.importing.guarded import import_guarded
+    from steradian.scans.layout import sync_folder
     from steradian.storage.imports import register_import
 
     uploads = [work.data.upload(name) for name in (job.upload_id, job.companion_id) if name is not None]
@@ -159,7 +164,9 @@ def import_recording(work: Work, job: requests.ImportRequest) -> dict[str, Any]:
         if not all(upload.is_file() for upload in uploads):
             raise Conflict("an upload is gone; send the file again")
         source, description = _unpacked(work.folder, job, *uploads)
-        import_guarded(source, scan, description=description, progress=work.progress)
+        with draft(scan) as file:
+            import_guarded(source, file, description=description, progress=work.progress)
+        sync_folder(scan.parent)
     said = read_imported(scan)
     about: dict[str, Any] = {"labels": job.labels, "who": work.principal}
     with _database() as database:

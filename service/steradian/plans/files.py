@@ -8,6 +8,7 @@ from typing import TypeVar
 
 from pydantic import ValidationError
 
+from steradian.drafts import draft
 from steradian.errors import DamagedFile, NotFound
 from steradian.validation import Value, invalid_input
 
@@ -41,6 +42,5 @@ def read_value(kind: type[Kind], path: Path) -> Kind:
 def write_value(value: Value, path: Path) -> None:
     """Write a mask or a plan under a temporary name and rename it."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(path.name + ".new")
-    draft.write_text(value.model_dump_json() + "\n", encoding="utf-8")
-    draft.replace(path)
+    with draft(path) as file:
+        file.write_text(value.model_dump_json() + "\n", encoding="utf-8")

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from steradian.drafts import draft
 from steradian.errors import InvalidInput
 from steradian.imaging import Volume, outlines, reconstruct
 from steradian.imaging.cells import cell_areas
@@ -337,6 +338,5 @@ def _note_area(report: Report, recording: Recording, weights: NDArray[np.float64
 
 def write_json(path: Path, figures: DataclassInstance) -> None:
     """Write a dataclass as JSON under a temporary name and rename it."""
-    draft = path.with_name(path.name + ".new")
-    draft.write_text(json.dumps(asdict(figures), indent=2) + "\n", encoding="utf-8")
-    draft.replace(path)
+    with draft(path) as file:
+        file.write_text(json.dumps(asdict(figures), indent=2) + "\n", encoding="utf-8")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from steradian.drafts import draft
 from steradian.drawing.inline import WIDTH, own_axes, plotted
 from steradian.drawing.page import PICTURES, colour_bar, dress, page, save
 from steradian.errors import InvalidInput
@@ -143,9 +144,8 @@ class Scan:
             save(figure, wanted)
         elif ending == ".h5":
             wanted.parent.mkdir(parents=True, exist_ok=True)
-            draft = wanted.with_name(wanted.name + ".new")
-            shutil.copyfile(self.path, draft)
-            draft.replace(wanted)
+            with draft(wanted) as file:
+                shutil.copyfile(self.path, file)
         else:
             allowed = ".h5; or .png, .pdf or .svg for a picture"
             raise InvalidInput("file", f"{wanted.name} ({ending or 'no ending'})", allowed)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from steradian.drafts import draft
 from steradian.errors import Cancelled, InvalidInput
 from steradian.imaging import reconstruct
 from steradian.imaging.band import signal_band, thinned, thinning
@@ -280,6 +281,5 @@ def draw_curve(curve: SoundSpeedCurve, path: Path) -> None:
     )
     axes.set_xlabel("speed of sound (m/s)")
     axes.set_ylabel("sharpness of the z-projection")
-    draft = path.with_name(path.name + ".new")
-    figure.savefig(draft, format="png")
-    draft.replace(path)
+    with draft(path) as file:
+        figure.savefig(file, format="png")

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian import __version__
+from steradian.drafts import draft
 from steradian.errors import DamagedFile, NotFound
 from steradian.imaging import Axes, Volume
 from steradian.reconstructions.projections import Projections, project
@@ -49,35 +50,30 @@ def write_volume(
     OSError
         When the disk is full; ``path`` is then untouched.
     """
-    draft = path.with_name(path.name + ".new")
-    try:
-        with h5py.File(draft, "w") as file:
-            file.attrs.update(
-                {
-                    "format": FORMAT,
-                    "schema_version": VERSION,
-                    "software": f"steradian {__version__}",
-                    "parameters": json.dumps(_with_speed(parameters, volume)),
-                    "provenance": json.dumps(provenance),
-                }
-            )
-            write_axes(file, {name: volume.coordinates(name) for name in volume.names})
-            values = file.create_dataset("values", data=volume.values)
-            values.attrs.update(
-                {
-                    "axes": ", ".join(volume.names),
-                    "spacing_m": np.asarray(volume.spacing, dtype=np.float64),
-                    "origin_m": np.asarray(volume.origin, dtype=np.float64),
-                    "near_field_m": near_field,
-                }
-            )
-            if volume.dimensions == 3:
-                for axis, image in (projections or project(volume)).items():
-                    file.create_dataset(f"mip_{axis}", data=image)
-            attach_axes(file)
-        draft.replace(path)
-    finally:
-        draft.unlink(missing_ok=True)
+    with draft(path) as beside, h5py.File(beside, "w") as file:
+        file.attrs.update(
+            {
+                "format": FORMAT,
+                "schema_version": VERSION,
+                "software": f"steradian {__version__}",
+                "parameters": json.dumps(_with_speed(parameters, volume)),
+                "provenance": json.dumps(provenance),
+            }
+        )
+        write_axes(file, {name: volume.coordinates(name) for name in volume.names})
+        values = file.create_dataset("values", data=volume.values)
+        values.attrs.update(
+            {
+                "axes": ", ".join(volume.names),
+                "spacing_m": np.asarray(volume.spacing, dtype=np.float64),
+                "origin_m": np.asarray(volume.origin, dtype=np.float64),
+                "near_field_m": near_field,
+            }
+        )
+        if volume.dimensions == 3:
+            for axis, image in (projections or project(volume)).items():
+                file.create_dataset(f"mip_{axis}", data=image)
+        attach_axes(file)
 
 
 def write_axes(file: h5py.File, coordinates: Mapping[str, NDArray[np.float64]]) -> None:

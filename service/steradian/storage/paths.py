@@ -22,13 +22,20 @@ from pathlib import Path
 
 import filelock
 
-from steradian.errors import Conflict, InvalidInput
+from steradian.drafts import sweep
+from steradian.errors import Conflict, InvalidInput, Superseded
 
 
 class DataDirectoryInUse(Conflict):
     """Another service owns the data directory."""
 
     code = "data-directory-in-use"
+
+
+class StillRunning(Conflict):
+    """Another process is at a job."""
+
+    code = "still-running"
 
 
 @dataclass(frozen=True)
@@ -156,13 +163,37 @@ class JobDirectory:
         """PNG of the maximum-intensity projection along ``axis``."""
         return self.root / f"mip-{axis}.png"
 
+    def begin(self, start: int) -> None:
+        """Note that a start of the job has begun; an earlier one that still lives somewhere then counts no more.
+
+        Raises
+        ------
+        Superseded
+            When a later one has begun already.
+        """
+        self.root.mkdir(parents=True, exist_ok=True)
+        self.check(start)
+        draft = self._newest.with_name(f"start.{start}")
+        draft.write_text(str(start))
+        draft.replace(self._newest)
+
+    def check(self, start: int) -> None:
+        """Raise :class:`Superseded` when a later start of the job has begun."""
+        newest = self._newest.read_text() if self._newest.exists() else "0"
+        if int(newest) > start:
+            raise Superseded(f"start {start} of job {self.root.name} counts no more; start {newest} has begun")
+
+    @property
+    def _newest(self) -> Path:
+        return self.root / "start"
+
     @contextmanager
     def running(self, timeout: float = 10.0) -> Iterator[None]:
         """Mark the job as running in this process; waits for an earlier attempt that is still dying.
 
         Raises
         ------
-        Conflict
+        StillRunning
             When another process runs the job and does not end within ``timeout`` seconds.
         """
         self.root.mkdir(parents=True, exist_ok=True)
@@ -170,8 +201,9 @@ class JobDirectory:
         try:
             lock.acquire(timeout=timeout)
         except filelock.Timeout:
-            raise Conflict(f"another process still runs job {self.root.name}") from None
+            raise StillRunning(f"another process still runs job {self.root.name}") from None
         try:
+            sweep(self.root)  # what earlier starts left
             yield
         finally:
             lock.release()

@@ -128,7 +128,8 @@ class ScanRow(Table):
 class JobRow(Table):
     """A job of the queue: its state, every attempt at it and its progress.
 
-    The queue's engine decides who runs a job and when; this row is what everybody else reads.
+    The queue's engine decides who runs a job and when; this row is what everybody else reads. ``fence`` counts its
+    starts, also those that were put back: what an earlier start than the newest has to say is refused.
     """
 
     __tablename__ = "jobs"
@@ -147,6 +148,7 @@ class JobRow(Table):
     created: Mapped[datetime]
     started: Mapped[datetime | None]
     ended: Mapped[datetime | None]
+    fence: Mapped[int] = mapped_column(default=0, server_default="0")
     attempt: Mapped[int] = mapped_column(default=0)
     attempts: Mapped[list[dict[str, Any]]]
     stage: Mapped[str | None] = mapped_column(String(120))

@@ -28,7 +28,7 @@ def ledger(server):
 
 def succeed(server, ledger, job_id, **result):
     ledger.start(job_id, "worker-9")
-    ledger.settle(job_id, Succeeded(result), "worker-9")
+    ledger.settle(job_id, 1, Succeeded(result), "worker-9")
 
 
 @pytest.fixture

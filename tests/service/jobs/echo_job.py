@@ -1,11 +1,14 @@
 """A job's program for tests: does what its payload says."""
 
+import errno
 import os
 import signal
 import time
+from pathlib import Path
 
 from steradian.errors import InvalidInput
 from steradian.jobs.process import child_main
+from steradian.storage.paths import JobDirectory
 
 
 def work(job, progress):
@@ -23,6 +26,16 @@ def work(job, progress):
             raise ZeroDivisionError("oh")
         case "die":
             os.kill(os.getpid(), signal.SIGKILL)
+        case "lock":
+            with JobDirectory(Path(payload["job"])).running(timeout=0.5):
+                return {"answer": payload["answer"]}
+        case "lose":
+            if payload["start"] == 1:
+                raise OSError(errno.ESTALE, os.strerror(errno.ESTALE))
+            return {"answer": payload["answer"]}
+        case "tell":
+            time.sleep(payload.get("seconds", 0))
+            return {"start": payload["start"]}
         case "hang":
             while True:
                 time.sleep(60)

@@ -12,54 +12,9 @@ import pytest
 from steradian.errors import Conflict, NotFound
 from steradian.jobs.engine import JobQueue
 from steradian.jobs.model import JobRequest
-from steradian.settings import Settings
 from steradian.storage.states import ReconstructionState
 
 R = ReconstructionState
-WORKER = """
-import sys
-from steradian.settings import Settings
-from steradian.jobs.engine import run_worker
-run_worker(Settings.create(), 0, {"echo": [sys.executable, sys.argv[1]]})
-"""
-
-
-class Bench:
-    """A queue, its worker, and a diary in which each start of a job notes its process."""
-
-    def __init__(self, folder):
-        self.settings = Settings.create(data=folder)
-        self.queue = JobQueue(self.settings)
-        self.worker = None
-
-    def start(self):
-        command = [sys.executable, "-c", WORKER, str(Path(__file__).with_name("echo_job.py"))]
-        self.worker = subprocess.Popen(command, env=self.settings.environment())
-
-    def submit(self, name, do, **more):
-        payload = {"do": do, "diary": str(self.settings.data / name), **more}
-        return self.queue.submit(JobRequest(name, "echo", payload))
-
-    def starts(self, name):
-        path = self.settings.data / name
-        return [int(pid) for pid in path.read_text().split()] if path.exists() else []
-
-    def until_working(self, name, attempt=1):
-        wait_for(lambda: len(self.starts(name)) == attempt)
-        wait_for(lambda: self.queue.status(name).stage == "working")
-        return self.starts(name)[-1]
-
-    def close(self):
-        self.worker.terminate()
-        self.worker.wait(60)
-        self.queue.close()
-
-
-def wait_for(condition, seconds=60.0):
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "it did not happen in time"
-        time.sleep(0.02)
 
 
 def is_running(pid):
@@ -67,14 +22,6 @@ def is_running(pid):
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
         return False
-
-
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory):
-    bench = Bench(tmp_path_factory.mktemp("queue"))
-    bench.start()
-    yield bench
-    bench.close()
 
 
 def test_a_job_runs_once_and_leaves_its_result(bench):
@@ -117,7 +64,7 @@ def test_cancelling_a_running_job_kills_its_process_within_a_second(bench, slowe
     pid = bench.until_working("long")
     start = time.monotonic()
     assert bench.queue.cancel("long").state in {R.CANCELLING, R.CANCELLED}
-    wait_for(lambda: not is_running(pid))
+    bench.until(lambda: not is_running(pid))
     took = time.monotonic() - start
     assert took < 1 * slowed()
     assert bench.queue.wait("long", timeout=60).state is R.CANCELLED
@@ -194,7 +141,7 @@ def test_a_killed_workers_job_ends_with_it_and_is_started_again(bench):
     pid = bench.until_working("orphan")
     bench.worker.kill()
     bench.worker.wait()
-    wait_for(lambda: not is_running(pid))
+    bench.until(lambda: not is_running(pid))
     bench.start()
     bench.until_working("orphan", attempt=2)
     assert bench.queue.status("orphan").attempt == 2
@@ -218,9 +165,9 @@ def test_a_worker_that_is_asked_to_end_puts_its_job_back_without_counting_it(ben
 
 
 @pytest.mark.parametrize("expression", ["unixepoch('subsec') * 1000", "strftime('%s','now') * 1000"])
-def test_a_queue_made_by_any_python_is_used_by_this_one(tmp_path, expression):
+def test_a_queue_made_by_any_python_is_used_by_this_one(tmp_path, make_bench, expression):
     """The engine writes the one from Python 3.12 on and the other before; SQLite knows the first from 3.42 on."""
-    bench = Bench(tmp_path)
+    bench = make_bench(tmp_path)
     with closing(sqlite3.connect(bench.settings.data / "queue.sqlite")) as file, file:
         file.execute("PRAGMA writable_schema = ON")
         for usual in ("unixepoch('subsec') * 1000", "strftime('%s','now') * 1000"):

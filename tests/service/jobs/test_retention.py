@@ -54,7 +54,7 @@ def job(services, name, *, over):
         services.ledger.add(session, JobRequest(name, "reconstruction", {}))
     services.ledger.start(name, "worker-0")
     if over:
-        services.ledger.settle(name, Succeeded({}), "worker-0")
+        services.ledger.settle(name, 1, Succeeded({}), "worker-0")
     folder = services.data.job(name).root
     folder.mkdir(parents=True)
     (folder / "volume.h5").write_bytes(b"x")

@@ -82,7 +82,7 @@ class Place:
         """Run a job; returns its identifier and its report."""
         self.done += 1
         name = name or f"j{self.done}"
-        about = {"kind": kind, "request": request, "principal": "ada"}
+        about = {"kind": kind, "request": request, "principal": "ada", "start": 1}
         where = {"job": str(self.data.job(name).root), "data": str(self.data.root.absolute())}
         return name, work(about | where, lambda *_: None, kept=[])
 

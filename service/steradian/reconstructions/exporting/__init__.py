@@ -6,10 +6,10 @@ metres in HDF5, millimetres in NIfTI, VTKHDF and NRRD, micrometres in TIFF and O
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import Literal, TypeAlias, get_args
 
+from steradian.drafts import draft
 from steradian.errors import Conflict, InvalidInput
 from steradian.progress import IsCancelled, Progress
 from steradian.reconstructions.exporting.source import VolumeSource, open_volume
@@ -90,13 +90,8 @@ def export_volume(
         raise Conflict(f"{destination} is a folder that exists; choose another name or remove it")
     with open_volume(volume, progress, cancelled) as source:
         destination.parent.mkdir(parents=True, exist_ok=True)
-        draft = destination.with_name(f".{destination.stem}.exporting{destination.suffix}")
-        _remove(draft)
-        try:
-            _write(source, draft, format)
-            draft.replace(destination)
-        finally:
-            _remove(draft)
+        with draft(destination, keep_ending=True) as beside:
+            _write(source, beside, format)
     return destination
 
 
@@ -130,10 +125,3 @@ def _write(source: VolumeSource, path: Path, format: VolumeFormat) -> None:
             from steradian.reconstructions.exporting.png import write_png
 
             write_png(source, path)
-
-
-def _remove(path: Path) -> None:
-    if path.is_dir():
-        shutil.rmtree(path)
-    else:
-        path.unlink(missing_ok=True)

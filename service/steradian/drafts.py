@@ -1,0 +1,66 @@
+"""Files that appear under their name only when they are whole, and only while their writer is the one that may.
+
+A job may be started again while an earlier start of it still lives somewhere, cut off. Each start therefore signs its
+drafts, so that two of them never write into one, and asks before a draft takes the place of a result.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+ENDING = ".new"
+_signature = ""
+_check: Callable[[], object] = bool
+
+
+@contextmanager
+def draft(path: Path, *, keep_ending: bool = False) -> Iterator[Path]:
+    """Yield a path beside ``path`` to write a file or folder to; it is renamed at the end, and removed on an exception.
+
+    Parameters
+    ----------
+    keep_ending
+        Whether the path must end like ``path``, because its writer chooses a format by that.
+
+    Raises
+    ------
+    Superseded
+        When this process works for a start of a job that is not the newest any more; ``path`` is then untouched.
+    """
+    name = f".{path.stem}{_signature}{ENDING}{path.suffix}" if keep_ending else f"{path.name}{_signature}{ENDING}"
+    beside = path.with_name(name)
+    _remove(beside)
+    try:
+        yield beside
+        _check()
+        beside.replace(path)
+    finally:
+        _remove(beside)
+
+
+@contextmanager
+def signed(name: str, check: Callable[[], object]) -> Iterator[None]:
+    """Write this process's drafts under a name of their own, and call ``check`` before each is renamed."""
+    global _signature, _check
+    before = _signature, _check
+    _signature, _check = f".{name}", check
+    try:
+        yield
+    finally:
+        _signature, _check = before
+
+
+def sweep(folder: Path) -> None:
+    """Remove the drafts that killed processes left in a folder."""
+    for left in folder.glob(f"*{ENDING}*"):
+        _remove(left)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)

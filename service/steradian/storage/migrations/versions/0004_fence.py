@@ -1,0 +1,15 @@
+"""Each start of a job has a number of its own, never used again."""
+
+from __future__ import annotations
+
+import sqlalchemy as sa
+from alembic import op
+
+revision = "0004"
+down_revision = "0003"
+
+
+def upgrade() -> None:
+    """Add the column; what was started before has the numbers that its attempts had."""
+    op.add_column("jobs", sa.Column("fence", sa.Integer, nullable=False, server_default="0"))
+    op.execute("UPDATE jobs SET fence = attempt")
