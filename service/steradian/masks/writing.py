@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from steradian.drafts import draft
 from steradian.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -41,9 +42,8 @@ def write_mask(mask: Mask, path: Path) -> None:
                 ".json, .csv or .npy; or .png, .pdf or .svg for a picture",
             )
     path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(path.name + ".new")
-    draft.write_bytes(data)
-    draft.replace(path)
+    with draft(path) as file:
+        file.write_bytes(data)
 
 
 def _csv(mask: Mask) -> bytes:
