@@ -11,7 +11,7 @@ from steradian.errors import Superseded
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import MAX_INTERRUPTIONS, Died, Interrupted, JobRequest, Succeeded
 from steradian.storage.database import Database
-from steradian.storage.paths import JobDirectory
+from steradian.storage.paths import DataDirectory, JobDirectory
 from steradian.storage.states import ReconstructionState
 
 R = ReconstructionState
@@ -111,7 +111,7 @@ def test_a_start_removes_the_drafts_that_killed_ones_left(tmp_path):
 
 
 def test_a_job_that_an_earlier_start_is_still_at_is_put_back(bench):
-    folder = JobDirectory(bench.settings.data / "reconstructions" / "locked")
+    folder = DataDirectory(bench.settings.data).job("locked")
     folder.root.mkdir(parents=True)
     with filelock.FileLock(folder.root / "lock"):
         bench.submit("locked", "lock", answer=1)
@@ -123,7 +123,7 @@ def test_a_job_that_an_earlier_start_is_still_at_is_put_back(bench):
 
 def test_a_job_whose_log_cannot_be_written_is_not_left_running(bench):
     """As on a full disk: the worker wants to note why the process died, and cannot."""
-    log = bench.settings.data / "reconstructions" / "full" / "log.txt"
+    log = DataDirectory(bench.settings.data).job("full").log
     log.parent.mkdir(parents=True)
     log.symlink_to("/dev/full")
     bench.submit("full", "die")
