@@ -27,15 +27,15 @@ def work(job, progress):
         case "die":
             os.kill(os.getpid(), signal.SIGKILL)
         case "lock":
-            with JobDirectory(Path(payload["job"])).running(timeout=0.5):
+            with JobDirectory(Path(job["job"])).running(timeout=0.5):
                 return {"answer": payload["answer"]}
         case "lose":
-            if payload["start"] == 1:
+            if job["start"] == 1:
                 raise OSError(errno.ESTALE, os.strerror(errno.ESTALE))
             return {"answer": payload["answer"]}
         case "tell":
             time.sleep(payload.get("seconds", 0))
-            return {"start": payload["start"]}
+            return {"start": job["start"]}
         case "hang":
             while True:
                 time.sleep(60)
