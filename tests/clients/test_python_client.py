@@ -1,27 +1,10 @@
 """The Python client against a real service."""
 
-import subprocess
-import sys
-
 import matplotlib.image
 import numpy as np
 import pytest
 
 from steradian_client import Client, JobFailed, ServiceError, Unreachable
-
-
-@pytest.fixture(scope="module")
-def url(tmp_path_factory):
-    """Address of a running service with a simulated scanner."""
-    data = tmp_path_factory.mktemp("data")
-    command = [sys.executable, "-m", "steradian", "serve", "--port", "0", "--data", str(data)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    try:
-        yield process.stdout.readline().partition(" at ")[2].split()[0].removesuffix("/api/v1/")
-    finally:
-        process.terminate()
-        process.wait(60)
-        process.stdout.close()
 
 
 @pytest.fixture

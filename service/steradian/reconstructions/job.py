@@ -71,6 +71,8 @@ class Report:
 
     shape: tuple[int, ...] = ()
     spacing_m: tuple[float, ...] = ()
+    origin_m: tuple[float, ...] = ()
+    """Centre of the first voxel along each axis."""
     axes: str = "x, y, z"
     sensors: int = 0
     planned: int = 0
@@ -178,6 +180,7 @@ def write_reconstruction(
         )
     report.axes = ", ".join(volume.names)
     report.shape, report.spacing_m = volume.values.shape, tuple(map(float, volume.spacing))
+    report.origin_m = tuple(map(float, volume.origin))
     report.sensors, report.planned = len(recording.positions), recording.planned
     report.sound_speed_m_s = _sound_speed(recording, chosen)
     if chosen.method not in WITHOUT_WEIGHTS:
