@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, computed_field, model_validator
 
+from steradian.drawing.shown import ShownValue
 from steradian.errors import InvalidInput
 from steradian.imaging import outlines
 from steradian.imaging.checks import MOST_AREA
 from steradian.ranges import LENGTH
-from steradian.validation import FloatArray, Value, content_hash, quantity
+from steradian.validation import FloatArray, content_hash, quantity
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,7 +24,7 @@ AREA_TOLERANCE = 1e-9
 """Relative deviation of Σ weights from the outline's area that is still rounding."""
 
 
-class Mask(Value):
+class Mask(ShownValue):
     """Sensor positions with weights; immutable and identified by its content.
 
     The plane is z = 0 and the aperture the square [−X/2, X/2]² around the origin; the object lies at z > 0. A line of
@@ -160,50 +161,17 @@ class Mask(Value):
         name, _, rest = title_of(self).partition(" mask, ")
         return f"<Mask: {name.lower()}, {rest}>"
 
-    __str__ = __repr__
-
-    def __eq__(self, other: object) -> bool:
-        return self.id == other.id if isinstance(other, Mask) else NotImplemented
-
-    def __hash__(self) -> int:
-        return hash(self.id)
-
-    def _repr_html_(self) -> str:
-        from steradian.drawing.inline import plotted
-
-        return plotted(repr(self), self.plot)
-
-    def plot(self, axes: Axes | None = None) -> Axes:
-        """Show the sensors, coloured by what each stands for; :meth:`save` draws a whole page.
-
-        Parameters
-        ----------
-        axes
-            A matplotlib plot to draw into; None: a new one.
-        """
-        from steradian.drawing.inline import own_axes
+    def _draw(self, axes: Axes) -> None:
         from steradian.masks.picture import draw_points
 
-        axes = own_axes(axes)
         draw_points(axes, self)
-        return axes
 
-    def save(self, path: str | Path) -> None:
-        """Write the mask into a file, or a page of pictures of it, as the ending of its name says.
-
-        ``.json`` keeps everything, ``.csv`` and ``.npy`` positions and weights; ``.png``, ``.pdf`` and ``.svg`` are
-        pictures.
-
-        Raises
-        ------
-        InvalidInput
-            When the ending is another one.
-        """
-        from steradian.drawing.page import PICTURES
+    def _draw_page(self, path: Path) -> None:
         from steradian.masks.picture import draw_mask
+
+        draw_mask(self, path)
+
+    def _write(self, path: Path) -> None:
         from steradian.masks.writing import write_mask
 
-        if Path(path).suffix.lower() in PICTURES:
-            draw_mask(self, Path(path))
-        else:
-            write_mask(self, Path(path))
+        write_mask(self, path)

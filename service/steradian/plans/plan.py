@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from steradian.drawing.shown import ShownValue
 from steradian.errors import InvalidInput
 from steradian.masks import Mask, subset_mask
 from steradian.plans.order import VisitOrder, visit_order
 from steradian.plans.progressive import progressive
 from steradian.plans.scanner import Link, Motion, ScannerLimits, Tuning
 from steradian.ranges import SAMPLING_INTERVAL, SOUND_SPEED
-from steradian.validation import FloatArray, Value, content_hash, quantity
+from steradian.validation import FloatArray, content_hash, quantity
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,7 +26,7 @@ EXCITATION = (200e-9, 3e-6)
 """Excitation wavelengths of light that anybody excites with, in m."""
 
 
-class ScanPlan(Value):
+class ScanPlan(ShownValue):
     """What a scanner needs to know to measure a mask; immutable and identified by its content."""
 
     mask: Mask
@@ -146,51 +147,20 @@ class ScanPlan(Value):
         order = str(self.order).replace("_", " ")
         return f"<ScanPlan: {self.mask.count:,} points{frames} at {self.pulse_rate:g} Hz, {record}, order {order}>"
 
-    __str__ = __repr__
-
-    def __eq__(self, other: object) -> bool:
-        return self.id == other.id if isinstance(other, ScanPlan) else NotImplemented
-
-    def __hash__(self) -> int:
-        return hash(self.id)
-
-    def _repr_html_(self) -> str:
-        from steradian.drawing.inline import plotted
-
-        return plotted(repr(self), self.plot)
-
-    def plot(self, axes: Axes | None = None) -> Axes:
-        """Show the way of the beam; :meth:`save` draws a whole page.
-
-        Parameters
-        ----------
-        axes
-            A matplotlib plot to draw into; None: a new one.
-        """
-        from steradian.drawing.inline import own_axes
+    def _draw(self, axes: Axes) -> None:
         from steradian.plans.picture import draw_way
 
-        axes = own_axes(axes)
         draw_way(axes, self)
-        return axes
 
-    def save(self, path: str | Path) -> None:
-        """Write the plan with its mask into a ``.json`` file, or a page of pictures (``.png``, ``.pdf``, ``.svg``).
-
-        Raises
-        ------
-        InvalidInput
-            When the ending is another one.
-        """
-        from steradian.drawing.page import PICTURES
-        from steradian.plans.files import write_value
+    def _draw_page(self, path: Path) -> None:
         from steradian.plans.picture import draw_plan
 
-        ending = Path(path).suffix.lower()
-        if ending in PICTURES:
-            draw_plan(self, Path(path))
-        elif ending == ".json":
-            write_value(self, Path(path))
-        else:
+        draw_plan(self, path)
+
+    def _write(self, path: Path) -> None:
+        from steradian.plans.files import write_value
+
+        if (ending := path.suffix.lower()) != ".json":
             allowed = ".json; or .png, .pdf or .svg for a picture"
-            raise InvalidInput("file", f"{Path(path).name} ({ending or 'no ending'})", allowed)
+            raise InvalidInput("file", f"{path.name} ({ending or 'no ending'})", allowed)
+        write_value(self, path)
