@@ -3,7 +3,8 @@
 Importing this module imports Numba, so only modules that hold kernels import it, and they are imported when first used.
 
 With ``NUMBA_BOUNDSCHECK=1`` in the environment every index is checked, also of the vectors in
-:mod:`steradian.imaging.simd`, and a kernel that would read or write outside an array raises ``IndexError``.
+:mod:`steradian.imaging.engines.numba.simd`, and a kernel that would read or write outside an array raises
+``IndexError``.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ BEYOND = """
 import sys
 import numpy as np
 from steradian.compiled import compiled
-from steradian.imaging.simd import collect, distribute, load16, store
+from steradian.imaging.engines.numba.simd import collect, distribute, load16, store
 
 @compiled
 def read(a, at):

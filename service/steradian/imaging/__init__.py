@@ -9,9 +9,9 @@ from steradian.imaging.iterative_options import Iterative
 from steradian.imaging.plan import ReconstructionPlan
 from steradian.imaging.reconstruct import reconstruct
 from steradian.imaging.response import Correction, ElasticFilm, FilmResponse, MeasuredFilm
+from steradian.imaging.transforms.windows import Window, kaiser_bessel
 from steradian.imaging.volume import Axes, Volume
 from steradian.imaging.weights import voronoi_weights
-from steradian.imaging.windows import Window, kaiser_bessel
 
 __all__ = [
     "Axes",

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steradian.errors import InvalidInput
-from steradian.imaging import execute as stages
-from steradian.imaging.lateral import part
+from steradian.imaging.engines import Watch
 from steradian.imaging.plan import ReconstructionPlan
 from steradian.imaging.volume import Volume
 from steradian.progress import IsCancelled, Progress
@@ -66,7 +65,7 @@ class GrowingReconstruction:
         self._factors = np.zeros(count)  # of h, of each sensor's part of the sum
         self._neighbours = _neighbours(plan.geometry.positions) if fitted else None
         self._traces = np.zeros((count if fitted else 0, plan.geometry.samples), plan.dtype)
-        self._sum: NDArray[Any] = np.zeros((plan._source_rows + 1) * plan._source_stride, plan.dtype)
+        self._sum: Any = None  # modes over time, of the plan's engine
 
     @property
     def share(self) -> float:
@@ -120,13 +119,12 @@ class GrowingReconstruction:
             which = np.flatnonzero(np.abs(difference) > least)
             data = self._traces[which]
         data = data * difference[which, None].astype(data.dtype)
-        spread = part(self.plan._lateral.spread, which)
-        stages._lateral(self.plan, data, 1.0, self._sum, self._how(progress, cancelled), spread)
+        self._sum = self.plan.engine.lateral(data, Watch(progress, cancelled), sensors=which, onto=self._sum)
         self._factors[which] += difference[which]
 
     def clear(self) -> None:
         """Forget every A-line."""
-        self._sum[:] = 0
+        self._sum = None
         self._factors[:] = 0
         self.measured[:] = False
 
@@ -149,13 +147,8 @@ class GrowingReconstruction:
         part_of_sum = float((weights * self._factors).sum() / weights.sum())
         if part_of_sum == 0:
             raise InvalidInput("sensors", "none with a weight", "at least one A-line added before")
-        plan, how = self.plan, self._how(progress, cancelled)
-        depths = np.empty((plan._target_rows + 1) * plan._target_stride, plan.dtype)
-        stages._depths(plan, self._sum, depths, how)
-        size = plan._out_rows * plan.geometry.shape[-1]
-        image = depths if plan._shared else np.empty(size, plan.dtype)
-        stages._images(plan, depths, image, how)
-        values = image[:size].reshape(plan.geometry.shape)
+        plan, watch = self.plan, Watch(progress, cancelled)
+        values = plan.engine.to_image(plan.engine.to_depth(self._sum, watch, kept=True), watch)
         values *= values.dtype.type(1.0 / part_of_sum)
         return Volume(values, plan.geometry.axes(), plan.geometry.spacing, plan.geometry.sound_speed)
 
@@ -192,9 +185,6 @@ class GrowingReconstruction:
         if not np.isfinite(data).all():
             raise InvalidInput("traces", "a sample that is not finite", "finite numbers")
         return which, data
-
-    def _how(self, progress: Progress | None, cancelled: IsCancelled | None) -> dict[str, Any]:
-        return {"threads": self.plan.threads, "progress": progress, "cancelled": cancelled}
 
 
 def _neighbours(positions: NDArray[np.float64]) -> NDArray[np.int64]:

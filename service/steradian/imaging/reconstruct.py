@@ -12,11 +12,11 @@ from steradian.errors import InvalidInput
 from steradian.imaging import checks
 from steradian.imaging.checks import Sensors
 from steradian.imaging.iterative_options import Iterative
-from steradian.imaging.plan import Method as DirectMethod
 from steradian.imaging.plan import ReconstructionPlan
 from steradian.imaging.response import Correction
+from steradian.imaging.tables import Method as DirectMethod
+from steradian.imaging.transforms.windows import Shape, Window
 from steradian.imaging.volume import Volume
-from steradian.imaging.windows import Shape, Window
 from steradian.progress import IsCancelled, Progress
 
 if TYPE_CHECKING:

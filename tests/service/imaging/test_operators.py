@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from typing import Any
 
 import numpy as np
@@ -152,6 +153,23 @@ def test_a_padding_that_no_transform_takes_is_refused() -> None:
     with pytest.raises(InvalidInput, match=r"lateral_padding is 18.5, .* allowed: at most 16"):
         ForwardOperator(np.zeros((1, 2)), aperture=2e-3, **common)
     assert ForwardOperator(np.zeros((1, 2)), aperture=2e-3, lateral_padding=1.0, **common).shape[0] == 300
+
+
+@pytest.mark.parametrize("count", [30, 3000])
+def test_a_product_takes_the_memory_that_is_stated(count: int) -> None:
+    operator = ForwardOperator(
+        sensors((48, 48), (1e-2, 1e-2), False, count), aperture=1e-2, modes=48, lateral_padding=1.5, threads=2,
+        **{**SETTING, "samples": 400},
+    )  # fmt: skip
+    volume, traces = (np.ones(shape, np.float32) for shape in (operator.volume_shape, operator.trace_shape))
+    peaks = []
+    for product, given in ((operator.forward, volume), (operator.backward, traces)):
+        product(given)
+        tracemalloc.start()
+        product(given)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert 0.7 * operator.memory_bytes < max(peaks) <= operator.memory_bytes + 2**20
 
 
 def test_it_is_a_scipy_operator_and_solvers_take_it() -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from steradian.imaging.sizes import lateral_grid, time_grid
-from steradian.imaging.windows import Shape, choose
+from steradian.imaging.transforms.sizes import lateral_grid, time_grid
+from steradian.imaging.transforms.windows import Shape, choose
 
 
 @pytest.mark.parametrize("shape", ["kaiser-bessel", "semicircle"])

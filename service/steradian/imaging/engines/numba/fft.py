@@ -8,18 +8,30 @@ algorithm, decimation in frequency. The inverse transform is the forward one wit
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from steradian.compiled import compiled
-from steradian.imaging.simd import load16, splat16, store
+from steradian.imaging.engines.numba.arguments import Factors
+from steradian.imaging.engines.numba.simd import load16, splat16, store
 
-CELL = 32
+
+class Pass(NamedTuple):
+    """One pass: offsets of real and imaginary parts, ``radix``, n_pass/radix, stride, and where its tables begin."""
+
+    re: int
+    im: int
+    radix: int
+    m: int
+    s: int
+    twiddle: int
+    generic: int
 
 
 @compiled
-def _pass2(x: Any, xo: int, y: Any, yo: int, re: int, im: int, m: int, s: int, tw: Any, to: int) -> None:
+def _pass2(x: Any, xo: int, y: Any, yo: int, at: Pass, tw: Any) -> None:
+    re, im, _, m, s, to, _ = at
     for p in range(m):
         wr, wi = splat16(tw[to + 2 * p]), splat16(tw[to + 2 * p + 1])
         for q in range(s):
@@ -37,7 +49,8 @@ def _pass2(x: Any, xo: int, y: Any, yo: int, re: int, im: int, m: int, s: int, t
 
 
 @compiled
-def _pass3(x: Any, xo: int, y: Any, yo: int, re: int, im: int, m: int, s: int, tw: Any, to: int) -> None:
+def _pass3(x: Any, xo: int, y: Any, yo: int, at: Pass, tw: Any) -> None:
+    re, im, _, m, s, to, _ = at
     half, sine = splat16(x.dtype.type(0.5)), splat16(x.dtype.type(0.8660254037844386))
     for p in range(m):
         o = to + 4 * p
@@ -64,7 +77,8 @@ def _pass3(x: Any, xo: int, y: Any, yo: int, re: int, im: int, m: int, s: int, t
 
 
 @compiled
-def _pass4(x: Any, xo: int, y: Any, yo: int, re: int, im: int, m: int, s: int, tw: Any, to: int) -> None:
+def _pass4(x: Any, xo: int, y: Any, yo: int, at: Pass, tw: Any) -> None:
+    re, im, _, m, s, to, _ = at
     k = s * m * 32
     for p in range(m):
         o = to + 6 * p
@@ -95,7 +109,8 @@ def _pass4(x: Any, xo: int, y: Any, yo: int, re: int, im: int, m: int, s: int, t
 
 
 @compiled
-def _pass5(x: Any, xo: int, y: Any, yo: int, re: int, im: int, m: int, s: int, tw: Any, to: int) -> None:
+def _pass5(x: Any, xo: int, y: Any, yo: int, at: Pass, tw: Any) -> None:
+    re, im, _, m, s, to, _ = at
     c1, c2 = splat16(x.dtype.type(0.30901699437494745)), splat16(x.dtype.type(-0.8090169943749475))
     s1, s2 = splat16(x.dtype.type(0.9510565162951535)), splat16(x.dtype.type(0.5877852522924731))
     k = s * m * 32
@@ -147,7 +162,8 @@ def _turn(y: Any, j: int, re: int, im: int, ar: Any, ai: Any, tw: Any, o: int) -
 
 
 @compiled
-def _pass8(x: Any, xo: int, y: Any, yo: int, re: int, im: int, m: int, s: int, tw: Any, to: int) -> None:
+def _pass8(x: Any, xo: int, y: Any, yo: int, at: Pass, tw: Any) -> None:
+    re, im, _, m, s, to, _ = at
     k, t = s * m * 32, s * 32
     root = splat16(x.dtype.type(0.7071067811865476))
     for p in range(m):
@@ -185,25 +201,12 @@ def _pass8(x: Any, xo: int, y: Any, yo: int, re: int, im: int, m: int, s: int, t
 
 
 @compiled
-def _generic(
-    x: Any,
-    xo: int,
-    y: Any,
-    yo: int,
-    re: int,
-    im: int,
-    r: int,
-    m: int,
-    s: int,
-    tw: Any,
-    to: int,
-    cs: Any,
-    co: int,
-    tmp: Any,
-) -> None:
+def _generic(x: Any, xo: int, y: Any, yo: int, at: Pass, t: Factors, tmp: Any) -> None:
     """Odd radix r: pairs n, r−n share their products, so r²/4 complex products a transform."""
+    re, im, r, m, s, to, co = at
+    tw, cs = t.twiddles, t.generic
     h = r // 2
-    k, t = s * m * 32, s * 32
+    k, step = s * m * 32, s * 32
     for p in range(m):
         o = to + 2 * (r - 1) * p - 2
         for q in range(s):
@@ -238,52 +241,41 @@ def _generic(
                     w = splat16(cs[c + 3])
                     hr, hi = hr + w * dr, hi + w * di
                     c += 4
-                _turn(y, j + a * t, re, im, er + fi, ei - fr, tw, o + 2 * a)
-                _turn(y, j + (r - a) * t, re, im, er - fi, ei + fr, tw, o + 2 * (r - a))
+                _turn(y, j + a * step, re, im, er + fi, ei - fr, tw, o + 2 * a)
+                _turn(y, j + (r - a) * step, re, im, er - fi, ei + fr, tw, o + 2 * (r - a))
                 if a + 1 <= h:
                     b = a + 1
-                    _turn(y, j + b * t, re, im, gr + hi, gi - hr, tw, o + 2 * b)
-                    _turn(y, j + (r - b) * t, re, im, gr - hi, gi + hr, tw, o + 2 * (r - b))
+                    _turn(y, j + b * step, re, im, gr + hi, gi - hr, tw, o + 2 * b)
+                    _turn(y, j + (r - b) * step, re, im, gr - hi, gi + hr, tw, o + 2 * (r - b))
 
 
 @compiled
-def fft(
-    a: Any,
-    ao: int,
-    b: Any,
-    bo: int,
-    inverse: int,
-    n: int,
-    radices: Any,
-    tw: Any,
-    starts: Any,
-    cs: Any,
-    cs_starts: Any,
-    tmp: Any,
-) -> int:
-    """Transform n cells at ``a[ao:]`` with ``b[bo:]`` as the other buffer; 0 if the result is in a, 1 if in b.
+def fft(a: Any, ao: int, b: Any, bo: int, inverse: int, t: Factors, tmp: Any) -> int:
+    """Transform cells at ``a[ao:]`` with ``b[bo:]`` as the other buffer; 0 if the result is in a, 1 if in b.
 
     Call it with variables of type int64: Numba compiles another version for every literal number.
     """
     re, im = (16, 0) if inverse else (0, 16)
-    s, length, flip = np.int64(1), n, 0
+    s: Any = np.int64(1)
+    length, flip = t.size, 0
+    radices, twiddles, twiddle_starts, generic_starts = t.radices, t.twiddles, t.twiddle_starts, t.generic_starts
     x, xo, y, yo = a, ao, b, bo
     for i in range(radices.size):
         r = radices[i]
         m = length // r
-        to = starts[i]
+        at = Pass(re, im, r, m, s, twiddle_starts[i], generic_starts[i])
         if r == 8:
-            _pass8(x, xo, y, yo, re, im, m, s, tw, to)
+            _pass8(x, xo, y, yo, at, twiddles)
         elif r == 4:
-            _pass4(x, xo, y, yo, re, im, m, s, tw, to)
+            _pass4(x, xo, y, yo, at, twiddles)
         elif r == 5:
-            _pass5(x, xo, y, yo, re, im, m, s, tw, to)
+            _pass5(x, xo, y, yo, at, twiddles)
         elif r == 3:
-            _pass3(x, xo, y, yo, re, im, m, s, tw, to)
+            _pass3(x, xo, y, yo, at, twiddles)
         elif r == 2:
-            _pass2(x, xo, y, yo, re, im, m, s, tw, to)
+            _pass2(x, xo, y, yo, at, twiddles)
         else:
-            _generic(x, xo, y, yo, re, im, r, m, s, tw, to, cs, cs_starts[i], tmp)
+            _generic(x, xo, y, yo, at, t, tmp)
         x, y = y, x
         xo, yo = yo, xo
         s *= r

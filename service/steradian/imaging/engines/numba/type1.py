@@ -13,19 +13,20 @@ from typing import Any
 import numpy as np
 
 from steradian.compiled import compiled
-from steradian.imaging.fft import fft
-from steradian.imaging.simd import load16, splat16, store
+from steradian.imaging.engines.numba.arguments import Batch, Plane, Sensors, Stored, Workspace
+from steradian.imaging.engines.numba.fft import fft
+from steradian.imaging.engines.numba.halves import separate
+from steradian.imaging.engines.numba.simd import load16, splat16, store
 
 
 @partial(compiled, fast=False)
-def pack(
-    traces: Any, samples: int, order: Any, scale: Any, start: int, count: int, packed: Any, bits: Any, mask: int
-) -> bool:
-    """Copy ``count`` ≤ 32 samples of each trace, in the given order and scaled; False if one is not finite.
+def pack(traces: Any, samples: int, sensors: Sensors, batch: Batch, packed: Any, bits: Any, mask: int) -> bool:
+    """Copy up to 32 samples of each trace, in the sensors' order and scaled; False if one is not finite.
 
     ``traces`` is flat, ``samples`` a row; ``bits`` is ``packed`` seen as integers and ``mask`` the exponent's bits,
     which are all set in numbers that are not finite.
     """
+    order, scale, start, count = sensors.order, sensors.scale, batch.start, batch.number
     for i in range(order.size):
         # unsigned: Numba then has no negative index to look for, and the loop is vectorised
         a, b, factor = np.uint64(order[i] * samples + start), np.uint64(i * 32), scale[i]
@@ -43,8 +44,9 @@ def pack(
 
 
 @compiled
-def _spread_row(row: Any, line: int, packed: Any, starts: Any, first: Any, wx: Any, wy: Any, nx: int, ny: int) -> bool:
-    """Add all sensors whose stencil meets grid line ``line``; False if there is none. wy has an even number of taps."""
+def _spread_row(row: Any, line: int, packed: Any, sensors: Sensors, nx: int, ny: int) -> bool:
+    """Add all sensors whose stencil meets grid line ``line``; False if there is none."""
+    starts, first, wx, wy = sensors.starts, sensors.first, sensors.wx, sensors.wy
     ax, ay = wx.shape[1], wy.shape[1]
     hit = False
     for t in range(ax):
@@ -71,56 +73,29 @@ def _spread_row(row: Any, line: int, packed: Any, starts: Any, first: Any, wx: A
 
 
 @compiled
-def _place_row(row: Any, line: int, packed: Any, starts: Any, cells: Any, sensors: Any, weights: Any, ny: int) -> bool:
+def _place_row(row: Any, line: int, packed: Any, sensors: Sensors, ny: int) -> bool:
     """Add the (cell, sensor, weight) entries of grid line ``line``; False if there is none."""
-    first, last = starts[line], starts[line + 1]
+    cells, senders, weights = sensors.first, sensors.sensors, sensors.wy
+    first, last = sensors.starts[line], sensors.starts[line + 1]
     if first == last:
         return False
     row[: ny * 32] = 0
     for e in range(first, last):
-        w, i, m = splat16(weights[e]), cells[e] * 32, sensors[e] * 32
+        w, i, m = splat16(weights[e, 0]), cells[e] * 32, senders[e] * 32
         store(row, i, load16(row, i) + load16(packed, m) * w)
         store(row, i + 16, load16(row, i + 16) + load16(packed, m + 16) * w)
     return True
 
 
 @compiled
-def _separate(p: Any, po: int, q: Any, qo: int, row: Any, at: int, im_at: int, count: int, add: bool) -> None:
-    """Write, or add, Â and B̂ at one mode from C there (p) and at the opposite mode (q); the factor 2 is left in."""
-    ar, ai, br, bi = load16(p, po), load16(p, po + 16), load16(q, qo), load16(q, qo + 16)
-    if count == 32:
-        if add:
-            store(row, at, load16(row, at) + ar + br)
-            store(row, at + 16, load16(row, at + 16) + ai + bi)
-            store(row, im_at, load16(row, im_at) + ai - bi)
-            store(row, im_at + 16, load16(row, im_at + 16) + br - ar)
-            return
-        store(row, at, ar + br)
-        store(row, at + 16, ai + bi)
-        store(row, im_at, ai - bi)
-        store(row, im_at + 16, br - ar)
-    else:
-        for n in range(count):
-            real = row[at + n] if add else row.dtype.type(0)
-            imaginary = row[im_at + n] if add else row.dtype.type(0)
-            row[at + n] = real + p[po + n] + q[qo + n]
-            if n < 16:
-                row[im_at + n] = imaginary + p[po + 16 + n] - q[qo + 16 + n]
-            else:
-                row[im_at + n] = imaginary + q[qo + n - 16] - p[po + n - 16]
-
-
-@compiled
-def forward(
-    packed: Any, separable: bool, starts: Any, first: Any, sensors: Any, wx: Any, wy: Any, nx: int, ny: int,
-    xs: Any, xs_opposite: Any, edge_xs: Any, edge_xs_opposite: Any, ys: Any, ys_opposite: Any, edge_rows: Any,
-    edge_swap: Any, fx: Any, fy: Any, flag: Any, row: Any, work: Any, middle: Any, tmp: Any,
-    target: Any, stride: int, start: int, count: int, add: bool,
-) -> None:  # fmt: skip
-    """Spread, transform along y and x, and store (or add to what is there) the modes' samples of this batch.
-
-    ``target`` holds for column c = i·len(ys) + k the real parts at row 2c and the imaginary ones at row 2c + 1.
-    """
+def type1(
+    sensors: Sensors, plane: Plane, stored: Stored, target: Any, batch: Batch, add: bool, space: Workspace, flag: Any
+) -> None:
+    """Spread, transform along y and x, and store (or add to what is there) the modes' samples of this batch."""
+    row, work, middle, tmp = space.a, space.b, space.middle, space.tmp
+    nx, ny = plane.x.size, plane.y.size
+    xs, xs_opposite, ys, ys_opposite = stored.xs, stored.xs_opposite, stored.ys, stored.ys_opposite
+    edge_rows, edge_xs, edge_xs_opposite = stored.edge_rows, stored.edge_xs, stored.edge_xs_opposite
     half = ys.size
     zero = np.int64(0)
     done = row
@@ -128,10 +103,10 @@ def forward(
         done = row
         if flag[0]:
             return
-        if separable:
-            hit = _spread_row(row, line, packed, starts, first, wx, wy, nx, ny)
+        if sensors.separable:
+            hit = _spread_row(row, line, space.packed, sensors, nx, ny)
         else:
-            hit = _place_row(row, line, packed, starts, first, sensors, wy[:, 0], ny)
+            hit = _place_row(row, line, space.packed, sensors, ny)
         if not hit and nx > 1:
             for k in range(2 * half):
                 o = (k * nx + line) * 32
@@ -139,7 +114,7 @@ def forward(
             continue
         if not hit:
             row[: ny * 32] = 0
-        if fft(row, zero, work, zero, zero, ny, fy[0], fy[1], fy[2], fy[3], fy[4], tmp):
+        if fft(row, zero, work, zero, zero, plane.y, tmp):
             done = work
         if nx == 1:
             break
@@ -158,20 +133,21 @@ def forward(
         q, qo = done, ys_opposite[k] * 32
         if nx > 1:
             po = 2 * k * nx * 32
-            p = work if fft(middle, po, work, zero, zero, nx, fx[0], fx[1], fx[2], fx[3], fx[4], tmp) else middle
-            po = 0 if fx[0].size % 2 else po
+            odd = plane.x.radices.size % 2  # then the result is in the other buffer
+            p = work if fft(middle, po, work, zero, zero, plane.x, tmp) else middle
+            po = 0 if odd else po
             q, qo = p, po
             if ys_opposite[k] != ys[k]:
                 qo = (2 * k + 1) * nx * 32
-                q = row if fft(middle, qo, row, zero, zero, nx, fx[0], fx[1], fx[2], fx[3], fx[4], tmp) else middle
-                qo = 0 if fx[0].size % 2 else qo
+                q = row if fft(middle, qo, row, zero, zero, plane.x, tmp) else middle
+                qo = 0 if odd else qo
         for i in range(xs.size):
-            at = 2 * (i * half + k) * stride + start
-            _separate(p, po + xs[i] * 32, q, qo + xs_opposite[i] * 32, target, at, at + stride, count, add)
+            at = 2 * (i * half + k) * batch.stride + batch.start
+            separate(p, po + xs[i] * 32, q, qo + xs_opposite[i] * 32, target, batch, at, add)
             if edge_rows[i, k] >= 0:
-                at = edge_rows[i, k] * stride + start
+                at = edge_rows[i, k] * batch.stride + batch.start
                 a, b = edge_xs[i] * 32, edge_xs_opposite[i] * 32
-                if edge_swap[k]:
-                    _separate(q, qo + a, p, po + b, target, at, at + stride, count, add)
+                if stored.edge_swap[k]:
+                    separate(q, qo + a, p, po + b, target, batch, at, add)
                 else:
-                    _separate(p, po + a, q, qo + b, target, at, at + stride, count, add)
+                    separate(p, po + a, q, qo + b, target, batch, at, add)

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.imaging.lateral import Lateral
+from steradian.imaging.engines.numba.arguments import Stored
+from steradian.imaging.tables import Tables
+from steradian.imaging.transforms.lateral import Lateral
 from steradian.imaging.volume import RealArray
 
 Ints = NDArray[np.int64]
@@ -15,7 +17,7 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Blocks:
-    """Tables of :func:`steradian.imaging.columns.columns`; B blocks.
+    """Tables of :mod:`.depth`; B blocks.
 
     Parameters
     ----------
@@ -37,22 +39,9 @@ class Blocks:
     edges: NDArray[np.bool_]
 
 
-def blocks(lateral: Lateral, modes: tuple[int, int], scales: tuple[float, float], norm: float, dtype: str) -> Blocks:
-    """Group the modes.
-
-    Parameters
-    ----------
-    lateral
-        The stored spectrum.
-    modes
-        (Nx, Ny) of the image.
-    scales
-        N_t·Δz/X an axis, so that κ² = l² + Σ (scale·j)².
-    norm
-        Factor of everything.
-    dtype
-        float32 or float64.
-    """
+def blocks(tables: Tables, stored: Stored) -> Blocks:
+    """Group the modes."""
+    lateral, scales, modes = tables.lateral, tables.rule.scales, tables.lateral.modes
     half = modes[1] // 2 + 1
     i, k = (v.ravel() for v in np.meshgrid(np.arange(modes[0]), np.arange(half), indexing="ij"))
     # mode numbers with Nyquist at −N/2 (for κ > 0) and at +N/2 (for κ < 0)
@@ -63,7 +52,7 @@ def blocks(lateral: Lateral, modes: tuple[int, int], scales: tuple[float, float]
         edge = ((jx != px) & (lateral.shift[0] != 0)) | ((jy != py) & (lateral.shift[1] != 0))
         minus, plus = _folded(lateral, jx, jy), _folded(lateral, px, py)
     else:
-        rows = lateral.edge_rows[i, k]
+        rows = stored.edge_rows[i, k]
         edge = rows >= 0
         same = np.ones(len(i), np.bool_)
         minus, plus = (2 * column, same), (np.where(edge, rows, 2 * column), same)
@@ -93,13 +82,11 @@ def blocks(lateral: Lateral, modes: tuple[int, int], scales: tuple[float, float]
     target[place] = np.where(copy == 0, 2 * column[lane_mode], -1)
     straight = np.where(copy == 0, minus[1][lane_mode], plus[1][lane_mode])
     number = [np.where(copy == 0, a[lane_mode], b[lane_mode]) for a, b in ((jx, px), (jy, py))]
-    factor = norm * np.exp(
-        -2j * np.pi * sum(n * s / g for n, s, g in zip(number, lateral.shift, lateral.grid, strict=True))
-    )
-    for n, window, g in zip(number, lateral.windows, lateral.grid, strict=True):
-        if window is not None:  # a few thousand different numbers stand for millions of modes
-            least = int(n.min())
-            factor = factor / window.transform(np.arange(least, int(n.max()) + 1) / g)[n - least]
+    # one half as the two halves of the spectrum are left added up
+    norm = 0.5 / (modes[0] * modes[1] * tables.time.record)
+    factor = norm * lateral.factor(0, number[0]) * lateral.factor(1, number[1])
+    if tables.rule.waves == "both":
+        factor[(2 * np.abs(number[0]) == modes[0]) | (2 * np.abs(number[1]) == modes[1])] = 0
     sign = np.where(straight, 1.0, -1.0)
     parts = np.zeros((4, count * 16))
     parts[:, place] = factor.real, -sign * factor.imag, factor.imag, sign * factor.real
@@ -109,7 +96,7 @@ def blocks(lateral: Lateral, modes: tuple[int, int], scales: tuple[float, float]
     return Blocks(
         source.reshape(count, 16),
         target.reshape(count, 16),
-        np.ascontiguousarray(parts.reshape(4, count, 16).transpose(1, 0, 2).reshape(count, 64).astype(dtype)),
+        np.ascontiguousarray(parts.reshape(4, count, 16).transpose(1, 0, 2).reshape(count, 64).astype(tables.dtype)),
         squares.reshape(count, -1),
         edges.reshape(count, -1),
     )

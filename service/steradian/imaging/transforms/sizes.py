@@ -5,13 +5,26 @@ The costs are nanoseconds of one core for a cell of 32 numbers, measured (docs/p
 
 from __future__ import annotations
 
-from steradian.imaging.factors import fast_size
-from steradian.imaging.windows import Shape, Window, choose
+import numpy as np
+
+from steradian.imaging.transforms.windows import Shape, Window, choose
 
 _OVERSAMPLINGS = (1.2, 1.25, 1.3, 1.35, 1.4, 1.5, 1.6, 1.75, 2.0)
 _TRANSFORM = 10.0  # a point of a transform
 _SPREAD = 1.7  # a grid point of a sensor's stencil
 _GATHER = 4.0  # a tap of 16 modes at one depth index
+
+
+def fast_size(least: float) -> int:
+    """Smallest size ≥ ``least`` with few cheap passes: a power of two times one of a few odd numbers."""
+    least = max(1, int(np.ceil(least - 1e-9)))
+    best = 1 << (least - 1).bit_length()
+    for odd in (1, 3, 5, 9, 15, 25, 27, 45, 75):
+        power = 1
+        while power * odd < least:
+            power *= 2
+        best = min(best, power * odd)
+    return best
 
 
 def _sized(window: Shape | Window, share: float, needed: int, size: int) -> Window | None:

@@ -1,4 +1,4 @@
-"""Sizes and tables of the discrete Fourier transforms (the kernels are in :mod:`.fft`)."""
+"""Tables of the discrete Fourier transforms (the kernels are in :mod:`.fft`)."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from steradian.imaging.engines.numba.arguments import Factors
 from steradian.imaging.volume import RealArray
 
 _RADICES = (8, 4, 5, 3, 2)
@@ -44,6 +45,11 @@ class Transform:
     generic_starts: NDArray[np.int64]
     scratch: int
 
+    @property
+    def factors(self) -> Factors:
+        """The same for the kernels."""
+        return Factors(self.size, self.radices, self.twiddles, self.twiddle_starts, self.generic, self.generic_starts)
+
 
 def factorise(size: int) -> list[int]:
     """Radices of the passes for ``size`` points: primes above 5 first, then 8, 4, 5, 3 and 2."""
@@ -70,18 +76,6 @@ def factorise(size: int) -> list[int]:
             radices.append(radix)
             rest //= radix
     return radices
-
-
-def fast_size(least: float) -> int:
-    """Smallest size ≥ ``least`` with few cheap passes: a power of two times one of a few odd numbers."""
-    least = max(1, int(np.ceil(least - 1e-9)))
-    best = 1 << (least - 1).bit_length()
-    for odd in (1, 3, 5, 9, 15, 25, 27, 45, 75):
-        power = 1
-        while power * odd < least:
-            power *= 2
-        best = min(best, power * odd)
-    return best
 
 
 def table_bytes(size: int) -> int:

@@ -1,0 +1,313 @@
+"""Time to depth for 16 lateral modes at once, and the transpose of that (compiled).
+
+Per mode: window and transform over time, interpolation at κ (paper, NER-NUFFT, equation 5), the factor of
+:class:`steradian.imaging.transforms.depth.KappaRule`, inverse transform over depth; all within the processor's second
+cache. Four modes (two, if κ grows differently along x and y; one in 2-D) with the same |j|² share one stencil. The two
+ways are each other's transposes to rounding, whatever the window's accuracy.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from steradian.compiled import compiled
+from steradian.imaging.engines.numba.arguments import Columns, Rule, Side
+from steradian.imaging.engines.numba.fft import fft
+from steradian.imaging.engines.numba.lookup import look_up
+from steradian.imaging.engines.numba.simd import (
+    collect,
+    distribute,
+    load1,
+    load2,
+    load4,
+    load16,
+    splat1,
+    splat2,
+    splat4,
+    splat16,
+    store,
+)
+from steradian.imaging.engines.numba.sizes import PAD, PIECE
+
+
+class Part(NamedTuple):
+    """Values of l, ``number`` ≤ PIECE from ``first``, of modes from ``lane``; transforms of ``length`` and ``size``."""
+
+    first: int
+    number: int
+    lane: int
+    length: int
+    size: int
+
+
+@compiled
+def _bring(side: Side, block: int, x: Any, xo: int, tmp: Any) -> None:
+    """Bring numbers n of 16 columns, times window and factor, to their cells; 0 to the others."""
+    rows, imaginary, count, length = side.real[block], side.imaginary[block], side.number, side.transform.size
+    multiplied = side.window.size > 0
+    one, nothing = splat16(x.dtype.type(1.0)), splat16(x.dtype.type(0.0))
+    rr, ri, ir, ii = one, one, one, one
+    if multiplied:
+        f = side.factors[block]
+        rr, ri, ir, ii = load16(f, 0), load16(f, 16), load16(f, 32), load16(f, 48)
+    for start in range(0, count, 16):
+        some = min(16, count - start)
+        if some == 16:
+            collect(side.values, rows, start, tmp, 0)
+            collect(side.values, imaginary, start, tmp, 16)
+        else:
+            for lane in range(16):
+                for n in range(some):
+                    tmp[n * 32 + lane] = side.values[rows[lane] + start + n]
+                    tmp[n * 32 + 16 + lane] = side.values[imaginary[lane] + start + n]
+        for n in range(some):
+            cell = start + n - side.centre
+            o = xo + (cell if cell >= 0 else cell + length) * 32
+            a, b = load16(tmp, n * 32), load16(tmp, n * 32 + 16)
+            if multiplied:
+                w = splat16(side.window[start + n])
+                a, b = a * w, b * w
+                a, b = a * rr + b * ri, a * ir + b * ii
+            store(x, o, a)
+            store(x, o + 16, b)
+    for n in range(count, length):
+        cell = n - side.centre
+        o = xo + (cell if cell < length else cell - length) * 32
+        store(x, o, nothing)
+        store(x, o + 16, nothing)
+
+
+@compiled
+def _take(x: Any, xo: int, side: Side, block: int, tmp: Any) -> None:
+    """Do the way back of :func:`_bring`."""
+    rows, imaginary, count, length = side.real[block], side.imaginary[block], side.number, side.transform.size
+    multiplied = side.window.size > 0
+    one = splat16(x.dtype.type(1.0))
+    rr, ri, ir, ii = one, one, one, one
+    if multiplied:
+        f = side.factors[block]
+        rr, ri, ir, ii = load16(f, 0), load16(f, 16), load16(f, 32), load16(f, 48)
+    for start in range(0, count, 16):
+        some = min(16, count - start)
+        values, o = x, xo + (start - side.centre) * 32  # without a factor nothing wraps round
+        if multiplied:
+            values, o = tmp, 0
+            for n in range(some):
+                w = splat16(side.window[start + n])
+                cell = start + n - side.centre
+                i = xo + (cell if cell >= 0 else cell + length) * 32
+                a, b = load16(x, i) * w, load16(x, i + 16) * w
+                store(tmp, n * 32, a * rr + b * ir)
+                store(tmp, n * 32 + 16, a * ri + b * ii)
+        if some == 16:
+            distribute(values, o, side.values, rows, start)
+            distribute(values, o + 16, side.values, imaginary, start)
+        else:
+            for lane in range(16):
+                for n in range(some):
+                    side.values[rows[lane] + start + n] = values[o + n * 32 + lane]
+                    side.values[imaginary[lane] + start + n] = values[o + n * 32 + 16 + lane]
+
+
+@compiled
+def _reach(square: float, band: float) -> int:
+    """Count the l with κ < band."""
+    return int(np.ceil(np.sqrt(band * band - square))) if square < band * band else 0
+
+
+@compiled
+def _stencils(square: float, part: Part, rule: Rule, space: Columns) -> None:
+    """First grid points, taps and factors of some values of l.
+
+    The factor's real and minus imaginary part are left in ``gain`` and ``phase``.
+    """
+    index, fraction, phase, gain, taps = space.index, space.fraction, space.phase, space.gain, space.taps
+    polynomials, sine, cosine, table, steps = rule.polynomials, rule.sine, rule.cosine, rule.table, rule.steps
+    width, nearest, ratio, turns, both = polynomials.shape[0], rule.nearest, rule.ratio, rule.turns, rule.both
+    first, count = part.first, part.number
+    lead = 0.5 - 0.5 * width if nearest else -0.5 * width
+    for n in range(count):
+        l = float(first + n)  # noqa: E741
+        kappa = np.sqrt(l * l + square)
+        u = kappa * ratio + (0.0 if nearest else lead)
+        whole = np.floor(u + 0.5) if nearest else np.floor(u)
+        index[n] = np.int32(whole) + (0 if nearest else 1)
+        fraction[n] = 2.0 * (u - whole) - 1.0
+        turn = kappa * turns
+        phase[n] = turn - np.rint(turn)
+        gain[n] = 0.5 if both else (2.0 * l / kappa if kappa > 0 else 2.0)
+    if table.shape[1] > 1:
+        for n in range(count):
+            kappa = np.sqrt(float(first + n) * float(first + n) + square)
+            amplitude, turn = look_up(table, steps, square, kappa)
+            gain[n] *= amplitude
+            phase[n] -= turn + np.rint(phase[n] - turn)
+    degree = polynomials.shape[1] - 1
+    pi = splat16(fraction.dtype.type(np.pi))
+    for o in range(0, count, 16):
+        y = load16(fraction, o)
+        for t in range(width):
+            value = splat16(polynomials[t, degree])
+            for d in range(degree - 1, -1, -1):
+                value = value * y + splat16(polynomials[t, d])
+            store(taps, t * PIECE + o, value)
+        # half angles, so that the series converge fast: cos 2a = 1 − 2 sin² a, sin 2a = 2 sin a cos a
+        a = load16(phase, o) * pi
+        a2 = a * a
+        s, c = splat16(sine[sine.size - 1]), splat16(cosine[cosine.size - 1])
+        for d in range(sine.size - 2, -1, -1):
+            s, c = s * a2 + splat16(sine[d]), c * a2 + splat16(cosine[d])
+        s = s * a
+        g = load16(gain, o)
+        two = splat16(fraction.dtype.type(2.0)) * s * g
+        store(gain, o, g - two * s)
+        store(phase, o, two * c)
+
+
+def _pair(load: Any, splat: Any) -> tuple[Any, Any]:
+    """Gather, and spread, for groups of as many modes as ``load`` takes lanes."""
+
+    def gather(x: Any, h: Any, part: Part, rule: Rule, space: Columns) -> None:
+        """H(±l) of a group from X(±κ)."""
+        index, phase, gain, taps = space.index, space.phase, space.gain, space.taps
+        width, both, zero = rule.polynomials.shape[0], rule.both, splat(x.dtype.type(0.0))
+        for n in range(part.number):
+            i = (PAD + index[n]) * 32 + part.lane
+            j = (PAD + part.length - index[n]) * 32 + part.lane
+            ar, ai, br, bi = zero, zero, zero, zero
+            for t in range(width):
+                w = splat(taps[t * PIECE + n])
+                ar = ar + w * load(x, i)
+                ai = ai + w * load(x, i + 16)
+                br = br + w * load(x, j)
+                bi = bi + w * load(x, j + 16)
+                i += 32
+                j -= 32
+            c, s = splat(gain[n]), splat(phase[n])
+            ar, ai, br, bi = ar * c + ai * s, ai * c - ar * s, br * c - bi * s, bi * c + br * s
+            if both:
+                ar, ai = ar + br, ai + bi
+                br, bi = ar, ai
+            l = part.first + n  # noqa: E741
+            store(h, l * 32 + part.lane, ar)
+            store(h, l * 32 + part.lane + 16, ai)
+            if l > 0:
+                o = (part.size - l) * 32 + part.lane
+                store(h, o, br)
+                store(h, o + 16, bi)
+
+    def spread(h: Any, x: Any, part: Part, rule: Rule, space: Columns) -> None:
+        """X(±κ) of a group take H(l) and H(−l), both of them."""
+        index, phase, gain, taps = space.index, space.phase, space.gain, space.taps
+        width = rule.polynomials.shape[0]
+        for n in range(part.number):
+            l = part.first + n  # noqa: E741
+            real, imaginary = load(h, l * 32 + part.lane), load(h, l * 32 + part.lane + 16)
+            if l > 0:
+                o = (part.size - l) * 32 + part.lane
+                real, imaginary = real + load(h, o), imaginary + load(h, o + 16)
+            c, s = splat(gain[n]), splat(phase[n])
+            ar, ai = real * c - imaginary * s, imaginary * c + real * s
+            br, bi = real * c + imaginary * s, imaginary * c - real * s
+            i = (PAD + index[n]) * 32 + part.lane
+            j = (PAD + part.length - index[n]) * 32 + part.lane
+            for t in range(width):
+                w = splat(taps[t * PIECE + n])
+                store(x, i, load(x, i) + w * ar)
+                store(x, i + 16, load(x, i + 16) + w * ai)
+                store(x, j, load(x, j) + w * br)
+                store(x, j + 16, load(x, j + 16) + w * bi)
+                i += 32
+                j -= 32
+
+    return compiled(gather, kept=False), compiled(spread, kept=False)
+
+
+_gather4, _spread4 = _pair(load4, splat4)
+_gather2, _spread2 = _pair(load2, splat2)
+_gather1, _spread1 = _pair(load1, splat1)
+
+
+@compiled
+def to_depth(first: int, last: int, time: Side, depth: Side, rule: Rule, space: Columns, flag: Any) -> None:
+    """Blocks ``first`` … ``last`` of 16 columns from time to depth."""
+    a, b, tmp, squares = space.a, space.b, space.tmp, rule.squares
+    length, size = time.transform.size, depth.transform.size
+    xo, lanes = np.int64(PAD * 32), 16 // squares.shape[1]
+    zero, one = np.int64(0), np.int64(1)
+    nothing = splat16(a.dtype.type(0.0))
+    for block in range(first, last):
+        if flag[0]:
+            return
+        _bring(time, block, a, xo, tmp)
+        flip = fft(a, xo, b, xo, zero, time.transform, tmp)
+        x, h = (b, a) if flip else (a, b)
+        for o in range(0, PAD * 32, 16):
+            store(x, o, load16(x, length * 32 + o))
+            store(x, xo + length * 32 + o, load16(x, xo + o))
+        low, high = size, 0
+        for group in range(squares.shape[1]):
+            reach = _reach(squares[block, group], rule.band)
+            low, high = min(low, reach), max(high, reach)
+        for o in range(low * 32, (size - max(low, 1) + 1) * 32, 16):
+            store(h, o, nothing)
+        for start in range(0, high, PIECE):
+            for group in range(squares.shape[1]):
+                square, lane = squares[block, group], lanes * group
+                count = min(PIECE, _reach(square, rule.band) - start)
+                if count <= 0:
+                    continue
+                part = Part(start, count, lane, length, size)
+                _stencils(square, part, rule, space)
+                if lanes == 4:
+                    _gather4(x, h, part, rule, space)
+                elif lanes == 2:
+                    _gather2(x, h, part, rule, space)
+                else:
+                    _gather1(x, h, part, rule, space)
+                if rule.edges[block, group]:
+                    for l in range(max(start, 1), start + count):  # noqa: E741
+                        for e in range(lane - lane % 2, lane + lanes, 2):
+                            o = (size - l) * 32 + e
+                            h[o] = h[o + 1]
+                            h[o + 16] = h[o + 17]
+        result = x if fft(h, zero, x, zero, one, depth.transform, tmp) else h
+        _take(result, zero, depth, block, tmp)
+
+
+@compiled
+def to_time(first: int, last: int, time: Side, depth: Side, rule: Rule, space: Columns, flag: Any) -> None:
+    """Blocks ``first`` … ``last`` of 16 columns from depth to time: the transpose, for waves that go both ways."""
+    a, b, tmp, squares = space.a, space.b, space.tmp, rule.squares
+    length, size = time.transform.size, depth.transform.size
+    xo, lanes = np.int64(PAD * 32), 16 // squares.shape[1]
+    zero, one = np.int64(0), np.int64(1)
+    nothing = splat16(a.dtype.type(0.0))
+    for block in range(first, last):
+        if flag[0]:
+            return
+        _bring(depth, block, a, zero, tmp)
+        flip = fft(a, zero, b, zero, zero, depth.transform, tmp)
+        h, x = (b, a) if flip else (a, b)
+        for o in range(0, (length + 2 * PAD) * 32, 16):
+            store(x, o, nothing)
+        for group in range(squares.shape[1]):
+            square, lane = squares[block, group], lanes * group
+            reach = _reach(square, rule.band)
+            for start in range(0, reach, PIECE):
+                part = Part(start, min(PIECE, reach - start), lane, length, size)
+                _stencils(square, part, rule, space)
+                if lanes == 4:
+                    _spread4(h, x, part, rule, space)
+                elif lanes == 2:
+                    _spread2(h, x, part, rule, space)
+                else:
+                    _spread1(h, x, part, rule, space)
+        for o in range(0, PAD * 32, 16):
+            i = xo + (length - PAD) * 32 + o
+            store(x, i, load16(x, i) + load16(x, o))
+            store(x, xo + o, load16(x, xo + o) + load16(x, xo + length * 32 + o))
+        result = h if fft(x, xo, h, xo, one, time.transform, tmp) else x
+        _take(result, xo, time, block, tmp)

@@ -1,0 +1,255 @@
+"""The engine that reconstructions use: its memory, and the six steps in pieces on threads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import factorial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.errors import InvalidInput
+from steradian.imaging import memory, workers
+from steradian.imaging.engines import NOBODY, Watch
+from steradian.imaging.engines.numba.arguments import Batch, Columns, Plane, Rule, Sensors, Side, Stored, Workspace
+from steradian.imaging.engines.numba.blocks import Blocks, blocks
+from steradian.imaging.engines.numba.factors import Transform, transform
+from steradian.imaging.engines.numba.layout import all_stored, everywhere, part, sensors_of, stored_of
+from steradian.imaging.engines.numba.room import Room, room_of
+from steradian.imaging.engines.numba.sizes import BATCH, PAD, PIECE
+from steradian.imaging.tables import Tables
+from steradian.imaging.volume import RealArray
+
+if TYPE_CHECKING:
+    from steradian.imaging.engines import Engine
+
+_BLOCKS = 32  # most blocks of columns a piece of work has
+_SMALL = 1 << 21  # numbers below which waiting for a second thread costs more than it saves
+_NONE = np.empty(0)
+Work = Callable[[int, Any, NDArray[np.uint8]], None]
+
+
+class NumbaEngine:
+    """An :class:`~steradian.imaging.engines.Engine` of compiled kernels. Modes are rows of one flat array.
+
+    Parameters
+    ----------
+    tables
+        What to compute.
+    threads
+        At most.
+    memory_limit
+        See :func:`steradian.imaging.memory.require`.
+
+    Attributes
+    ----------
+    tables
+        As given.
+    room
+        Memory, and the threads that it allows.
+
+    Raises
+    ------
+    InvalidInput
+        If the memory needed exceeds the limit, or what is available.
+    """
+
+    def __init__(self, tables: Tables, *, threads: int, memory_limit: int | None = None) -> None:
+        self.tables = tables
+        self._stored = stored_of(tables.lateral, edges=tables.rule.waves == "rising")
+        self.room: Room = room_of(tables, self._stored, threads)
+        memory.require(self.room.memory_bytes, memory_limit, tables.geometry.shape)
+        self._sensors = sensors_of(tables.lateral, tables.dtype)
+        self._blocks: Blocks = blocks(tables, self._stored)
+        numbers = max(self.room.target_rows * tables.depths, self.room.output_bytes // np.dtype(tables.dtype).itemsize)
+        self._threads = 1 if numbers < _SMALL else self.room.threads
+
+    def lateral(
+        self,
+        traces: Any,
+        watch: Watch = NOBODY,
+        *,
+        scale: float = 1.0,
+        sensors: NDArray[Any] | None = None,
+        onto: Any = None,
+    ) -> RealArray:
+        """See :class:`steradian.imaging.engines.Engine`; traces of float32, float64, int16 or int32."""
+        target = np.empty(self.room.source_size, self.tables.dtype) if onto is None else onto
+        chosen = self._sensors if sensors is None else part(self._sensors, sensors)
+        chosen = chosen._replace(scale=(chosen.scale * scale).astype(self.tables.dtype))
+        plane = self._plane(self.tables.lateral.grid)
+        self._type1("lateral transform", traces, chosen, plane, self._stored, target, watch, add=onto is not None)
+        return target
+
+    def to_depth(self, modes: RealArray, watch: Watch = NOBODY, *, kept: bool = False) -> RealArray:
+        """See :class:`steradian.imaging.engines.Engine`."""
+        from steradian.imaging.engines.numba.depth import to_depth
+
+        target = modes
+        if kept or self.tables.lateral.replicated:
+            target = np.empty(self.room.target_size, self.tables.dtype)
+        self._columns("time to depth", to_depth, modes, target, watch)
+        return target
+
+    def to_image(self, modes: RealArray, watch: Watch = NOBODY) -> RealArray:
+        """See :class:`steradian.imaging.engines.Engine`."""
+        from steradian.imaging.engines.numba.image import to_image
+
+        t, shape, depths = self.tables, self.tables.geometry.shape, self.tables.depths
+        size = int(np.prod(shape))
+        image = modes if self.room.shared else np.empty(size, t.dtype)
+        plane = self._plane(t.image_modes)
+
+        def work(piece: int, space: Workspace, flag: NDArray[np.uint8]) -> None:
+            start = piece * BATCH
+            batch = Batch(start, min(BATCH, depths - start), self.room.target_stride)
+            to_image(modes, batch, plane, image, depths, space, flag)
+
+        def scratch() -> Workspace:
+            line = max(t.image_modes)
+            return self._workspace(0, (line, line, line, line), plane.shown_x * t.image_modes[1], plane)
+
+        self._run("image", -(-depths // BATCH), scratch, work, watch)
+        return image[:size].reshape(shape)
+
+    def lateral_adjoint(self, modes: RealArray, watch: Watch = NOBODY) -> RealArray:
+        """See :class:`steradian.imaging.engines.Engine`."""
+        from steradian.imaging.engines.numba.type2 import type2
+
+        s, samples = self._sensors, self.tables.time.samples
+        plane = self._plane(self.tables.lateral.grid)
+        traces = np.empty((len(s.scale), samples), self.tables.dtype)
+
+        def work(piece: int, space: Workspace, flag: NDArray[np.uint8]) -> None:
+            start = piece * BATCH
+            batch = Batch(start, min(BATCH, samples - start), self.room.source_stride)
+            type2(modes, batch, plane, s, traces, space, flag)
+
+        def scratch() -> Workspace:
+            line = max(plane.x.size, plane.y.size + s.wy.shape[1])
+            middle = 2 * len(self._stored.ys) * plane.x.size
+            return self._workspace(len(s.order), (line, line, line, line), middle, plane)
+
+        self._run("sensors", -(-samples // BATCH), scratch, work, watch)
+        return traces
+
+    def to_depth_adjoint(self, modes: RealArray, watch: Watch = NOBODY) -> RealArray:
+        """See :class:`steradian.imaging.engines.Engine`; of the model's tables only."""
+        from steradian.imaging.engines.numba.depth import to_time
+
+        self._model()
+        self._columns("depth to time", to_time, modes, modes, watch)
+        return modes
+
+    def to_image_adjoint(self, image: RealArray, watch: Watch = NOBODY) -> RealArray:
+        """See :class:`steradian.imaging.engines.Engine`; of the model's tables only, upsampled images neither."""
+        self._model()
+        modes = np.empty(self.room.source_size, self.tables.dtype)
+        columns = image.reshape(-1, self.tables.depths)
+        plane, stored = self._plane(self.tables.lateral.modes), all_stored(self.tables.lateral.modes)
+        self._type1("lateral transform", columns, everywhere(self.tables), plane, stored, modes, watch, add=False)
+        return modes
+
+    def _model(self) -> None:
+        if self.tables.rule.waves != "both":
+            raise NotImplementedError("the transposes are those of the model")
+
+    def _type1(
+        self, stage: str, traces: NDArray[Any], sensors: Sensors, plane: Plane, stored: Stored, target: RealArray,
+        watch: Watch, *, add: bool,
+    ) -> None:  # fmt: skip
+        from steradian.imaging.engines.numba.type1 import pack, type1
+
+        integer, mask = (np.int32, 0x7F800000) if self.tables.dtype == "float32" else (np.int64, 0x7FF0000000000000)
+        flat, samples = np.ascontiguousarray(traces).reshape(-1), traces.shape[1]
+
+        def work(piece: int, space: Workspace, flag: NDArray[np.uint8]) -> None:
+            start = piece * BATCH
+            batch = Batch(start, min(BATCH, samples - start), self.room.source_stride)
+            if not pack(flat, samples, sensors, batch, space.packed, space.packed.view(integer), mask):
+                raise InvalidInput("traces", _first_bad(traces), "finite numbers")
+            type1(sensors, plane, stored, target, batch, add, space, flag)
+
+        def scratch() -> Workspace:
+            line = max(plane.x.size, plane.y.size + sensors.wy.shape[1])
+            return self._workspace(len(sensors.order), (line, line), 2 * len(stored.ys) * plane.x.size, plane)
+
+        self._run(stage, -(-samples // BATCH), scratch, work, watch)
+
+    def _columns(self, stage: str, kernel: Any, over_time: RealArray, over_depth: RealArray, watch: Watch) -> None:
+        t, table, room, g = self.tables, self._blocks, self.room, self.tables.geometry
+        over_time[room.source_rows * room.source_stride :] = 0  # the spare row
+
+        def side(values: RealArray, rows: NDArray[np.int64], spare: int, stride: int, *more: Any) -> Side:
+            real = np.where(rows < 0, spare, rows) * stride
+            return Side(values, real, np.where(rows < 0, spare, rows + 1) * stride, *more)
+
+        none = _NONE.astype(t.dtype)
+        forward, back = transform(t.time.length, t.dtype), transform(t.time.record, t.dtype)
+        divided = t.time.divided.astype(t.dtype)
+        times = side(
+            over_time, table.source, room.source_rows, room.source_stride, t.time.samples, t.time.centre, divided,
+            table.factors, forward.factors,
+        )  # fmt: skip
+        depths = side(
+            over_depth, table.target, room.target_rows, room.target_stride, t.depths, -g.depth[0], none,
+            none.reshape(0, 1), back.factors,
+        )  # fmt: skip
+        rule, scratch = self._rule(), self._column_space(max(forward.scratch, back.scratch, 16))
+        count = len(table.source)
+        each = min(_BLOCKS, -(-count // 16))
+
+        def work(piece: int, space: Columns, flag: NDArray[np.uint8]) -> None:
+            kernel(piece * each, min((piece + 1) * each, count), times, depths, rule, space, flag)
+
+        self._run(stage, -(-count // each), scratch, work, watch)
+
+    def _rule(self) -> Rule:
+        t, rule = self.tables, self.tables.rule
+        terms = range(6 if t.dtype == "float32" else 11)
+        sine = np.array([(-1) ** i / factorial(2 * i + 1) for i in terms], t.dtype)
+        cosine = np.array([(-1) ** i / factorial(2 * i) for i in terms], t.dtype)
+        return Rule(
+            self._blocks.squares, self._blocks.edges, t.time.length / t.time.record, rule.turns, rule.band,
+            rule.waves == "both", t.time.nearest, t.time.taps.astype(t.dtype), rule.table, rule.steps, sine, cosine,
+        )  # fmt: skip
+
+    def _column_space(self, tmp: int) -> Callable[[], Columns]:
+        dtype, time = self.tables.dtype, self.tables.time
+        cells = 32 * (max(time.length, time.record) + 2 * PAD)
+        sizes = (PIECE, PIECE, PIECE, PIECE * len(time.taps), tmp * 32)
+
+        def scratch() -> Columns:
+            a, b = np.zeros(cells, dtype), np.zeros(cells, dtype)
+            return Columns(a, b, np.zeros(PIECE, np.int32), *(np.zeros(size, dtype) for size in sizes))
+
+        return scratch
+
+    def _plane(self, grid: tuple[int, int]) -> Plane:
+        (x, nx), (y, ny) = self.tables.shown
+        tables = [transform(n, self.tables.dtype).factors for n in grid]
+        return Plane(*self.tables.lateral.modes, tables[0], tables[1], x, nx, y, ny)
+
+    def _workspace(self, packed: int, lines: tuple[int, ...], middle: int, plane: Plane) -> Workspace:
+        tables: list[Transform] = [transform(f.size, self.tables.dtype) for f in (plane.x, plane.y)]
+        tmp = max(*(table.scratch for table in tables), 1)
+        sizes = (packed, *lines, *(0 for _ in range(4 - len(lines))), middle, tmp)
+        return Workspace(*(np.empty(size * 32, self.tables.dtype) for size in sizes))
+
+    def _run(self, stage: str, pieces: int, scratch: Callable[[], Any], work: Work, watch: Watch) -> None:
+        workers.run(stage, pieces, scratch, work, threads=self._threads, **watch._asdict())
+
+
+def _first_bad(traces: NDArray[Any]) -> str:
+    for m, row in enumerate(traces):
+        bad = np.flatnonzero(~np.isfinite(row))
+        if bad.size:
+            return f"{row[bad[0]]} at row {m}, column {bad[0]}"
+    return "beyond the range of the working precision"
+
+
+if TYPE_CHECKING:
+
+    def _is_an_engine(engine: NumbaEngine) -> Engine:
+        return engine

@@ -1,0 +1,108 @@
+"""Where an engine's numbers lie, and how much memory they take."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import prod
+
+import numpy as np
+
+from steradian.imaging.engines.numba.arguments import Stored
+from steradian.imaging.engines.numba.factors import table_bytes
+from steradian.imaging.engines.numba.layout import rows_of
+from steradian.imaging.engines.numba.sizes import PAD
+from steradian.imaging.geometry import Geometry
+from steradian.imaging.tables import Tables
+
+_COLUMN_BYTES, _SAMPLE_BYTES = 290, 900  # of tables while they are made, for a lateral mode and for a sample, at least
+
+
+@dataclass(frozen=True, slots=True)
+class Room:
+    """Rows of modes in one flat array; a spare row at the end is of lanes not in use.
+
+    Parameters
+    ----------
+    source_rows, source_stride
+        Of the modes over time.
+    target_rows, target_stride
+        Of the modes over depth: the same, where they take the place of their own times.
+    shared
+        The image may overwrite the modes' depths, batch by batch.
+    threads
+        At most; fewer than asked for if their scratch space would exceed half of the image.
+    output_bytes, kept_bytes
+        Size of the image, and of the array that it is a view of.
+    memory_bytes
+        Bound of what one pass through all steps allocates, its result included.
+    """
+
+    source_rows: int
+    source_stride: int
+    target_rows: int
+    target_stride: int
+    shared: bool
+    threads: int
+    output_bytes: int
+    kept_bytes: int
+    memory_bytes: int
+
+    @property
+    def source_size(self) -> int:
+        """Numbers of the modes over time."""
+        return (self.source_rows + 1) * self.source_stride
+
+    @property
+    def target_size(self) -> int:
+        """Numbers of the modes over depth."""
+        return (self.target_rows + 1) * self.target_stride
+
+
+def room_of(tables: Tables, stored: Stored, threads: int) -> Room:
+    """Lay out memory."""
+    samples, depths, (nx, ny) = tables.time.samples, tables.depths, tables.lateral.modes
+    item = np.dtype(tables.dtype).itemsize
+    out_rows = prod(tables.geometry.shape[:-1])
+    mode_rows, source_rows = 2 * nx * (ny // 2 + 1), rows_of(stored)
+    # where the modes' depths go: over their own times, or (replicated) to a place of their own
+    replicated = tables.lateral.replicated
+    source_stride = samples if replicated else max(samples, depths)
+    target_stride = depths if replicated else source_stride
+    target_rows = mode_rows if replicated else source_rows
+    shared = target_stride == depths and out_rows <= target_rows
+    image = out_rows * depths * item
+    source, target = ((r + 1) * s * item for r, s in ((source_rows, source_stride), (target_rows, target_stride)))
+    scratch = _scratch(tables, stored) * item
+    threads = int(max(1, min(threads, max(scratch, image // 2) // max(scratch, 1))))
+    if tables.rule.waves == "both":  # A-lines may be the result, and are made beside the modes
+        needed = target + max(0 if shared else image, len(tables.lateral.scale) * samples * item)
+    else:  # a source of its own is freed before the image is made
+        needed = max((source if replicated else 0) + target, target + (0 if shared else image))
+    return Room(
+        source_rows, source_stride, target_rows, target_stride, shared, threads, image, target if shared else image,
+        needed + threads * scratch,
+    )  # fmt: skip
+
+
+def least_bytes(g: Geometry, dtype: str) -> int:
+    """Lower bound of what tables and a run take, from numbers alone: nothing large has been made yet."""
+    nx, ny = (1, *g.padded_modes)[-2:]
+    columns = nx * (ny // 2 + 1)
+    tables = columns * _COLUMN_BYTES + g.samples * _SAMPLE_BYTES
+    sizes = {g.record, *(n * g.upsampling for n in g.padded_modes)}
+    tables += sum(table_bytes(n) for n in sizes)
+    image = max(2 * columns, prod(g.shape[:-1])) * g.shape[-1] * np.dtype(dtype).itemsize
+    return max(tables, image)
+
+
+def _scratch(tables: Tables, stored: Stored) -> int:
+    """Numbers that a thread needs besides, at most."""
+    (nx, ny), (ix, iy) = tables.lateral.grid, tables.image_modes
+    line, half = max(nx, ny + PAD), len(stored.ys)
+    packed = len(tables.lateral.scale)
+    if tables.rule.waves == "both":  # types 1 and 2, and the image's points as sensors
+        lateral = max(packed, prod(tables.geometry.shape[:-1])) + 5 * max(line, ix, iy + PAD) + 2 * half * max(nx, ix)
+    else:
+        lateral = packed + 2 * line + 2 * half * nx
+    image = 4 * max(ix, iy) + tables.shown[0][1] * iy
+    return 32 * max(lateral, image, 2 * (max(tables.time.length, tables.time.record) + 2 * PAD) + 200)

@@ -1,0 +1,176 @@
+"""Tables: all that a reconstruction or a model needs to know besides the A-lines, in no engine's layout."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import sqrt
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.errors import InvalidInput
+from steradian.imaging.geometry import Geometry
+from steradian.imaging.response import FilmResponse, tabulated
+from steradian.imaging.transforms.depth import Interpolation, KappaRule, exact, simple
+from steradian.imaging.transforms.lateral import Lateral, filled, grid_of, gridded, non_uniform
+from steradian.imaging.transforms.sizes import lateral_grid
+from steradian.imaging.transforms.windows import Shape, Window
+
+Method: TypeAlias = Literal["nedner", "ner", "linear", "nearest", "interpolated"]
+Precision: TypeAlias = Literal["float32", "float64"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tables:
+    """What engines compute from (:mod:`steradian.imaging.engines`).
+
+    Parameters
+    ----------
+    geometry
+        Sensors, image and times.
+    method
+        As asked for, or "ner" where the sensors were found on a grid.
+    dtype
+        Working precision.
+    lateral
+        Sensors to lateral modes.
+    time
+        Transform over time.
+    rule
+        From which κ which depth frequency comes, and how.
+    """
+
+    geometry: Geometry
+    method: Method
+    dtype: Precision
+    lateral: Lateral
+    time: Interpolation
+    rule: KappaRule
+
+    @property
+    def depths(self) -> int:
+        """Slices of the image."""
+        return self.geometry.shape[-1]
+
+    @property
+    def image_modes(self) -> tuple[int, int]:
+        """Points of the padded image with its upsampling: those of the transform that makes it; (1, N) in 2-D."""
+        up, (nx, ny) = self.geometry.upsampling, self.lateral.modes
+        return nx * (up if nx > 1 else 1), ny * up
+
+    @property
+    def shown(self) -> tuple[tuple[int, int], tuple[int, int]]:
+        """First point and number of points along x and y that the image shows of the padded one; (0, 1) in 2-D."""
+        g = self.geometry
+        skipped = [(p // 2 - n // 2) * g.upsampling for p, n in zip(g.padded_modes, g.modes, strict=True)]
+        pairs = list(zip(skipped, g.shape[:-1], strict=True))
+        return (pairs[0], pairs[1]) if len(pairs) == 2 else ((0, 1), pairs[0])
+
+
+def direct_tables(
+    geometry: Geometry,
+    *,
+    method: Method,
+    tolerance: float,
+    window: Shape | Window,
+    correction: FilmResponse | None,
+    dtype: Precision,
+) -> Tables:
+    """Tables of the inversion (paper, equation 7).
+
+    Raises
+    ------
+    InvalidInput
+        If the method is "ner" and the sensors are on no grid.
+    """
+    modes, places, share = _modes(geometry), _places(geometry), _share(geometry, tolerance)
+    point = float(np.prod([X / n for X, n in zip(geometry.period, geometry.padded_modes, strict=True)]))
+    grid = grid_of(places, modes, 0.1 * tolerance)
+    if method == "ner" and grid is None:
+        raise InvalidInput("method", method, "nedner: the sensors are not on a grid that divides the aperture")
+    if method == "interpolated":
+        grid = grid or [(n, 0.0) for n in modes]
+        cell = float(np.prod(geometry.period)) / (grid[0][0] * grid[1][0])
+        lateral = filled(places, cell / point, modes, grid)
+    elif grid is not None:
+        lateral = gridded(places, geometry.weights / point, modes, grid)
+    else:
+        sizes, found = lateral_grid(modes, len(places), window, share)
+        lateral = non_uniform(places, geometry.weights / point, modes, found, sizes)
+    if method in ("linear", "nearest"):
+        time = simple(geometry.samples, geometry.record, method == "nearest")
+    else:
+        time = exact(geometry.samples, geometry.record, window, share, 0.05 * tolerance)
+    used: Method = "ner" if method == "nedner" and grid is not None else method
+    rule = _rule(geometry, time, 0.5 * geometry.record, "rising", correction)
+    return Tables(geometry, used, dtype, lateral, time, rule)
+
+
+def model_tables(
+    geometry: Geometry,
+    *,
+    tolerance: float,
+    window: Shape | Window,
+    response: FilmResponse | None,
+    highest_frequency: float | None,
+    dtype: Precision,
+) -> Tables:
+    """Tables of the wave equation's solution and its transpose (:mod:`steradian.imaging.operators`).
+
+    Sensors' weights play no part, and the lateral spectrum is never one that repeats.
+    """
+    modes, places, share = _modes(geometry), _places(geometry), _share(geometry, tolerance)
+    grid, ones = grid_of(places, modes, 0.1 * tolerance), np.ones(len(places))
+    if grid is not None and all(n % g == 0 and s == 0 for n, (g, s) in zip(modes, grid, strict=True)):
+        lateral = gridded(places, ones, modes, [(n, 0.0) for n in modes])
+    else:
+        sizes, found = lateral_grid(modes, len(places), window, share)
+        lateral = non_uniform(places, ones, modes, found, sizes)
+    time = exact(geometry.samples, geometry.record, window, share, 0.05 * tolerance)
+    band = 0.5 * geometry.record
+    if highest_frequency is not None:
+        band = min(band, highest_frequency * geometry.sampling_interval * geometry.record)
+    return Tables(
+        geometry, "nedner", dtype, lateral, time, _rule(geometry, time, band, "both", response and _Turned(response))
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Turned:
+    """The complex conjugate of a response, as its transpose has it."""
+
+    response: FilmResponse
+
+    def at(
+        self, frequencies: NDArray[np.float64], sines: NDArray[np.float64], sound_speed: float
+    ) -> NDArray[np.complex128]:
+        return np.conj(self.response.at(frequencies, sines, sound_speed))
+
+
+def _rule(
+    g: Geometry, time: Interpolation, band: float, waves: Literal["rising", "both"], response: FilmResponse | None
+) -> KappaRule:
+    table, steps = tabulated(
+        response, nyquist=0.5 / g.sampling_interval, bandwidth=0.5 * g.record, sound_speed=g.sound_speed
+    )
+    scales = [g.record * g.depth_step / X for X in g.period]
+    turns = (time.centre + g.time_zero / g.sampling_interval) / g.record
+    return KappaRule((0.0, scales[0]) if len(scales) == 1 else (scales[0], scales[1]), turns, band, waves, table, steps)
+
+
+def _modes(g: Geometry) -> tuple[int, int]:
+    n: Sequence[int] = g.padded_modes
+    return (1, n[0]) if len(n) == 1 else (n[0], n[1])
+
+
+def _places(g: Geometry) -> NDArray[np.float64]:
+    """Places (M, 2) in periods; 0 along the axis that 2-D does not have."""
+    places = g.places()
+    return places if places.shape[1] == 2 else np.concatenate([np.zeros_like(places), places], axis=1)
+
+
+def _share(g: Geometry, tolerance: float) -> float:
+    """Error that each of the lateral axes and time may have."""
+    return 0.4 * tolerance / sqrt(len(g.modes) + 1)

@@ -1,0 +1,146 @@
+"""How sensors meet the lateral grid: the non-uniform transform of type 1 (sensors to modes), of type 2 read backwards.
+
+Mode j of sensors at x_m with values v_m is Σ_m v_m·e^{−2πi j·x_m/X}. Each sensor is spread onto the points of a grid
+near it, the grid is transformed, and what the window did to mode j is divided out (paper, NED-NUFFT, equation 6).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.imaging.transforms.filling import filling
+from steradian.imaging.transforms.windows import Window
+
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stencils:
+    """Sensors anywhere: sensor m has ``tx[m, t]``·``ty[m, u]`` at point (``first[m, 0]`` + t, ``first[m, 1]`` + u).
+
+    Shapes (M, 2), (M, w) and (M, w), or (M, 1) along an axis that 2-D does not have; points count modulo the grid.
+    """
+
+    first: Ints
+    tx: Floats
+    ty: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Entries:
+    """Sensors on the grid: point (``lines[e]``, ``cells[e]``) takes ``weights[e]`` of sensor ``sensors[e]``."""
+
+    lines: Ints
+    cells: Ints
+    sensors: Ints
+    weights: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lateral:
+    """Grid, sensors and modes.
+
+    Parameters
+    ----------
+    grid
+        Points (nx, ny) of a period; nx = 1 in 2-D.
+    modes
+        (Nx, Ny) of the formula; more than the grid's where its spectrum repeats.
+    sensors
+        How they are spread onto the grid.
+    scale
+        (M,) factor of each sensor: h_m over the area of an image point.
+    shift
+        Distance of the sensors from the grid's points, in cells (NER with the grid displaced).
+    windows
+        Along x and y, None where sensors are on the grid.
+    """
+
+    grid: tuple[int, int]
+    modes: tuple[int, int]
+    sensors: Stencils | Entries
+    scale: Floats
+    shift: tuple[float, float] = (0.0, 0.0)
+    windows: tuple[Window | None, Window | None] = (None, None)
+
+    @property
+    def replicated(self) -> bool:
+        """The grid is coarser than the modes, so that its spectrum repeats."""
+        return self.grid[0] < self.modes[0] or self.grid[1] < self.modes[1]
+
+    def factor(self, axis: int, numbers: Ints) -> NDArray[Any]:
+        """Factor from mode j of the grid to that of the sensors: e^{−2πi j·shift/n} over the window's transform."""
+        n, shift, window = self.grid[axis], self.shift[axis], self.windows[axis]
+        found = np.exp(-2j * np.pi / n * shift * numbers) if shift else np.ones(numbers.shape)
+        if window is None:
+            return found
+        least = int(numbers.min())  # a few thousand different numbers stand for millions of modes
+        return found / window.transform(np.arange(least, int(numbers.max()) + 1) / n)[numbers - least]
+
+
+def numbers_of(count: int) -> Ints:
+    """Mode numbers in transform order, Nyquist as −N/2."""
+    n = np.arange(count)
+    return np.where(2 * n < count, n, n - count)
+
+
+def grid_of(places: Floats, modes: tuple[int, ...], accuracy: float) -> list[tuple[int, float]] | None:
+    """Per axis the grid (points a period, displacement in cells) all sensors are on, or None.
+
+    Grids finer than twice the modes, where a plain transform would cost more than it saves, do not count.
+    """
+    found: list[tuple[int, float]] = []
+    for axis in range(places.shape[1]):
+        u = np.unique(np.round(places[:, axis], 12))
+        gaps = np.diff(np.append(u, u[0] + 1.0))
+        gaps = gaps[gaps > 1e-3 / modes[axis]]
+        step = float(gaps.min()) if gaps.size else 1.0
+        best = None
+        for count in dict.fromkeys((round(1.0 / step), modes[axis])):  # the coarser is cheaper
+            if not 1 <= count <= 2 * modes[axis]:
+                continue
+            angle = np.angle(np.mean(np.exp(2j * np.pi * u * count))) / (2 * np.pi)
+            off = u * count - angle
+            if np.abs(off - np.round(off)).max() <= accuracy:
+                best = (count, 0.0 if abs(angle) <= accuracy else float(angle))
+                break
+        if best is None:
+            return None
+        found.append(best)
+    return found
+
+
+def gridded(places: Floats, scale: Floats, modes: tuple[int, int], grid: list[tuple[int, float]]) -> Lateral:
+    """Sensors on the points of a grid (NER); several on one point add up."""
+    counts, shift = (grid[0][0], grid[1][0]), (grid[0][1], grid[1][1])
+    lines, cells = (np.rint(places[:, a] * counts[a] - shift[a]).astype(np.int64) % counts[a] for a in (0, 1))
+    entries = Entries(lines, cells, np.arange(len(places)), np.ones(len(places)))
+    return Lateral(counts, modes, entries, scale, shift)
+
+
+def filled(places: Floats, cell_scale: float, modes: tuple[int, int], grid: list[tuple[int, float]]) -> Lateral:
+    """Fill a grid linearly from the sensors; ``cell_scale`` is the weight of one grid point."""
+    counts, shift = (grid[0][0], grid[1][0]), (grid[0][1], grid[1][1])
+    return Lateral(counts, modes, Entries(*filling(places, counts, shift)), np.full(len(places), cell_scale), shift)
+
+
+def non_uniform(
+    places: Floats, scale: Floats, modes: tuple[int, int], window: Window, grid: tuple[int, int]
+) -> Lateral:
+    """Sensors anywhere (NED), at ``places`` (M, 2) in periods; ``grid[0]`` is 1 in 2-D."""
+    windows = (None if grid[0] == 1 else window, window)
+    first, taps = np.zeros((len(places), 2), np.int64), []
+    for axis, shape in enumerate(windows):
+        if shape is None:
+            taps.append(np.ones((len(places), 1)))
+            continue
+        left = places[:, axis] * grid[axis] - shape.width / 2
+        whole = np.floor(left)
+        first[:, axis] = (whole.astype(np.int64) + 1) % grid[axis]
+        taps.append(shape.taps(left - whole))
+    return Lateral(grid, modes, Stencils(first, *taps), scale, windows=windows)
