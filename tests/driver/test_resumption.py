@@ -126,7 +126,10 @@ def in_another_time(code: str, *, boottime: int) -> str:
     command = ["unshare", "-U", "-r", "-T", "--boottime", str(boottime), sys.executable, "-c", code]
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode and "unshare" in done.stderr:
-        pytest.skip(f"no time namespaces here: {done.stderr.strip()}")
+        pytest.skip(
+            f"needs user and time namespaces ({done.stderr.strip()}): Linux 5.6 or newer with sysctl -w"
+            " user.max_user_namespaces=1000; in a container also --security-opt seccomp=unconfined"
+        )
     assert done.returncode == 0, done.stderr
     return done.stdout
 

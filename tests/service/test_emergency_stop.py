@@ -138,7 +138,7 @@ def test_a_full_disk_delays_no_stop(tmp_path):
     small = tmp_path / "small"
     small.mkdir()
     if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64m", "tmpfs", str(small)], capture_output=True).returncode:
-        pytest.skip("needs the right to mount a small file system (CAP_SYS_ADMIN)")
+        pytest.skip("needs the right to mount a small file system: in a container --cap-add SYS_ADMIN")
     try:
         with running(small / "data") as service:
             service.start_scan()

@@ -20,7 +20,7 @@ def small(tmp_path):
     folder = tmp_path / "small"
     folder.mkdir()
     if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64m", "tmpfs", str(folder)], capture_output=True).returncode:
-        pytest.skip("needs the right to mount a small file system (CAP_SYS_ADMIN)")
+        pytest.skip("needs the right to mount a small file system: in a container --cap-add SYS_ADMIN")
     yield folder
     subprocess.run(["umount", "-l", str(folder)], check=True)
 

@@ -1,98 +1,20 @@
 """The acquisition process's work, with a real database and the real simulator behind its link."""
 
-import errno
-import shutil
+import sys
 import threading
-import time
+from pathlib import Path
 
 import pytest
 
-from fabry_perot import Recovery
+sys.path.insert(0, str(Path(__file__).parent))
+from acquisition_bench import Bench, Port
+
 from fabry_perot.simulator import launch
 from steradian.errors import Conflict
-from steradian.masks import equi_steradian_mask
-from steradian.plans import ScanPlan
-from steradian.runtime.acquisition import Acquisition, ScannerPort, count_alines
-from steradian.scans.layout import scan_file_bytes
-from steradian.scans.store import AlineStore
-from steradian.settings import Settings
-from steradian.storage.database import Database
-from steradian.storage.masks import MaskRepository
-from steradian.storage.paths import DataDirectory
-from steradian.storage.plans import PlanRepository
-from steradian.storage.scanners import ScannerRepository
-from steradian.storage.scans import ScanRepository
+from steradian.runtime.acquisition import count_alines
 from steradian.storage.states import DesiredScanState, ScanState
 
 S, W = ScanState, DesiredScanState
-
-
-class Port:
-    """The link to a scanner that is there already."""
-
-    def __init__(self, url):
-        self._url = url
-
-    def url(self):
-        return self._url
-
-    def close(self):
-        pass
-
-
-class Bench:
-    """One data directory with its acquisition; scans run when a test calls ``step``."""
-
-    def __init__(self, folder, port=None, within=60.0):
-        self.settings = Settings.create(data=folder, simulator_speed=50.0)
-        self.data = DataDirectory(folder)
-        self.data.create()
-        self.database = Database(self.data.metadata_url)
-        self.database.migrate()
-        self.scans, self.plans = ScanRepository(self.database), PlanRepository(self.database)
-        self.scanner = ScannerRepository(self.database)
-        self.scanner.ensure(simulated=True)
-        self.stopping = threading.Event()
-        self.port = port or ScannerPort(self.settings)
-        recovery = Recovery(within=within)  # generous: this machine may be busy
-        self.work = Acquisition(self.scans, self.plans, self.data, self.port, self.stopping, recovery=recovery)
-
-    def queue(self, count=60, **parameters):
-        mask = equi_steradian_mask(aperture=13.56e-3, depth=3.6e-3, count=count)
-        plan = ScanPlan.create(mask=mask, samples=256, **parameters)
-        MaskRepository(self.database).put(mask)
-        return self.scans.queue(self.plans.put(plan)[0], simulated=True).id
-
-    def when_running(self, identifier, act):
-        """Do something in a thread once the first A-lines of a scan are stored."""
-
-        def watch():
-            self.until(identifier, S.RUNNING)
-            act()
-
-        self.meanwhile(watch)
-
-    def until(self, identifier, *states):
-        """Wait for one of some states."""
-        deadline = time.monotonic() + 60
-        while self.scans.get(identifier).state not in states:
-            assert time.monotonic() < deadline, self.states(identifier)
-            threading.Event().wait(0.01)
-
-    def meanwhile(self, act):
-        """Do something in a thread while a step is made."""
-
-        thread = threading.Thread(target=act)
-        thread.start()
-        self.work.step()
-        thread.join()
-
-    def states(self, identifier):
-        return [entry["state"] for entry in self.scans.get(identifier).history]
-
-    def close(self):
-        self.port.close()
-        self.database.close()
 
 
 @pytest.fixture(scope="module")
@@ -277,125 +199,3 @@ def test_a_resume_is_refused_while_the_film_is_not_what_it_was(tmp_path):
         assert bench.scans.get(identifier).state is S.COMPLETE
         assert bench.scans.get(identifier).error_code is None
         bench.close()
-
-
-def test_while_the_disk_is_full_the_laser_rests_and_the_scan_says_so(bench, monkeypatch):
-    identifier = bench.queue(pulse_rate=5.0)
-    full, overwrite = threading.Event(), AlineStore._overwrite
-
-    def write(store, offset, data):
-        if full.is_set():
-            raise OSError(errno.ENOSPC, "No space left on device")
-        overwrite(store, offset, data)
-
-    monkeypatch.setattr(AlineStore, "_overwrite", write)
-    monkeypatch.setattr("steradian.scans.session.AGAIN", 0.05)
-    stages, stored = [], []
-
-    def act():
-        bench.until(identifier, S.RUNNING)
-        full.set()
-        while not (bench.scans.get(identifier).stage or "").startswith("blocked"):
-            threading.Event().wait(0.01)
-        stored.append(count_alines(bench.data.scan_file(identifier))["stored"])
-        threading.Event().wait(0.4)
-        stages.append(bench.scans.get(identifier))
-        stored.append(count_alines(bench.data.scan_file(identifier))["stored"])
-        full.clear()
-
-    bench.meanwhile(act)
-    assert stages[0].state is S.RUNNING
-    assert "disk" in stages[0].stage
-    assert stored[0] == stored[1] < 53
-    row = bench.scans.get(identifier)
-    assert (row.state, row.stage) == (S.COMPLETE, "A-lines")
-    assert row.summary == {"points": 53, "stored": 53, "fired": 53}
-
-
-def test_a_laser_that_rested_for_a_full_disk_for_too_long_comes_back_only_when_wished(tmp_path, monkeypatch):
-    """Everything that was fired before is stored once there is room."""
-    bench = Bench(tmp_path, within=0.0)
-    full, overwrite = threading.Event(), AlineStore._overwrite
-
-    def write(store, offset, data):
-        if full.is_set():
-            raise OSError(errno.ENOSPC, "No space left on device")
-        overwrite(store, offset, data)
-
-    monkeypatch.setattr(AlineStore, "_overwrite", write)
-    monkeypatch.setattr("steradian.scans.session.AGAIN", 0.05)
-    identifier = bench.queue(pulse_rate=5.0)
-
-    def act():
-        bench.until(identifier, S.RUNNING)
-        full.set()
-        while not (bench.scans.get(identifier).stage or "").startswith("blocked"):
-            threading.Event().wait(0.01)
-        full.clear()
-
-    bench.meanwhile(act)
-    row = bench.scans.get(identifier)
-    assert (row.state, row.desired_state, row.error_code) == (S.INTERRUPTED, W.PAUSED, "scan-interrupted")
-    assert row.summary["fired"] == row.summary["stored"] < 53
-    bench.work._recovery = Recovery(within=60.0)
-    bench.scans.desire(identifier, W.RUNNING, None)
-    bench.work.step()
-    assert bench.scans.get(identifier).state is S.COMPLETE
-    bench.close()
-
-
-def test_an_interlock_opened_while_the_laser_rested_for_a_full_disk_keeps_it_off_until_wished(tmp_path, monkeypatch):
-    """Somebody has opened the enclosure meanwhile, so a person decides, however soon there is room again."""
-    full, overwrite = threading.Event(), AlineStore._overwrite
-
-    def write(store, offset, data):
-        if full.is_set():
-            raise OSError(errno.ENOSPC, "No space left on device")
-        overwrite(store, offset, data)
-
-    monkeypatch.setattr(AlineStore, "_overwrite", write)
-    monkeypatch.setattr("steradian.scans.session.AGAIN", 0.05)
-    with launch(speed=50.0) as simulator:
-        bench = Bench(tmp_path, Port(simulator.url))
-        identifier = bench.queue(pulse_rate=5.0)
-
-        def act():
-            bench.until(identifier, S.RUNNING)
-            full.set()
-            while not (bench.scans.get(identifier).stage or "").startswith("blocked"):
-                threading.Event().wait(0.01)
-            simulator.command("interlock", closed=False)
-            threading.Event().wait(0.1)  # time enough for the device to see it, at whatever speed
-            simulator.command("interlock", closed=True)
-            full.clear()
-
-        bench.meanwhile(act)
-        row = bench.scans.get(identifier)
-        assert (row.state, row.desired_state, row.error_code) == (S.INTERRUPTED, W.PAUSED, "scan-interrupted")
-        assert row.summary["fired"] == row.summary["stored"] < 53
-        bench.scans.desire(identifier, W.RUNNING, None)
-        bench.work.step()
-        assert bench.scans.get(identifier).state is S.COMPLETE
-        bench.close()
-
-
-def test_a_scan_that_cannot_fit_fails_before_a_pulse(bench, monkeypatch):
-    usage = shutil.disk_usage(bench.data.root)._replace(free=1000)
-    monkeypatch.setattr("steradian.scans.layout.shutil.disk_usage", lambda folder: usage)
-    identifier = bench.queue()
-    bench.work.step()
-    row = bench.scans.get(identifier)
-    assert (row.state, row.error_code) == (S.FAILED, "disk-full")
-    assert "0.0 MB free" in row.error
-    assert not bench.data.scan_file(identifier).exists()
-
-
-def test_a_disk_that_will_be_nearly_full_is_a_warning_and_no_obstacle(bench, monkeypatch):
-    identifier = bench.queue()
-    plan = bench.plans.load(bench.scans.get(identifier).plan_id)
-    usage = shutil.disk_usage(bench.data.root)._replace(free=scan_file_bytes(plan) + 1)
-    monkeypatch.setattr("steradian.scans.layout.shutil.disk_usage", lambda folder: usage)
-    bench.work.step()
-    row = bench.scans.get(identifier)
-    assert row.state is S.COMPLETE
-    assert "MB free" in row.history[1]["why"]

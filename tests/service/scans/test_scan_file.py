@@ -60,7 +60,7 @@ def test_datasets_are_numbers_only(path):
         )
 
 
-@pytest.mark.skipif(which("octave-cli") is None, reason="Octave is not installed")
+@pytest.mark.skipif(which("octave-cli") is None, reason="needs Octave: apt-get install octave")
 def test_octave_reads_it(path):
     code = f'load("{path}"); printf("%d %d", rows(alines.samples), columns(alines.samples));'
     said = subprocess.run(["octave-cli", "--eval", code], capture_output=True, text=True, timeout=60)
