@@ -11,6 +11,7 @@ import threading
 import uvicorn
 
 from steradian.api.app import create_app
+from steradian.api.connections import Door, GuardedConfig, places
 from steradian.runtime.heartbeat import Heartbeat
 from steradian.runtime.lifeline import end_with_stdin
 from steradian.runtime.logs import configure_logging
@@ -25,8 +26,9 @@ def main(descriptor: int) -> None:
     """Serve until SIGTERM or SIGINT, or until standard input closes."""
     settings = Settings.create()
     configure_logging(settings, "api")
-    config = uvicorn.Config(
+    config = GuardedConfig(
         create_app(settings),
+        Door(places(settings.max_connections), settings.client_timeout),
         log_config=None,
         access_log=False,
         timeout_graceful_shutdown=GRACE,

@@ -62,13 +62,18 @@ class Filter:
         """Whether a piece of progress passes."""
         return self.with_progress and self.kind in {None, progress.kind} and self.scan_id in {None, progress.scan_id}
 
+    def wants_event(self, event: EventRow) -> bool:
+        """Whether an event passes."""
+        return self.kind in {None, event.kind} and self.scan_id in {None, event.scan_id}
 
-def _feed(request: Request) -> Feed:
-    """Refuse a listener too many before the stream begins."""
+
+async def _place(request: Request) -> AsyncIterator[Feed]:
+    """Take a place among the listeners before the stream begins, until it ends; refuse one too many."""
     feed: Feed = request.app.state.feed
-    if feed.listeners >= MAX_LISTENERS:
-        raise HTTPException(503, f"{MAX_LISTENERS} clients listen already", {"Retry-After": "5"})
-    return feed
+    with feed.place(MAX_LISTENERS) as is_free:
+        if not is_free:
+            raise HTTPException(503, f"{MAX_LISTENERS} clients listen already", {"Retry-After": "5"})
+        yield feed
 
 
 @router.post("/tickets", status_code=201, summary="Get a ticket for one event stream")
@@ -84,7 +89,7 @@ def create_ticket(services: ServicesNeeded, who: Who) -> TicketView:
     responses={200: {"description": "A stream that ends only when one side leaves"}},
 )
 async def stream(
-    services: ServicesNeeded, feed: Annotated[Feed, Depends(_feed)], wanted: Annotated[Filter, Depends()]
+    services: ServicesNeeded, who: Who, feed: Annotated[Feed, Depends(_place)], wanted: Annotated[Filter, Depends()]
 ) -> AsyncIterator[ServerSentEvent]:
     """Follow changes of state (events named scan, reconstruction, job, batch, scanner) and progress.
 
@@ -100,20 +105,29 @@ async def stream(
     else:
         yield ServerSentEvent(event="ready", id=f"{bounds.epoch}.{cursor}", data={}, retry=RETRY_MS)
     told: dict[str, Progress] = {}
+    said = cursor
     async with aclosing(feed.listen()) as changes:
         async for _ in changes:
-            while events := await run_in_threadpool(_read, services, cursor, wanted):
-                for event in events:
-                    cursor = event.sequence
+            if services.keys.is_revoked(who):
+                return
+            while events := await _next(services, feed, cursor):
+                cursor = events[-1].sequence
+                for event in filter(wanted.wants_event, events):
+                    said = event.sequence
                     yield _to_sse(event, bounds.epoch)
+            if cursor - said > BATCH:  # a client that comes back need not be told what it did not want to hear
+                said = cursor
+                yield ServerSentEvent(id=f"{bounds.epoch}.{cursor}", comment="nothing of what you listen for")
             for progress in list(feed.progress.values()):
                 if wanted.wants(progress) and told.get(progress.id) != progress:
                     told[progress.id] = progress
                     yield ServerSentEvent(event="progress", data=asdict(progress))
 
 
-def _read(services: Services, cursor: int, wanted: Filter) -> list[EventRow]:
-    return services.log.after(cursor, BATCH, kind=wanted.kind, scan_id=wanted.scan_id)
+async def _next(services: Services, feed: Feed, cursor: int) -> list[EventRow]:
+    """Read on after an event: in what all listeners share, or in the log."""
+    shared = feed.after(cursor)
+    return shared if shared is not None else await run_in_threadpool(services.log.after, cursor, BATCH)
 
 
 def _begin(bounds: Bounds, last_event_id: str | None) -> tuple[int, str | None]:

@@ -8,8 +8,9 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import AsyncGenerator
-from contextlib import suppress
+from collections import deque
+from collections.abc import AsyncGenerator, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,11 +19,16 @@ from starlette.concurrency import run_in_threadpool
 
 from steradian.api.services import Services
 from steradian.jobs.kinds import resource_of
+from steradian.storage.tables import EventRow
 
 LOOK = 0.1
 """Seconds between looks at the log."""
 PROGRESS = 0.2
 """Seconds between looks at progress: at most five a second."""
+ANYWAY = 2.0
+"""Seconds after which a listener looks around even when nothing is known to have changed."""
+KEPT = 1000
+"""Newest events that are kept in memory for all listeners."""
 _log = logging.getLogger(__name__)
 
 
@@ -44,12 +50,25 @@ class Feed:
 
     def __init__(self, services: Services) -> None:
         self._services = services
-        self._changed = asyncio.Condition()
+        self._changed = asyncio.Event()
         self._task: asyncio.Task[None] | None = None
-        self._listeners = 0
-        self.last = 0
+        self._places = self._listeners = 0
+        self._events: deque[EventRow] = deque(maxlen=KEPT)
+        self._since = self.last = 0
         self.progress: dict[str, Progress] = {}
         self._stages: dict[str, tuple[str | None, float, int]] = {}
+
+    @contextmanager
+    def place(self, most: int) -> Iterator[bool]:
+        """Take one of ``most`` places for the length of the block; yields whether there was one left."""
+        if self._places >= most:
+            yield False
+            return
+        self._places += 1
+        try:
+            yield True
+        finally:
+            self._places -= 1
 
     async def listen(self) -> AsyncGenerator[None, None]:
         """Yield whenever there may be something new, and now and then anyway."""
@@ -58,37 +77,49 @@ class Feed:
             self._task = asyncio.create_task(self._look())
         try:
             while True:
+                changed = self._changed
                 yield
-                async with self._changed:
-                    with suppress(TimeoutError):
-                        await asyncio.wait_for(self._changed.wait(), 5.0)
+                with suppress(TimeoutError):
+                    await asyncio.wait_for(changed.wait(), ANYWAY)
         finally:
             self._listeners -= 1
             if not self._listeners and self._task is not None:
                 self._task.cancel()
                 self._task = None
 
-    @property
-    def listeners(self) -> int:
-        """How many listen."""
-        return self._listeners
+    def after(self, sequence: int) -> list[EventRow] | None:
+        """Return the events after a number, oldest first; ``None`` when they are not all in memory."""
+        if not self._since <= sequence <= self.last:
+            return None
+        return [event for event in self._events if event.sequence > sequence]
 
     async def _look(self) -> None:
         looked = float("-inf")
+        self._events.clear()
+        self._since, self.last = 0, -1
         while True:
             try:
-                last = (await run_in_threadpool(self._services.log.bounds)).last
+                if self.last < 0:
+                    self._since = self.last = (await run_in_threadpool(self._services.log.bounds)).last
+                news = await run_in_threadpool(self._services.log.after, self.last, KEPT)
                 before = self.progress
                 if time.monotonic() - looked >= PROGRESS:
                     looked = time.monotonic()
                     self.progress = await run_in_threadpool(self._find_progress)
-                if last != self.last or self.progress != before:
-                    self.last = last
-                    async with self._changed:
-                        self._changed.notify_all()
+                if news or self.progress != before:
+                    self._take(news)
+                    self._changed.set()
+                    self._changed = asyncio.Event()
             except DBAPIError as error:
                 _log.warning("the log cannot be read: %s", error.orig)
             await asyncio.sleep(LOOK)
+
+    def _take(self, news: list[EventRow]) -> None:
+        for event in news:
+            if len(self._events) == KEPT:
+                self._since = self._events[0].sequence
+            self._events.append(event)
+            self.last = event.sequence
 
     def _find_progress(self) -> dict[str, Progress]:
         rows: list[tuple[str, Any, str | None]] = [("scan", row, row.id) for row in self._services.scans.under_way()]

@@ -20,6 +20,8 @@ _log = logging.getLogger(__name__)
 UPLOADS = "/api/v1/uploads"
 STOP_BYTES = 4096
 """The body of an emergency stop holds a reason, nothing else."""
+METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})
+"""Those that the metrics tell apart."""
 _REQUEST_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 
@@ -75,7 +77,8 @@ class Observe:
         finally:
             seconds = (answered if answered > begun else time.monotonic()) - begun
             route = getattr(scope.get("route"), "path_format", "none")
-            self._metrics.count(scope["method"], route, status, seconds)
+            method = scope["method"] if scope["method"] in METHODS else "other"
+            self._metrics.count(method, route, status, seconds)
             principal = getattr(scope["state"].get("principal"), "name", "")
             about = {"method": scope["method"], "path": scope["path"], "status": status, "who": principal}
             text = f"{scope['method']} {scope['path']} {status} {1e3 * seconds:.1f} ms"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import hmac
+import re
 import secrets
 from collections.abc import Iterable
 from contextlib import suppress
@@ -20,6 +21,8 @@ from steradian.storage.tables import KeyRow, TicketRow
 
 PREFIX = "sk"
 TICKET_SECONDS = 30.0
+_NAME = re.compile(r"key .* \(([0-9a-f]+)\)", re.DOTALL)
+"""What a principal with a key is called; see :meth:`KeyStore.check`."""
 
 
 class Scope(StrEnum):
@@ -50,6 +53,8 @@ class Principal:
 
     name: str
     scopes: frozenset[Scope]
+    key_id: str | None = None
+    """Of the key that proved it, directly or by a ticket."""
 
     def may(self, scope: Scope) -> bool:
         """Whether something of a scope is allowed."""
@@ -140,7 +145,7 @@ class KeyStore:
         proven = hmac.compare_digest(_hash(rest.partition("_")[2]), row.hash if row else _hash(""))
         if prefix != PREFIX or row is None or not proven or not self._is_valid(row):
             raise Unauthorized("the key is unknown, revoked or expired")
-        return Principal(f"key {row.name} ({row.id})", frozenset(Scope(scope) for scope in row.scopes))
+        return Principal(f"key {row.name} ({row.id})", frozenset(Scope(scope) for scope in row.scopes), row.id)
 
     def issue_ticket(self, principal: Principal) -> str:
         """Make a ticket that opens one event stream within :data:`TICKET_SECONDS`."""
@@ -159,7 +164,13 @@ class KeyStore:
                 session.delete(row)
         if row is None or row.expires < self.clock():
             raise Unauthorized("the ticket is unknown, used or too old")
-        return Principal(row.principal, frozenset({Scope.READ}))
+        issuer = _NAME.fullmatch(row.principal)
+        return Principal(row.principal, frozenset({Scope.READ}), issuer[1] if issuer else None)
+
+    def is_revoked(self, principal: Principal) -> bool:
+        """Whether a key holds no more, as far as the last look (:meth:`remember`) knows."""
+        row = self._remembered.get(principal.key_id or "")
+        return row is not None and not self._is_valid(row)
 
     def _is_valid(self, row: KeyRow) -> bool:
         return row.revoked is None and (row.expires is None or row.expires > self.clock())

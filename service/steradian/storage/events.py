@@ -59,15 +59,9 @@ class EventLog:
         before = int(facts.get("pruned", 0))
         return Bounds(facts["epoch"], before, max(before, last or 0))
 
-    def after(
-        self, sequence: int, limit: int, *, kind: str | None = None, scan_id: str | None = None
-    ) -> list[EventRow]:
+    def after(self, sequence: int, limit: int) -> list[EventRow]:
         """Return at most ``limit`` events after a number, oldest first."""
         query = select(EventRow).where(EventRow.sequence > sequence).order_by(EventRow.sequence).limit(limit)
-        if kind is not None:
-            query = query.where(EventRow.kind == kind)
-        if scan_id is not None:
-            query = query.where(EventRow.scan_id == scan_id)
         with self.database.read() as session:
             return list(session.scalars(query))
 

@@ -27,7 +27,7 @@ MAX_BODY, MAX_POINTS = 20_000, 5_000
 class Server:
     """A real API process on a data directory, without acquisition and workers."""
 
-    def __init__(self, folder, **settings):
+    def __init__(self, folder, preexec_fn=None, **settings):
         limits = {"max_upload_bytes": MAX_BODY, "max_mask_points": MAX_POINTS, "max_volume_bytes": 2**24}
         self.settings = Settings.create(data=folder, **limits | settings)
         self.data = DataDirectory(folder)
@@ -42,6 +42,7 @@ class Server:
                 stdin=subprocess.PIPE,
                 stderr=subprocess.PIPE,
                 pass_fds=[listener.fileno()],
+                preexec_fn=preexec_fn,
             )
 
     def wait(self):

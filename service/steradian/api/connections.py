@@ -1,0 +1,166 @@
+"""Connections: how many there may be, and for how long one may keep the service waiting.
+
+uvicorn ends a kept connection on which nothing more is asked. It waits for ever for the rest of a request that was
+begun, takes any number of connections, and its faster parser takes headers of any length; this module adds the limits.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from typing import Any
+
+import uvicorn
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+
+HEAD_BYTES = 64 * 2**10
+"""Largest request line with headers (bytes)."""
+RESERVED_FILES = 128
+"""File descriptors that are left for databases, files and pipes."""
+_REFUSAL = b"HTTP/1.1 503 Service Unavailable\r\nContent-Length: 0\r\nRetry-After: 5\r\nConnection: close\r\n\r\n"
+"""To a connection too many: no request of it has been read, so there is no identifier for a problem document."""
+_log = logging.getLogger(__name__)
+
+
+class Door:
+    """Who is inside, and who of them keeps the service waiting.
+
+    Parameters
+    ----------
+    most
+        Connections at a time.
+    patience
+        Seconds for which a client may send nothing of a request that it has begun.
+    """
+
+    def __init__(self, most: int, patience: float) -> None:
+        self.most, self.patience = most, patience
+        self.inside: set[GuardedConnection] = set()
+        self.awaited: dict[GuardedConnection, None] = {}
+        """Those whose client is to send something, the longest awaited first."""
+
+    def enter(self, connection: GuardedConnection) -> bool:
+        """Let a connection in; where there is no place left, that of the longest awaited client is given to it."""
+        if len(self.inside) >= self.most:
+            longest = next(iter(self.awaited), None)
+            if longest is None:
+                return False
+            _log.warning("%d connections are open; the one that sends nothing for the longest time is ended", self.most)
+            longest.drop()
+        self.inside.add(connection)
+        return True
+
+    def leave(self, connection: GuardedConnection) -> None:
+        """Note that a connection is gone."""
+        self.inside.discard(connection)
+        self.awaited.pop(connection, None)
+
+
+class GuardedConfig(uvicorn.Config):
+    """uvicorn's settings with a door."""
+
+    def __init__(self, app: Any, door: Door, **options: Any) -> None:
+        self.door = door
+        super().__init__(app, http=GuardedConnection, **options)
+
+
+class GuardedConnection(HttpToolsProtocol):
+    """A connection with limits: of time until a request is whole, and of the length of its head."""
+
+    config: GuardedConfig
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self._door = self.config.door
+        self._head_bytes = 0
+        self._in_head = True
+        self._timer: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Take the connection, or refuse it when there are too many."""
+        super().connection_made(transport)
+        if self._door.enter(self):
+            self._await_client()
+        else:
+            transport.write(_REFUSAL)
+            transport.close()
+
+    def connection_lost(self, error: Exception | None) -> None:
+        """Give the place back."""
+        self._stop_awaiting()
+        self._door.leave(self)
+        super().connection_lost(error)
+
+    def data_received(self, data: bytes) -> None:
+        """Pass what came to the parser, unless the head grows too long."""
+        if self._in_head:
+            self._head_bytes += len(data)
+            if self._head_bytes > HEAD_BYTES + len(data) or (self._head_bytes > HEAD_BYTES and b"\r\n\r\n" not in data):
+                self.send_400_response("The request's head is too long.")
+                return
+        super().data_received(data)
+
+    def on_message_begin(self) -> None:
+        """Begin to wait for the head of a request."""
+        super().on_message_begin()
+        self._in_head = True
+        self._await_client()
+
+    def on_headers_complete(self) -> None:
+        """Begin to wait for the body."""
+        self._in_head, self._head_bytes = False, 0
+        super().on_headers_complete()
+        self._await_client()
+
+    def on_body(self, body: bytes) -> None:
+        """Wait anew for the next part of the body."""
+        super().on_body(body)
+        self._await_client()
+
+    def on_message_complete(self) -> None:
+        """Wait for the client no more: it is our turn."""
+        super().on_message_complete()
+        self._stop_awaiting()
+
+    def on_response_complete(self) -> None:
+        """Count the connection among the idle ones."""
+        super().on_response_complete()
+        self._in_head, self._head_bytes = True, 0
+        if not self.transport.is_closing() and (self.cycle is None or self.cycle.response_complete):
+            self._door.awaited[self] = None
+
+    def drop(self) -> None:
+        """End the connection without a word."""
+        self._door.leave(self)
+        self.transport.abort()
+
+    def _await_client(self) -> None:
+        self._stop_awaiting()
+        self._door.awaited[self] = None
+        self._timer = self.loop.call_later(self._door.patience, self._lose_patience)
+
+    def _stop_awaiting(self) -> None:
+        self._door.awaited.pop(self, None)
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _lose_patience(self) -> None:
+        if self.flow is not None and self.flow.read_paused:  # it is us who do not read
+            self._await_client()
+        else:
+            self.drop()
+
+
+def places(wanted: int) -> int:
+    """Raise this process's limit of open files as far as it goes; returns how many connections that leaves room for."""
+    import resource
+
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    needed = wanted + RESERVED_FILES
+    if soft < needed:
+        soft = needed if hard == resource.RLIM_INFINITY else min(needed, hard)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    if soft < needed:
+        _log.warning("the system allows %d open files; that is room for %d connections", soft, soft - RESERVED_FILES)
+    return max(1, min(wanted, soft - RESERVED_FILES))

@@ -1,0 +1,155 @@
+"""Clients that are slow, many or rude do no harm to the others: a real API process, real sockets."""
+
+import resource
+import socket
+import time
+from contextlib import ExitStack
+
+import httpx
+import pytest
+
+from steradian.security.keys import KeyStore, Scope
+
+from .conftest import Server
+
+WAIT = 30
+HALF_HEAD = b"GET /api/v1/masks HTTP/1.1\r\nHost: 127.0.0.1\r\nX-More: "
+HALF_BODY = b"POST /api/v1/masks HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 999\r\n\r\n{"
+STREAM = b"GET /api/v1/events HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
+
+
+@pytest.fixture
+def serve(tmp_path):
+    """Starts an API with settings of a test's own."""
+    with ExitStack() as stack:
+
+        def serve(**settings):
+            server = Server(tmp_path, **settings)
+            stack.callback(server.close)
+            server.wait()
+            return server
+
+        yield serve
+
+
+@pytest.fixture
+def connect():
+    with ExitStack() as stack:
+
+        def connect(server, request=b""):
+            host, port = server.url.removeprefix("http://").split(":")
+            connection = stack.enter_context(socket.create_connection((host, int(port)), timeout=WAIT))
+            connection.sendall(request)
+            return connection
+
+        yield connect
+
+
+def is_ended(connection):
+    """Whether the server ends the connection, sooner or later."""
+    try:
+        while connection.recv(65536):
+            pass
+    except ConnectionError:
+        return True
+    except TimeoutError:
+        return False
+    return True
+
+
+@pytest.mark.parametrize("begun", [b"", HALF_HEAD, HALF_BODY], ids=["nothing", "half a head", "half a body"])
+def test_a_request_that_is_never_finished_is_given_up(serve, connect, begun):
+    server = serve(client_timeout=1.0)
+    assert is_ended(connect(server, begun))
+
+
+def test_a_kept_connection_and_a_slow_but_steady_body_are_not_given_up(serve, connect):
+    server = serve(client_timeout=3.0)
+    body = b'{"arrangement": "grid", "aperture": 0.01, "count": 5, "interval": 1e-3}'
+    connection = connect(
+        server,
+        b"POST /api/v1/masks HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\nConnection: close\r\n"
+        + f"Content-Length: {len(body)}\r\n\r\n".encode(),
+    )
+    begun = time.monotonic()
+    for place in range(len(body)):
+        connection.sendall(body[place : place + 1])
+        time.sleep(0.12)
+    assert time.monotonic() - begun > 3.0, "longer in all than one may be silent"
+    assert connection.recv(65536).startswith(b"HTTP/1.1 201")
+
+
+def test_an_endless_head_is_refused(serve, connect):
+    connection = connect(serve(), HALF_HEAD)
+    with pytest.raises(ConnectionError):
+        connection.sendall(b"x" * 2**26)
+
+
+def test_one_connection_too_many_takes_the_place_of_the_longest_silent_one(serve, connect):
+    server = serve(max_connections=20, client_timeout=600)
+    silent = [connect(server, HALF_HEAD) for _ in range(60)]
+    assert httpx.get(f"{server.url}/healthz", timeout=WAIT).status_code == 200
+    assert is_ended(silent[0])
+
+
+def test_more_connections_than_file_descriptors_stop_nobody_and_fill_no_log(tmp_path, connect):
+    limit = lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (256, 256))  # noqa: E731
+    server = Server(tmp_path, preexec_fn=limit)
+    try:
+        server.wait()
+        held = [connect(server, HALF_HEAD) for _ in range(400)]
+        for _ in range(20):
+            assert httpx.get(f"{server.url}/healthz", timeout=WAIT).status_code == 200
+        assert held
+    finally:
+        server.close()
+    assert len(server.log) < 100_000
+
+
+def test_event_streams_are_counted_before_they_are_accepted(tmp_path, connect):
+    server = Server(tmp_path)
+    try:
+        server.wait()
+        check_streams(server, connect)
+    finally:
+        server.close()
+    assert "Traceback" not in server.log
+
+
+def check_streams(server, connect):
+    streams = [connect(server, STREAM) for _ in range(500)]
+    answers = [stream.recv(12) for stream in streams]
+    assert answers.count(b"HTTP/1.1 200") == 200
+    assert answers.count(b"HTTP/1.1 503") == 300
+    for stream in streams:
+        stream.close()
+    deadline = time.monotonic() + WAIT
+    while connect(server, STREAM).recv(12) != b"HTTP/1.1 200":
+        assert time.monotonic() < deadline, "the places of those who left are not given to others"
+        time.sleep(0.1)
+
+
+def test_strange_methods_are_no_series_of_their_own(server):
+    for number in range(5):
+        httpx.request(f"STRANGE{number}", f"{server.url}/api/v1/masks")
+    assert "STRANGE" not in httpx.get(f"{server.url}/metrics").text
+
+
+def test_a_stream_ends_when_its_key_is_revoked(tmp_path):
+    server = Server(tmp_path)
+    keys = KeyStore(server.database)
+    key = keys.create("lab", [Scope.READ])
+    try:
+        server.wait()
+        url, mine = f"{server.url}/api/v1", {"Authorization": f"Bearer {key}"}
+        ticket = httpx.post(f"{url}/tickets", headers=mine).json()["ticket"]
+        with ExitStack() as stack:
+            by_key = stack.enter_context(httpx.stream("GET", f"{url}/events", headers=mine, timeout=WAIT))
+            by_ticket = stack.enter_context(httpx.stream("GET", f"{url}/events?ticket={ticket}", timeout=WAIT))
+            keys.revoke(keys.list()[0].id)
+            for stream in (by_key, by_ticket):
+                assert "event: ready" in list(stream.iter_lines()), "it ends"
+        assert httpx.get(f"{url}/masks", headers=mine).status_code == 401
+    finally:
+        server.close()
+    assert "Traceback" not in server.log
