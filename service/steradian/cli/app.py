@@ -11,6 +11,7 @@ from typer.core import TyperGroup
 from steradian import __version__
 from steradian.cli import (
     benchmark,
+    check,
     demo,
     exporting,
     importing,
@@ -39,7 +40,7 @@ EXIT_CODES: dict[type[SteradianError], int] = {
 
 ORDER = (
     *("mask", "plan", "scan", "reconstruct", "what-if", "sound-speed", "import", "export"),
-    *("demo", "benchmark", "serve", "worker", "key"),
+    *("demo", "benchmark", "serve", "worker", "key", "check"),
 )
 """Commands as help lists them: in the order of the work."""
 
@@ -77,6 +78,7 @@ app.command("demo")(demo.demo)
 app.command("serve")(serve.serve)
 app.command("worker")(worker.worker)
 app.add_typer(key.app, name="key")
+app.command("check")(check.check)
 
 
 def _show_version(wanted: bool) -> None:

@@ -30,6 +30,7 @@ from steradian.errors import Conflict, InvalidInput
 from steradian.security.admission import require_key
 from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url, use_write_ahead_log
+from steradian.storage.integrity import MANY, check_before_start
 from steradian.storage.paths import DataDirectory
 
 TICK = 0.1
@@ -129,6 +130,7 @@ def serve(
     with ExitStack() as stack:
         stack.enter_context(data.lock())
         owner = stack.enter_context(_owning_database(settings))
+        _check(settings)
         listener = stack.enter_context(_listen(settings))
         _migrate(settings, announce)
         url = _url(settings.host, listener.getsockname()[1])
@@ -256,6 +258,14 @@ def _forget(data: DataDirectory) -> None:
     for sign in (data.root / "run").glob("*.json"):
         if sign.name != "owner.json":
             sign.unlink(missing_ok=True)
+
+
+def _check(settings: Settings) -> None:
+    """Refuse a folder whose database is damaged or another's; raises :class:`DamagedFile`."""
+    if unknown := check_before_start(settings):
+        names = ", ".join(unknown[:MANY]) + (" …" if len(unknown) > MANY else "")
+        advice = f"`steradian check {settings.data}` tells what can be got back"
+        _log.warning("the database does not know %d of the scans in the folder (%s); %s", len(unknown), names, advice)
 
 
 def _migrate(settings: Settings, announce: Callable[[str], None]) -> None:

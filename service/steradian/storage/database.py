@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from sqlalchemy import Connection, Engine, create_engine, event, text
+from sqlalchemy.exc import DatabaseError
 from sqlalchemy.orm import Session, sessionmaker
 
+from steradian.errors import DamagedFile
 from steradian.settings import Settings
 from steradian.storage.paths import DataDirectory
 
@@ -46,22 +48,42 @@ class Database:
         with self._writers.begin() as session:
             yield session
 
+    @property
+    def name(self) -> str:
+        """The file, or the address without its password."""
+        url = self.engine.url
+        return url.database or "" if self.engine.dialect.name == "sqlite" else url.render_as_string()
+
     def check(self) -> None:
         """Prove that the database answers and takes a write lock; raises what SQLAlchemy raises."""
         with self.write() as session:
             session.execute(text("SELECT 1"))
 
     def migrate(self) -> None:
-        """Bring the tables to the newest version."""
+        """Bring the tables to the newest version.
+
+        Raises
+        ------
+        DamagedFile
+            When a newer program made them, or the file of an embedded database cannot be used.
+        """
         logging.getLogger("alembic").setLevel(logging.WARNING)
         from alembic import command
         from alembic.config import Config
+        from alembic.util import CommandError
 
         config = Config()
         config.set_main_option("script_location", str(MIGRATIONS))
-        with self.migrating(), self.engine.execution_options(immediate=True).begin() as connection:
-            config.attributes["connection"] = connection
-            command.upgrade(config, "head")
+        try:
+            with self.migrating(), self.engine.execution_options(immediate=True).begin() as connection:
+                config.attributes["connection"] = connection
+                command.upgrade(config, "head")
+        except CommandError as error:
+            raise DamagedFile(f"the database {self.name} is of a newer version of Steradian: {error}") from error
+        except DatabaseError as error:
+            if self.engine.dialect.name != "sqlite":
+                raise
+            raise DamagedFile(f"the database {self.name} cannot be used: {error.orig}") from error
 
     @contextmanager
     def migrating(self) -> Iterator[None]:

@@ -45,9 +45,14 @@ class DataDirectory:
     root: Path
 
     @property
+    def metadata_file(self) -> Path:
+        """File of the embedded metadata."""
+        return self.root.absolute() / "steradian.sqlite"
+
+    @property
     def metadata_url(self) -> str:
         """SQLAlchemy URL of the metadata."""
-        return f"sqlite:///{self.root.absolute() / 'steradian.sqlite'}"
+        return f"sqlite:///{self.metadata_file}"
 
     @property
     def queue_file(self) -> Path:
@@ -57,6 +62,10 @@ class DataDirectory:
     def scan_file(self, scan_id: str) -> Path:
         """HDF5 file with the A-lines of a scan."""
         return self.root.absolute() / "scans" / f"{scan_id}.h5"
+
+    def scan_files(self) -> list[Path]:
+        """All scan files, whether the database knows them or not."""
+        return sorted((self.root.absolute() / "scans").glob("*.h5"))
 
     @property
     def uploads(self) -> Path:
@@ -74,6 +83,10 @@ class DataDirectory:
     def job(self, job_id: str) -> JobDirectory:
         """Folder of one job."""
         return JobDirectory(self.root.absolute() / "jobs" / job_id)
+
+    def job_folders(self) -> list[Path]:
+        """Folders of all jobs, whether the database knows them or not."""
+        return sorted(path for path in (self.root.absolute() / "jobs").glob("*") if path.is_dir())
 
     @property
     def emergency(self) -> Path:

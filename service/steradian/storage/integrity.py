@@ -1,0 +1,91 @@
+"""Whether the databases of a data folder can be used, seen before anything in it is made or changed."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from sqlalchemy import Row, Select, select
+from sqlalchemy.exc import DatabaseError
+
+from steradian.errors import DamagedFile
+from steradian.settings import Settings
+from steradian.storage.database import Database, metadata_url
+from steradian.storage.paths import DataDirectory
+from steradian.storage.tables import ScanRow
+
+MANY = 5
+"""Of so many names at most a sentence is made."""
+
+
+def fault_of(path: Path) -> str | None:
+    """Say what is wrong with a SQLite file that no process has open; ``None``: nothing is."""
+    if not path.exists():
+        return "is missing"
+    if not path.stat().st_size:
+        return "is empty (0 bytes)"
+    try:
+        connection = sqlite3.connect(f"file:{quote(str(path))}?mode=ro", uri=True)
+        try:
+            found = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
+        finally:
+            connection.close()
+    except sqlite3.DatabaseError as error:
+        return "is no SQLite database" if "not a database" in str(error) else f"is damaged ({error})"
+    return None if found == "ok" else f"is damaged ({' '.join(found.split())})"
+
+
+def is_absent(path: Path) -> bool:
+    """Whether a SQLite file would be made anew."""
+    return not path.exists() or not path.stat().st_size
+
+
+def rows_of(settings: Settings, query: Select[Any]) -> Sequence[Row[Any]]:
+    """Read from a database whose tables may be of an earlier version, or missing: then there are no rows."""
+    if settings.database_url is None and fault_of(DataDirectory(settings.data).metadata_file) is not None:
+        return []
+    database = Database(metadata_url(settings))
+    try:
+        with database.read() as session:
+            return session.execute(query).all()
+    except DatabaseError as error:
+        if "no such table" in str(error.orig) or "does not exist" in str(error.orig):
+            return []
+        raise
+    finally:
+        database.close()
+
+
+def check_before_start(settings: Settings) -> list[str]:
+    """Look at databases and folder before a service starts on them.
+
+    Returns
+    -------
+    list of str
+        Scans whose files lie in the folder while the database, which knows others, does not know them.
+
+    Raises
+    ------
+    DamagedFile
+        When a database is damaged, or knows nothing of what the folder holds.
+    """
+    data = DataDirectory(settings.data)
+    advice = f"`steradian check {settings.data}` tells what can be got back"
+    metadata = None
+    if settings.database_url is None:
+        for path in (data.metadata_file, data.queue_file):
+            if not is_absent(path) and (fault := fault_of(path)) is not None:
+                raise DamagedFile(f"the database {path} {fault}; {advice}")
+        metadata = fault_of(data.metadata_file)
+    files = {path.stem for path in data.scan_files()}
+    known = {row.id for row in rows_of(settings, select(ScanRow.id))}
+    jobs = [path.name for path in data.job_folders()] if metadata else []
+    if (files and not files & known) or jobs:
+        what = f"{len(files)} scan(s)" if files else f"results of {len(jobs)} job(s)"
+        where = data.metadata_file if settings.database_url is None else "STERADIAN_DATABASE_URL"
+        wrong = f"{metadata}, but there are" if metadata else "knows none of the"
+        raise DamagedFile(f"the database {where} {wrong} {what} in {data.root}; {advice}")
+    return sorted(files - known)

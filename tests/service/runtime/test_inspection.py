@@ -1,0 +1,255 @@
+"""A data folder that was damaged: one clear sentence at the start, and a command that tells what can be got back."""
+
+import json
+import os
+import shutil
+import sqlite3
+import subprocess
+import sys
+import threading
+
+import h5py
+import pytest
+from sqlalchemy import select
+
+from steradian.errors import DamagedFile
+from steradian.jobs.ledger import JobLedger
+from steradian.jobs.model import JobRequest, Succeeded
+from steradian.masks import grid_mask
+from steradian.plans import ScanPlan
+from steradian.runtime.inspection import inspect, repair
+from steradian.runtime.supervisor import serve
+from steradian.scans.store import create_scan_file
+from steradian.settings import Settings
+from steradian.storage.database import Database, metadata_url, use_write_ahead_log
+from steradian.storage.masks import MaskRepository
+from steradian.storage.paths import DataDirectory
+from steradian.storage.plans import PlanRepository
+from steradian.storage.scans import ScanRepository
+from steradian.storage.states import ScanState
+from steradian.storage.tables import ScanRow
+
+MAIN = [sys.executable, "-c", "from steradian.cli import main; main()"]
+
+
+class Kept:
+    """A data folder with a complete scan and two finished reconstructions, without a running service."""
+
+    def __init__(self, folder):
+        self.settings = Settings.create(data=folder)
+        self.folder, self.data = folder, DataDirectory(folder)
+        self.data.create()
+        self.file = folder / "steradian.sqlite"
+        use_write_ahead_log(self.data.queue_file)
+        database = Database(metadata_url(self.settings))
+        database.migrate()
+        plan = ScanPlan.create(mask=grid_mask(0.01, 3, 1e-3), samples=64)
+        MaskRepository(database).put(plan.mask)
+        row, _ = PlanRepository(database).put(plan)
+        scans, self.plan = ScanRepository(database), plan
+        self.scan = scans.queue(row, simulated=True).id
+        for state in (ScanState.ARMING, ScanState.RUNNING, ScanState.COMPLETING, ScanState.COMPLETE):
+            scans.transition(self.scan, state, why="test", summary={"points": 9, "stored": 9, "fired": 9})
+        create_scan_file(self.data.scan_file(self.scan), plan, scan_id=self.scan, simulated=True)
+        with h5py.File(self.data.scan_file(self.scan), "r+") as file:
+            file["alines/status"][:] = 1
+        ledger = JobLedger(database)
+        for name in ("first", "second"):
+            with database.write() as session:
+                ledger.add(session, JobRequest(name, "reconstruction", {"scan_id": self.scan}))
+            ledger.start(name, "worker-0")
+            self.finish(ledger, name)
+            self.data.job(name).root.mkdir()
+            self.data.job(name).volume.write_bytes(b"values")
+        database.close()
+
+    @staticmethod
+    def finish(ledger, name):
+        ledger.settle(name, Succeeded({"shape": [1, 1, 1]}), "worker-0")
+
+    def database(self):
+        return Database(metadata_url(self.settings))
+
+    def serve(self):
+        """Start a service that is asked to end at once; what refuses a folder comes before."""
+        stop = threading.Event()
+        stop.set()
+        serve(self.settings.model_copy(update={"port": 0}), lambda line: None, stop)
+
+    def found(self):
+        return {finding.subject: finding for finding in inspect(self.settings)}
+
+    def kinds(self):
+        return {subject: finding.kind for subject, finding in self.found().items()}
+
+
+def steradian(*command):
+    return subprocess.run([*MAIN, *command], capture_output=True, text=True)
+
+
+@pytest.fixture
+def kept(tmp_path):
+    return Kept(tmp_path / "data")
+
+
+def garbage(kept):
+    kept.file.write_bytes(b"no database at all " * 5000)
+
+
+def truncated(kept):
+    os.truncate(kept.file, kept.file.stat().st_size // 2 // 4096 * 4096)
+
+
+def overwritten(kept):
+    with kept.file.open("r+b") as file:
+        file.seek(3 * 4096)
+        file.write(os.urandom(6 * 4096))
+
+
+def empty(kept):
+    kept.file.write_bytes(b"")
+
+
+def missing(kept):
+    kept.file.unlink()
+
+
+def newer(kept):
+    with sqlite3.connect(kept.file) as database:
+        database.execute("UPDATE alembic_version SET version_num = '9999'")
+    database.close()
+
+
+def another(kept):
+    """The database of another, empty folder."""
+    kept.file.unlink()
+    database = kept.database()
+    database.migrate()
+    database.close()
+
+
+def damaged_queue(kept):
+    kept.data.queue_file.write_bytes(b"no database at all " * 5000)
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (garbage, "is no SQLite database"),
+        (truncated, "damaged"),
+        (overwritten, "damaged"),
+        (empty, "empty"),
+        (missing, "missing"),
+        (newer, "newer"),
+        (another, "knows none of"),
+        (damaged_queue, "queue.sqlite"),
+    ],
+)
+def test_a_start_on_a_damaged_folder_is_one_clear_sentence(kept, damage, said):
+    damage(kept)
+    before = kept.file.read_bytes() if kept.file.exists() else None
+    with pytest.raises(DamagedFile, match=said) as refused:
+        kept.serve()
+    assert str(kept.folder) in str(refused.value)
+    assert "\n" not in str(refused.value)
+    if damage is not newer:
+        assert "steradian check" in str(refused.value)
+        assert (kept.file.read_bytes() if kept.file.exists() else None) == before, "what may be got back is untouched"
+
+
+def test_the_sentence_is_all_that_a_person_sees(kept):
+    truncated(kept)
+    done = steradian("serve", "--port", "0", "--data", str(kept.folder))
+    assert (done.returncode, done.stdout, len(done.stderr.splitlines())) == (3, "", 1), done.stderr
+
+
+def test_a_folder_that_is_well_has_nothing_to_report(kept):
+    kept.serve()
+    assert kept.found() == {}
+    done = steradian("check", str(kept.folder))
+    assert (done.returncode, "nothing is missing" in done.stdout) == (0, True), done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("damage", [garbage, truncated, overwritten, empty, missing, another])
+def test_the_check_tells_what_can_be_got_back_and_a_repair_gets_it(kept, damage):
+    damage(kept)
+    found = kept.found()
+    assert "9 of 9 A-lines" in found[kept.scan].text
+    if damage is not overwritten:
+        assert found["first"].kind == "unknown-result"
+    left = {path.name for path in kept.folder.iterdir()}
+    assert any(f"{kept.scan} is registered" in line for line in repair(kept.settings))
+    database = kept.database()
+    with database.read() as session:
+        scans = list(session.scalars(select(ScanRow)))
+    assert [(scan.id, scan.state, scan.simulated) for scan in scans] == [(kept.scan, ScanState.COMPLETE, True)]
+    assert PlanRepository(database).load(scans[0].plan_id) == kept.plan
+    database.close()
+    if damage not in {missing, empty, another}:
+        renamed = {f"steradian.sqlite.damaged-1{ending}" for ending in ("", "-wal", "-shm")}
+        assert {path.name for path in kept.folder.iterdir()} - left <= renamed
+        assert (kept.folder / "steradian.sqlite.damaged-1").stat().st_size
+    assert kept.scan not in kept.found(), "what was repaired is well"
+    kept.serve()
+
+
+def test_half_a_log_of_the_database_is_seen_by_the_volumes_it_forgot(kept):
+    """Half a WAL is a valid one to SQLite: the last transactions have not been."""
+    database = kept.database()
+    reader = sqlite3.connect(kept.file)
+    reader.execute("BEGIN")
+    reader.execute("SELECT count(*) FROM jobs").fetchall()  # so that the log stays
+    ledger = JobLedger(database)
+    for name in ("third", "fourth"):
+        with database.write() as session:
+            ledger.add(session, JobRequest(name, "reconstruction", {"scan_id": kept.scan}))
+        if name == "third":
+            ledger.start(name, "worker-0")
+            log = kept.file.with_name("steradian.sqlite-wal")
+            size = log.stat().st_size
+        kept.data.job(name).root.mkdir()
+        kept.data.job(name).volume.write_bytes(b"values")
+        kept.data.job(name).report.write_text("{}")
+    kept.finish(ledger, "third")
+    copy = kept.folder.with_name("copy")
+    shutil.copytree(kept.folder, copy, ignore=shutil.ignore_patterns("*-shm"))
+    reader.close()
+    database.close()
+    os.truncate(copy / "steradian.sqlite-wal", size)
+    shutil.rmtree(kept.folder)
+    copy.rename(kept.folder)
+    assert kept.kinds() == {"third": "unfinished-result", "fourth": "unknown-result"}
+
+
+def test_the_check_names_rows_without_files_and_files_without_rows(kept):
+    shutil.copy(kept.data.scan_file(kept.scan), kept.data.scan_file("s01foreign"))
+    (kept.data.root / "scans" / "s01broken.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
+    kept.data.scan_file(kept.scan).unlink()
+    kept.data.job("first").volume.unlink()
+    shutil.copytree(kept.data.job("second").root, kept.data.job("stranger").root)
+    done = steradian("check", str(kept.folder), "--json")
+    found = {finding["subject"]: finding["kind"] for finding in json.loads(done.stdout)["findings"]}
+    assert done.returncode == 3
+    assert found == kept.kinds()
+    assert found == {
+        kept.scan: "missing-scan",
+        "s01foreign": "unknown-scan",
+        "s01broken": "unreadable-scan",
+        "first": "missing-result",
+        "stranger": "unknown-result",
+    }
+
+
+def test_a_service_that_knows_some_of_the_scans_starts_and_says_what_it_does_not_know(kept, caplog):
+    shutil.copy(kept.data.scan_file(kept.scan), kept.data.scan_file("s01foreign"))
+    kept.serve()
+    assert "s01foreign" in caplog.text
+    assert "steradian check" in caplog.text
+
+
+def test_a_check_of_a_folder_in_use_or_of_none_is_one_clear_sentence(kept, tmp_path):
+    with kept.data.lock():
+        done = steradian("check", str(kept.folder))
+    assert (done.returncode, "in use" in done.stderr) == (4, True)
+    done = steradian("check", str(tmp_path / "nowhere"))
+    assert (done.returncode, "nowhere" in done.stderr, (tmp_path / "nowhere").exists()) == (3, True, False)
