@@ -10,7 +10,7 @@ from typing import Any
 from sqlalchemy import select, update
 
 from steradian.errors import DamagedFile, InvalidInput
-from steradian.jobs.kinds import VOLUMES
+from steradian.jobs.kinds import resource_of
 from steradian.reconstructions.imported import read_imported
 from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url
@@ -128,7 +128,7 @@ def _results(settings: Settings, data: DataDirectory) -> Iterator[Finding]:
     for identifier, row in rows.items():
         if row.state is not ReconstructionState.SUCCEEDED:
             continue
-        wanted = ["volume.h5"] if row.kind in VOLUMES else (row.result or {}).get("files", [])
+        wanted = ["volume.h5"] if resource_of(row.kind) == "reconstruction" else (row.result or {}).get("files", [])
         if gone := [name for name in wanted if not (data.job(identifier).root / name).is_file()]:
             yield Finding("missing-result", identifier, f"it has succeeded; {', '.join(gone)} is gone")
 
