@@ -1,9 +1,11 @@
 """Driver, protocol and simulator of a Fabry–Pérot photoacoustic scanner on a serial line.
 
 The *device* is the scanner's firmware side (:mod:`fabry_perot.device`), the *driver* the host side
-(:mod:`fabry_perot.host`, :func:`connect`), the *link* the bytes between them (``PROTOCOL.md``).
+(:mod:`fabry_perot.host`, :func:`connect`), the *link* the bytes between them (``PROTOCOL.md``). Hardware is described
+by :mod:`fabry_perot.hardware`; :func:`serve` makes a computer that has it a device.
 """
 
+from fabry_perot.device.serving import serve
 from fabry_perot.errors import (
     DeviceError,
     DeviceFault,
@@ -20,6 +22,7 @@ from fabry_perot.errors import (
     ScanAborted,
     ScannerError,
 )
+from fabry_perot.hardware import Apparatus, Instrument, InstrumentError
 from fabry_perot.host import Recovery, ScanReport
 from fabry_perot.host.aline import ALine, ALineBatch
 from fabry_perot.host.asynchronous import AsyncScanner, connect_async
@@ -31,6 +34,7 @@ from fabry_perot.host.tuning import TuningCurve, TuningDrift, TuningMap
 __all__ = [
     "ALine",
     "ALineBatch",
+    "Apparatus",
     "AsyncScanner",
     "Capabilities",
     "DeviceError",
@@ -38,6 +42,8 @@ __all__ = [
     "DeviceRestarted",
     "EmergencyStopped",
     "Found",
+    "Instrument",
+    "InstrumentError",
     "LeaseLapsed",
     "LinkError",
     "LinkLost",
@@ -57,4 +63,5 @@ __all__ = [
     "connect",
     "connect_async",
     "discover",
+    "serve",
 ]

@@ -54,11 +54,17 @@ class CountingInstrument:
         self.log: list[tuple[int, int, int]] = []
         self.on_fire: Callable[[int], None] = lambda now: None
         self.period = 5_000
+        self.moving = 700
         self.samples = 64
-        self.loaded: int | None = None
+        self.make: Callable[[int], np.ndarray] = lambda index: truth(index, self.samples)
         self.closed = True
         self.values = {"power": 1}
         self.tuning = 40_000
+        self.waiting: deque[tuple[int, int, int]] = deque()
+        self.settled: int | None = None
+        self.fired = self.until = self.last = 0
+        self.done: list[Interrogation] = []
+        self.sweeping: tuple[int, list[int]] | None = None
 
     def capabilities(self):
         return dict(CAPABILITIES)
@@ -66,17 +72,60 @@ class CountingInstrument:
     def begin(self, sampling: Sampling) -> None:
         self.samples = sampling.samples
         self.period = round(1e9 / sampling.pulse_rate_mhz)
-        self.loaded = None
 
-    def load(self, first: int, points) -> None:
-        assert first == (first if self.loaded is None else self.loaded)
-        self.loaded = first + len(points)
+    def queue(self, first: int, points, now: int) -> None:
+        for index, point in enumerate(points, start=first):
+            self.waiting.append((index, max(1, int(point["averages"])), 100 * int(point["settle"])))
+        self.aim(now)
 
-    def move(self, index: int, now: int) -> int:
-        return now + 700
+    def aim(self, now: int) -> None:
+        if self.settled is None and self.waiting:
+            self.settled, self.fired = now + self.moving + self.waiting[0][2], 0
 
-    def next_pulse(self, after: int) -> int:
-        return -(-after // self.period) * self.period
+    def permit(self, until: int, now: int) -> None:
+        self.until = until
+
+    def due(self) -> int | None:
+        if self.settled is None:
+            return None
+        return -(-max(self.settled, self.last + 1) // self.period) * self.period
+
+    def poll(self, now: int) -> list[Interrogation]:
+        while (time := self.due()) is not None and time <= now and time < self.until and self.open_now:
+            index, averages, _ = self.waiting[0]
+            self.log.append((time, index, len(self.log) + 1))
+            self.last, self.fired = time, self.fired + 1
+            self.on_fire(time)
+            if self.fired == averages:
+                taken = Interrogation(self.make(index), 0.25, index, time, len(self.log), averages)
+                self.done.append(taken)
+                self.waiting.popleft()
+                self.settled = None
+                self.aim(time)
+        done, self.done = self.done, []
+        return done
+
+    def next_due(self, now: int) -> int | None:
+        return self.sweeping[0] if self.sweeping else self.due()
+
+    def stop(self, now: int) -> None:
+        self.waiting.clear()
+        self.settled = self.sweeping = None
+
+    def shots(self) -> int:
+        return len(self.log)
+
+    def last_shot(self) -> int:
+        return self.last
+
+    def sweep(self, x: int, y: int, wavelengths, now: int) -> None:
+        self.sweeping = now + self.tuning, [int(w % 1000) for w in wavelengths]
+
+    def swept(self, now: int) -> list[int] | None:
+        if self.sweeping is None or now < self.sweeping[0]:
+            return None
+        (_, levels), self.sweeping = self.sweeping, None
+        return levels
 
     def open(self) -> None:
         self.shutter.append("open")
@@ -92,8 +141,22 @@ class CountingInstrument:
     def emitting(self) -> bool:
         return self.open_now and self.key and self.closed
 
+    def interlock_closed(self) -> bool:
+        return self.closed
+
     def key_on(self) -> bool:
         return self.key
+
+    def park(self, now: int) -> None: ...
+
+    def position(self) -> tuple[int, int]:
+        return 0, 0
+
+    def parameters(self) -> dict[str, int]:
+        return dict(self.values)
+
+    def configure(self, name: str, value: int) -> None:
+        self.values[name] = value
 
     def __getattribute__(self, name: str):
         if name == object.__getattribute__(self, "__dict__").get("broken"):
@@ -102,36 +165,6 @@ class CountingInstrument:
 
     def fail(self, *given: object) -> None:
         raise InstrumentError(9, f"{self.__dict__['broken']} failed")
-
-    def fire(self, index: int, shot: int, now: int) -> None:
-        assert self.open_now, "a shot against a closed shutter"
-        self.log.append((now, index, shot))
-        self.on_fire(now)
-
-    def drop(self) -> None: ...
-
-    def read(self, index: int) -> Interrogation:
-        return Interrogation(samples=truth(index, self.samples), scale=0.25)
-
-    def park(self) -> None: ...
-
-    def laser_shots(self) -> int:
-        return len(self.log)
-
-    def interlock_closed(self) -> bool:
-        return self.closed
-
-    def parameters(self) -> dict[str, int]:
-        return dict(self.values)
-
-    def configure(self, name: str, value: int) -> None:
-        self.values[name] = value
-
-    def tune(self, x: int, y: int, wavelengths, now: int):
-        return [int(w % 1000) for w in wavelengths], now + self.tuning
-
-    def position(self) -> tuple[int, int]:
-        return 0, 0
 
 
 def truth(index: int, samples: int) -> np.ndarray:

@@ -134,13 +134,13 @@ CALLS = {
     "close": lambda bench: bench.host.abort(AbortLevel.LASER_OFF, bench.clock.now()),
     "park": lambda bench: bench.call(Operation.PARK),
     "configure": lambda bench: bench.call(Operation.SET, power=2),
-    "tune": lambda bench: bench.call(Operation.TUNE_SCAN, **SWEEP),
+    "sweep": lambda bench: bench.call(Operation.TUNE_SCAN, **SWEEP),
+    "swept": lambda bench: bench.call(Operation.TUNE_SCAN, **SWEEP),
     "begin": lambda bench: bench.upload(9),
-    "load": lambda bench: bench.upload(9),
     "parameters": lambda bench: bench.call(Operation.GET),
-    "laser_shots": lambda bench: bench.call(Operation.GET),
-    **{name: lambda bench: bench.start() for name in ("move", "next_pulse", "fire", "read")},
-    "drop": lambda bench: bench.start() or bench.run(50) or bench.call(Operation.PAUSE),
+    "shots": lambda bench: bench.call(Operation.GET),
+    **{name: lambda bench: bench.start() for name in ("queue", "permit", "poll", "next_due")},
+    "stop": lambda bench: bench.start() or bench.run(50) or bench.call(Operation.PAUSE),
     **{name: lambda bench: None for name in ("position", "interlock_closed", "key_on", "shutter_open", "emitting")},
 }
 
@@ -174,7 +174,7 @@ def test_nothing_moves_and_nothing_is_changed_in_a_latched_state(state):
     bench.upload(30)
     bench.device.must(E.HARDWARE_FAULT if state is S.FAULT else E.EMERGENCY_STOP)
     moved = []
-    for name in ("park", "tune", "configure", "move"):
+    for name in ("park", "sweep", "configure", "queue"):
         setattr(bench.instrument, name, partial(moved.append, name))
     for operation, body in ((Operation.PARK, {}), (Operation.SET, {"power": 2}), (Operation.TUNE_SCAN, SWEEP)):
         with pytest.raises(Refused, match="wrong-state"):

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from fabry_perot.errors import FrameError, PlanInvalid
-from fabry_perot.hardware import Interrogation
 from fabry_perot.host import Plan
 from fabry_perot.host.capabilities import Capabilities
 from fabry_perot.simulator.instrument import PhantomInstrument
@@ -78,7 +77,7 @@ def test_a_code_that_leaves_16_bits_is_refused():
 
 def test_a_scan_may_ask_for_packed_a_lines(make_bench):
     bench: Bench = make_bench(max_payload=641)
-    bench.instrument.read = lambda index: Interrogation(smooth(700), 0.5)
+    bench.instrument.make = lambda index: smooth(700)
     bench.connect()
     points = np.zeros(5, bench_point())
     points["averages"] = 1

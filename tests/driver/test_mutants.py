@@ -58,7 +58,7 @@ def _overwrites(patch: pytest.MonkeyPatch) -> None:
         self.produced += 1
 
     patch.setattr(ALineRing, "append", append)
-    patch.setattr(ALineRing, "full", property(lambda self: False))
+    patch.setattr(ALineRing, "room", property(lambda self: 1 << 30))
 
 
 def _accepts_gaps(patch: pytest.MonkeyPatch) -> None:

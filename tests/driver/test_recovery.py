@@ -13,7 +13,7 @@ from driver_world import World
 import fabry_perot
 from fabry_perot import Recovery
 from fabry_perot.simulator import faults, launch, phantoms
-from fabry_perot.simulator.instrument import peak_pressure
+from fabry_perot.simulator.recorder import peak_pressure
 from fabry_perot.wire.codes import AbortLevel, Operation, Type
 from fabry_perot.wire.states import DeviceState
 

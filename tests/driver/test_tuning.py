@@ -21,8 +21,8 @@ def test_a_sweep_is_answered_when_it_is_done_and_carried_out_once_however_often_
     bench.connect()
     bench.instrument.tuning = 1_800_000
     swept = []
-    tune = bench.instrument.tune
-    bench.instrument.tune = lambda *given: swept.append(given) or tune(*given)
+    sweep = bench.instrument.sweep
+    bench.instrument.sweep = lambda *given: swept.append(given) or sweep(*given)
     before = bench.clock.now()
     assert bench.call(Operation.TUNE_SCAN, **SWEEP)["dc_mv"] == [0, 0, 0, 0, 0]
     assert bench.clock.now() - before > 1_800_000
@@ -187,9 +187,7 @@ def test_every_film_records_within_16_bits_and_a_small_range_clips_with_a_flag(r
     for full_scale, flag in ((2.0, 0), (0.02, 1)):
         instrument = PhantomInstrument(phantoms.yarn(0), response=response, full_scale=full_scale)
         instrument.begin(Sampling(1200, 8000, 50_000))
-        instrument.load(0, point)
-        instrument.fire(0, 1, 0)
-        assert instrument.read(0).quality == flag
+        assert instrument.measure(point[0], shot=1).quality == flag
 
 
 @pytest.mark.parametrize("name", shapes.NAMES)

@@ -22,7 +22,9 @@ class NullInstrument:
     """Hardware that costs nothing."""
 
     def __init__(self) -> None:
-        self.samples, self.loaded = 16, 0
+        self.samples, self.count, self.last, self.until, self.swept_at = 16, 0, 0, 0, 0
+        self.points: list[int] = []
+        self.levels: list[int] = []
 
     def capabilities(self) -> dict[str, Any]:
         span = [0, 1_000_000]
@@ -35,22 +37,33 @@ class NullInstrument:
     def begin(self, sampling: Sampling) -> None:
         self.samples = sampling.samples
 
-    def load(self, first: int, points: object) -> None: ...
+    def queue(self, first: int, points: Any, now: int) -> None:
+        self.points += range(first, first + len(points))
 
-    def move(self, index: int, now: int) -> int:
-        return now
+    def permit(self, until: int, now: int) -> None:
+        self.until = until
 
-    def next_pulse(self, after: int) -> int:
-        return -(-after // 1000) * 1000
+    def poll(self, now: int) -> list[Interrogation]:
+        done: list[Interrogation] = []
+        while self.points and self.last + 1000 <= now and self.last + 1000 < self.until:
+            self.last, self.count = self.last + 1000, self.count + 1
+            samples = np.zeros(self.samples, np.int16)
+            done.append(Interrogation(samples, 1.0, self.points.pop(0), self.last, self.count))
+        return done
 
-    def fire(self, index: int, shot: int, now: int) -> None: ...
+    def next_due(self, now: int) -> int | None:
+        return self.last + 1000 if self.points else None
 
-    def read(self, index: int) -> Interrogation:
-        return Interrogation(np.zeros(self.samples, np.int16), 1.0)
+    def stop(self, now: int) -> None:
+        self.points.clear()
 
-    def drop(self) -> None: ...
+    def shots(self) -> int:
+        return self.count
 
-    def park(self) -> None: ...
+    def last_shot(self) -> int:
+        return self.last
+
+    def park(self, now: int) -> None: ...
 
     def open(self) -> None: ...
 
@@ -76,11 +89,11 @@ class NullInstrument:
 
     def configure(self, name: str, value: int) -> None: ...
 
-    def tune(self, x: int, y: int, wavelengths: Any, now: int) -> tuple[list[int], int]:
-        return [0] * len(wavelengths), now + 10
+    def sweep(self, x: int, y: int, wavelengths: Any, now: int) -> None:
+        self.swept_at, self.levels = now + 10, [0] * len(wavelengths)
 
-    def laser_shots(self) -> int:
-        return 0
+    def swept(self, now: int) -> list[int] | None:
+        return self.levels if now >= self.swept_at else None
 
 
 def deframer(data: bytes) -> None:

@@ -24,9 +24,12 @@ from fabry_perot.wire.codes import (
     LASER_EMITTING,
     SECURED,
     SHUTTER_OPEN,
+    Operation,
+    Result,
+    Type,
 )
 from fabry_perot.wire.framing import OVERHEAD, USB_PAYLOAD, Deframer, crc32c
-from fabry_perot.wire.messages import PlanStatus, Status, pack_body
+from fabry_perot.wire.messages import REPLY_HEAD, PlanStatus, Status, pack_body
 from fabry_perot.wire.states import LATCHED, RUNNING, TRANSITIONS, DeviceState, Event, HoldCause
 
 _CAUSES = {
@@ -83,9 +86,8 @@ class DeviceBody:
         self.outbox, self.replies = Outbox(boot & 0xFF), ReplyCache()
         self.deframer = Deframer()
         self.line_payload = self.max_payload = max_payload
-        self.delayed: tuple[int, bytes] | None = None
-        """When to send which reply of a request that takes its time."""
-        self.answer_at = 0
+        self.job: int | None = None
+        """Number of the request whose sweep is under way; it is answered when that is over."""
         self.nonce: int | None = None
         self.token: int | None = None
         self.limits: dict[str, Any] = instrument.capabilities()
@@ -100,6 +102,7 @@ class DeviceBody:
         self._fault_number = 0
         self._shut_at = now
         self.close()
+        self.hardware(self._rest, None)
         self.step(Event.SELF_TEST_PASSED)
 
     def watch(self) -> bool:
@@ -123,6 +126,11 @@ class DeviceBody:
         except InstrumentError as error:
             self.raise_fault(error.fault)
             return otherwise
+
+    def _rest(self) -> None:
+        """Have the hardware end, and forget, what an earlier boot had it do."""
+        self.instrument.stop(self.now)
+        self.instrument.poll(self.now)
 
     def close(self) -> None:
         """Close the shutter."""
@@ -152,8 +160,27 @@ class DeviceBody:
         if left or after in LATCHED or after is DeviceState.SAFE_HOLD:
             self.close()
         if left:
-            self.hardware(self.scan.reset, None)
+            self.hardware(lambda: self.scan.end(self.now), None)
+        if after in LATCHED:
+            self.end_job(Result.WRONG_STATE)
         return True
+
+    def end_job(self, result: Result | None, body: dict[str, Any] | None = None) -> None:
+        """Answer the request whose sweep is under way, if any; without a result nobody waits for one any more."""
+        number, self.job = self.job, None
+        if number is None:
+            return
+        if result is not Result.OK:
+            self.hardware(lambda: self.instrument.stop(self.now), None)
+        if result is not None:
+            self.reply(number, Operation.TUNE_SCAN, result, body or {})
+
+    def reply(self, number: int, operation: int, result: Result, body: dict[str, Any]) -> None:
+        """Answer a request, and keep the answer for its repetitions."""
+        reply = REPLY_HEAD.pack(number, operation, result, self.state) + pack_body(body)
+        if result is not Result.STALE_REQUEST:
+            self.replies.store(number, reply)
+        self.outbox.put(Type.RSP, reply)
 
     def must(self, event: Event) -> None:
         """Make a transition that the table must allow."""
@@ -163,7 +190,8 @@ class DeviceBody:
     def new_session(self, nonce: int) -> None:
         """Begin a session: laser off, old requests and permissions void, plan and ring kept."""
         self.step(Event.NEW_SESSION)
-        self.nonce, self.token, self.delayed = nonce, None, None
+        self.end_job(None)
+        self.nonce, self.token = nonce, None
         self._session = self._session % 0xFFFF + 1
         self.outbox.clear()
         self.outbox.session = self._session
@@ -253,6 +281,6 @@ class DeviceBody:
             "payload": self.line_payload,
             "overhead": OVERHEAD,
             "ring_peak": self.ring.peak,
-            "laser_shots": self.instrument.laser_shots(),
+            "laser_shots": self.instrument.shots(),
             "impossible_echoes": self.lease.impossible,
         }

@@ -6,7 +6,7 @@ from fabry_perot.device.body import DeviceBody
 from fabry_perot.device.handlers import HANDLERS
 from fabry_perot.errors import FrameError
 from fabry_perot.hardware.instrument import InstrumentError
-from fabry_perot.wire.codes import Type
+from fabry_perot.wire.codes import Result, Type
 from fabry_perot.wire.messages import Fault, pack
 from fabry_perot.wire.states import RUNNING, DeviceState, Event
 
@@ -43,11 +43,10 @@ class Device(DeviceBody):
             self.step(Event.LEASE_LAPSED)
         if self.state is DeviceState.ARMED and self.now - self._armed_at >= self.timing.arm_timeout:
             self.step(Event.ARM_EXPIRED)
-        if self.delayed is not None and self.now >= self.delayed[0]:
-            self.outbox.put(Type.RSP, self.delayed[1])
-            self.delayed = None
         self.watch()
         self.hardware(lambda: self.scan.advance(self.now), None)
+        if self.job is not None:
+            self._look_after_job()
         if self.state is DeviceState.DRAINING and not self.ring.fill:
             self.step(Event.RING_EMPTY)
         if self.now >= self._status_at:
@@ -56,6 +55,16 @@ class Device(DeviceBody):
         if self.fault and self._fault_number and self.now >= self._fault_at:
             self._fault_at = self.now + self.timing.fault_period
             self.outbox.put(Type.FAULT, pack(Fault(self.fault, self._fault_number)), urgent=True)
+
+    def _look_after_job(self) -> None:
+        try:
+            levels = self.instrument.swept(self.now)
+        except InstrumentError as error:
+            self.end_job(Result.HARDWARE_FAULT)
+            self.raise_fault(error.fault)
+            return
+        if levels is not None:
+            self.end_job(Result.OK, {"dc_mv": levels})
 
     def next_due(self) -> int:
         """Return the device time at which :meth:`poll` has something to do next."""
@@ -68,8 +77,8 @@ class Device(DeviceBody):
             due.append(self._armed_at + self.timing.arm_timeout)
         if self.fault:
             due.append(self._fault_at)
-        if self.delayed is not None:
-            due.append(self.delayed[0])
+        if self.job is not None:
+            due.append(self.hardware(lambda: self.instrument.next_due(self.now), None) or self.now)
         return max(self.now, min(due))
 
     def pull(self, budget: int) -> bytes:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from contextlib import suppress
 
 import numpy as np
 
 from fabry_perot.device.body import DeviceBody
-from fabry_perot.device.operations import carry_out
+from fabry_perot.device.operations import Outcome, carry_out
 from fabry_perot.errors import FrameError
-from fabry_perot.hardware.instrument import InstrumentError
 from fabry_perot.wire.codes import PROTOCOL, AbortLevel, Result, Type
 from fabry_perot.wire.framing import Frame
 from fabry_perot.wire.messages import (
@@ -19,7 +18,6 @@ from fabry_perot.wire.messages import (
     MISSING,
     PLAN_HEAD,
     POINT,
-    REPLY_HEAD,
     REQUEST_HEAD,
     Abort,
     AbortAck,
@@ -30,7 +28,6 @@ from fabry_perot.wire.messages import (
     Lease,
     fixed,
     pack,
-    pack_body,
     unpack,
     unpack_body,
 )
@@ -78,25 +75,21 @@ def _caps(device: DeviceBody, frame: Frame) -> None:
 
 def _request(device: DeviceBody, frame: Frame) -> None:
     number, operation = fixed(REQUEST_HEAD, frame.payload, tail=True)
-    reply = device.replies.find(number)
-    if device.delayed is not None and device.delayed[1] == reply:
-        return  # under way: its answer comes when it is done
-    if reply is None:
-        body: dict[str, Any] = {}
-        if device.replies.stale(number):
-            result = Result.STALE_REQUEST
+    if number == device.job:
+        return  # under way: its answer comes when it is over
+    known = device.replies.find(number)
+    if known is not None:
+        device.outbox.put(Type.RSP, known)
+    elif device.replies.stale(number):
+        device.reply(number, operation, Result.STALE_REQUEST, {})
+    else:
+        outcome: Outcome | None = (Result.MALFORMED, {})
+        with suppress(FrameError):
+            outcome = carry_out(device, operation, unpack_body(frame.payload[REQUEST_HEAD.size :]))
+        if outcome is None:
+            device.job = number
         else:
-            try:
-                result, body = carry_out(device, operation, unpack_body(frame.payload[REQUEST_HEAD.size :]))
-            except FrameError:
-                result = Result.MALFORMED
-        reply = REPLY_HEAD.pack(number, operation, result, device.state) + pack_body(body)
-        if result is not Result.STALE_REQUEST:
-            device.replies.store(number, reply)
-        if device.answer_at > device.now:
-            device.delayed, device.answer_at = (device.answer_at, reply), 0
-            return
-    device.outbox.put(Type.RSP, reply)
+            device.reply(number, operation, *outcome)
 
 
 def _plan_data(device: DeviceBody, frame: Frame) -> None:
@@ -111,13 +104,7 @@ def _plan_data(device: DeviceBody, frame: Frame) -> None:
     if not _allowed(device, points):
         device.plan_refused = True
         return
-    new = device.plan.accept(first, points)
-    if len(new):
-        try:
-            device.instrument.load(device.plan.expected - len(new), new)
-        except InstrumentError:
-            device.plan.begin(0, 0)  # half a plan is none
-            raise
+    device.plan.accept(first, points)
     if device.plan.loaded and device.state is DeviceState.LINKED:
         device.step(Event.PLAN_LOADED)
 

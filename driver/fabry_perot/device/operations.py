@@ -21,8 +21,8 @@ Body = dict[str, Any]
 Outcome = tuple[Result, Body]
 
 
-def carry_out(device: DeviceBody, operation: int, body: Body) -> Outcome:
-    """Carry out one request on ``device`` and return its outcome."""
+def carry_out(device: DeviceBody, operation: int, body: Body) -> Outcome | None:
+    """Carry out one request on ``device`` and return its outcome; ``None`` where it has begun a sweep."""
     try:
         function = _TABLE[Operation(operation)]
     except (ValueError, KeyError):
@@ -82,7 +82,7 @@ def _plan_new(device: DeviceBody, body: Body) -> Outcome:
 
 
 def _arm(device: DeviceBody, body: Body) -> Outcome:
-    if device.delayed is not None or not device.step(Event.ARM):
+    if device.job is not None or not device.step(Event.ARM):
         return Result.WRONG_STATE, {}
     return Result.OK, {"token": device.new_token()}
 
@@ -98,17 +98,18 @@ def _start(device: DeviceBody, body: Body) -> Outcome:
         return Result.NO_LEASE, {}
     if not device.watch():
         return Result.HARDWARE_FAULT, {}
-    before = device.instrument.laser_shots()
+    before = device.instrument.shots()
     device.instrument.open()
     device.must(Event.START)
+    device.scan.begin()
     return Result.OK, {"laser_shots": before}
 
 
 def _park(device: DeviceBody, body: Body) -> Outcome:
-    if device.state not in _AT_REST:
+    if device.state not in _AT_REST or device.job is not None:
         return Result.WRONG_STATE, {}
     device.close()
-    device.instrument.park()
+    device.instrument.park(device.now)
     return Result.OK, {}
 
 
@@ -117,7 +118,7 @@ def _release(device: DeviceBody, body: Body) -> Outcome:
 
 
 def _set(device: DeviceBody, body: Body) -> Outcome:
-    if device.state not in _AT_REST:
+    if device.state not in _AT_REST or device.job is not None:
         return Result.WRONG_STATE, {}
     allowed = device.limits.get("parameters", {})
     values = {str(name): int(value) for name, value in body.items()}
@@ -131,9 +132,9 @@ def _set(device: DeviceBody, body: Body) -> Outcome:
     return Result.OK, device.instrument.parameters()
 
 
-def _tune_scan(device: DeviceBody, body: Body) -> Outcome:
+def _tune_scan(device: DeviceBody, body: Body) -> Outcome | None:
     bounds, steps = device.limits, int(body["steps"])
-    if device.state not in _AT_REST or device.delayed is not None:
+    if device.state not in _AT_REST or device.job is not None:
         return Result.WRONG_STATE, {}
     if not bounds.get("tuning_us"):
         return Result.NOT_SUPPORTED, {}
@@ -150,12 +151,11 @@ def _tune_scan(device: DeviceBody, body: Body) -> Outcome:
     if not 2 <= steps <= MAX_STEPS:
         return Result.OUT_OF_RANGE, {"field": "steps"}
     wavelengths = np.linspace(sweep["from_pm"], sweep["to_pm"], steps).round().astype(np.int64)
-    levels, ready = device.instrument.tune(place["x"], place["y"], wavelengths, device.now)
-    device.answer_at = ready
-    return Result.OK, {"dc_mv": levels}
+    device.instrument.sweep(place["x"], place["y"], wavelengths, device.now)
+    return None
 
 
-_TABLE: dict[Operation, Callable[[DeviceBody, Body], Outcome]] = {
+_TABLE: dict[Operation, Callable[[DeviceBody, Body], Outcome | None]] = {
     Operation.GET: _get,
     Operation.SET: _set,
     Operation.PLAN_NEW: _plan_new,

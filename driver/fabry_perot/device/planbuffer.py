@@ -37,11 +37,6 @@ class PlanBuffer:
         """Whether a scan can start: all points are here, or as many as fit."""
         return self.length > 0 and self.expected >= self.limit
 
-    @property
-    def at_hand(self) -> bool:
-        """Whether the next point to scan is here."""
-        return self.position < self.expected
-
     def accept(self, first: int, points: NDArray[np.void]) -> NDArray[np.void]:
         """Store points from index ``first`` and return the newly stored part.
 
@@ -55,7 +50,7 @@ class PlanBuffer:
         self.expected = stop
         return new
 
-    def current(self) -> np.void:
-        """Return the point at the present position."""
-        point: np.void = self._points[self.position % len(self._points)]
-        return point
+    def points(self, first: int, count: int) -> NDArray[np.void]:
+        """Return ``count`` points from index ``first``, all of them at or after the position and here."""
+        points: NDArray[np.void] = self._points[np.arange(first, first + count) % len(self._points)]
+        return points

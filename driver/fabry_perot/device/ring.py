@@ -40,13 +40,13 @@ class ALineRing:
         return len(self._blobs)
 
     @property
-    def full(self) -> bool:
-        """Whether nothing more fits."""
-        return len(self._blobs) >= self.capacity
+    def room(self) -> int:
+        """A-lines that still fit."""
+        return self.capacity - len(self._blobs)
 
     def append(self, point: int, blob: bytes, encoding: int = 0) -> None:
         """Hold one more A-line; a full ring raises ``OverflowError`` because nothing may be overwritten."""
-        if self.full:
+        if self.room <= 0:
             raise OverflowError("the A-line ring is full")
         self._blobs.append((point, encoding, blob))
         self.produced += 1

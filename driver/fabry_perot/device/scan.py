@@ -1,4 +1,4 @@
-"""The scan itself: move, wait for the laser's pulse, fire, record; one step at a time."""
+"""The scan itself: points go to the hardware as far as the ring has room for them, A-lines come back."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from fabry_perot.wire.framing import crc32c
 from fabry_perot.wire.messages import ALineMeta, pack
 from fabry_perot.wire.states import RUNNING, DeviceState, Event
 
-LATE_PULSE = 1_000
-"""A pulse slot missed by more than this many µs is skipped, as a free-running laser would."""
+AHEAD = 64
+"""Points the hardware has at a time."""
 
 
 class Scan:
@@ -41,83 +41,88 @@ class Scan:
         self._state, self._step = state, step
         self.sampling = Sampling(0, 0, 0)
         self.encoding = 0
-        self.shots = 0
-        self.shots_wasted = 0
-        self.last_shot = 0
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget an unfinished point: it will be moved to and fired again from its first shot."""
-        self.shots_wasted += getattr(self, "_fired", 0)
-        self._fired = 0
-        self._settled: int | None = None
+        self.shots = self.shots_wasted = self.last_shot = 0
+        self._used = 0
+        """Shots of which there is an A-line."""
+        self._before = instrument.shots()
+        """The laser's count when the device booted."""
+        self._given = 0
+        """Next point to give to the instrument."""
+        self._until = -1
+        """How long it was last permitted to fire."""
         self.due: int | None = None
-        self._instrument.drop()
+
+    def begin(self) -> None:
+        """Start, or start again, at the plan's position."""
+        self._given, self._until = self._plan.position, -1
+
+    def end(self, now: int) -> None:
+        """Stop the instrument; a point not finished will be moved to and fired again from its first shot."""
+        self.due = None
+        try:
+            self._instrument.stop(now)
+            self._collect(now)
+        finally:
+            self.shots_wasted = self.shots - self._used
 
     def advance(self, now: int) -> None:
         """Do everything that is due at ``now``; afterwards :attr:`due` says when to come again."""
-        while self._state() in RUNNING and self._prepare(now):
-            due = self.due if self.due is not None else now
-            if now < due:
-                return
-            if now - due > LATE_PULSE:
-                self.due = self._instrument.next_pulse(now)
-                continue
-            if not self._lease.permits(now):
-                return
-            self._fire(now)
-        if self._state() not in RUNNING or self._settled is None:
+        if self._state() not in RUNNING:
             self.due = None
+            return
+        if self._lease.until != self._until:
+            self._until = self._lease.until
+            self._instrument.permit(self._until, now)
+        while True:
+            self._collect(now)
+            if not self._feed(now):
+                break
+        self.due = self._instrument.next_due(now) if self._state() in RUNNING else None
 
-    def _prepare(self, now: int) -> bool:
-        """Bring the state in line with plan and ring; return whether a shot is scheduled."""
-        state = self._state()
-        if self._plan.position >= self._plan.length:
+    def _collect(self, now: int) -> None:
+        """Take what the instrument has finished into the ring."""
+        for taken in self._instrument.poll(now):
+            self._used += taken.averages
+            used, data = encode(taken.samples, self.encoding)
+            self._ring.append(taken.point, self._meta(taken) + data, used)
+            self._plan.position = taken.point + 1
+        self.shots, self.last_shot = self._instrument.shots() - self._before, self._instrument.last_shot()
+
+    def _feed(self, now: int) -> bool:
+        """Bring the state in line with plan and ring; return whether the instrument was given more points."""
+        plan, under_way = self._plan, self._given - self._plan.position
+        if plan.position >= plan.length:
             self._step(Event.LAST_POINT_FIRED)
             return False
-        if self._ring.full:
-            if state is DeviceState.SCANNING:
-                self._step(Event.RING_FULL)
+        room = self._ring.room - under_way
+        if room <= 0 and not under_way:
+            self._change(DeviceState.SCANNING, Event.RING_FULL)
             return False
-        if state is DeviceState.BLOCKED:
-            self._step(Event.RING_FREED)
-        if not self._plan.at_hand:
-            if self._state() is DeviceState.SCANNING:
-                self._step(Event.POINTS_SHORT)
+        self._change(DeviceState.BLOCKED, Event.RING_FREED)
+        count = min(room, AHEAD - under_way, plan.expected - self._given)
+        if count <= 0:
+            if not under_way:
+                self._change(DeviceState.SCANNING, Event.POINTS_SHORT)
             return False
-        if self._state() is DeviceState.STARVED:
-            self._step(Event.POINTS_AT_HAND)
-        if self._settled is None:
-            settle = int(self._plan.current()["settle"]) * 100
-            self._settled = self._instrument.move(self._plan.position, now) + settle
-            self.due = self._instrument.next_pulse(max(self._settled, self.last_shot + 1))
+        self._change(DeviceState.STARVED, Event.POINTS_AT_HAND)
+        self._instrument.queue(self._given, plan.points(self._given, count), now)
+        self._given += count
         return True
 
-    def _fire(self, now: int) -> None:
-        index = self._plan.position
-        self.shots += 1
-        self.last_shot = now
-        self._fired += 1
-        self._instrument.fire(index, self.shots, now)
-        if self._fired < max(1, int(self._plan.current()["averages"])):
-            self.due = self._instrument.next_pulse(now + 1)
-            return
-        taken = self._instrument.read(index)
-        used, data = encode(taken.samples, self.encoding)
-        self._ring.append(index, self._meta(taken, now) + data, used)
-        self._plan.position += 1
-        self._fired, self._settled, self.due = 0, None, None
+    def _change(self, state: DeviceState, event: Event) -> None:
+        if self._state() is state:
+            self._step(event)
 
-    def _meta(self, taken: Interrogation, now: int) -> bytes:
+    def _meta(self, taken: Interrogation) -> bytes:
         meta = ALineMeta(
-            fire_time=now,
+            fire_time=taken.fire_time,
             wavelength=taken.wavelength,
-            shot=self.shots,
+            shot=taken.shot - self._before,
             crc=crc32c(taken.samples.astype("<i2", copy=False).tobytes()),
             scale=taken.scale,
             interval=self.sampling.interval_ps,
             samples=len(taken.samples),
-            averages=self._fired,
+            averages=taken.averages,
             energy=min(taken.energy, 0xFFFF),
             dc=taken.dc,
             gain=taken.gain,

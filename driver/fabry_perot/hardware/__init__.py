@@ -1,5 +1,20 @@
-"""What the device needs of the hardware under it."""
+"""What the device needs of the hardware, and how to give it that: write the parts, make an apparatus of them."""
 
+from fabry_perot.hardware.apparatus import Apparatus
 from fabry_perot.hardware.instrument import Instrument, InstrumentError, Interrogation, Sampling
+from fabry_perot.hardware.roles import Digitiser, ExcitationLaser, Galvo, InterrogationLaser, Path, Record, Shutter
 
-__all__ = ["Instrument", "InstrumentError", "Interrogation", "Sampling"]
+__all__ = [
+    "Apparatus",
+    "Digitiser",
+    "ExcitationLaser",
+    "Galvo",
+    "Instrument",
+    "InstrumentError",
+    "Interrogation",
+    "InterrogationLaser",
+    "Path",
+    "Record",
+    "Sampling",
+    "Shutter",
+]

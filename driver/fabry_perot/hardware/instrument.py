@@ -1,4 +1,4 @@
-"""What the device logic needs from the hardware under it: galvo, laser and digitiser behind one interface."""
+"""What the device needs of the hardware under it: one interface, in blocks, without waiting."""
 
 from __future__ import annotations
 
@@ -44,14 +44,22 @@ class Sampling:
 
 @dataclass(frozen=True, slots=True)
 class Interrogation:
-    """One interrogation as the digitiser gives it.
+    """What the hardware took at one point: the mean over its shots.
 
     Parameters
     ----------
     samples
-        (N_t,) int16 counts, the mean over the averages.
+        (N_t,) int16 counts.
     scale
         Pressure unit per count.
+    point
+        Index of the point in the plan.
+    fire_time
+        Device time of the last shot, in µs.
+    shot
+        The laser's own count at the last shot.
+    averages
+        Shots taken.
     energy
         Pulse energy relative to nominal, in 10⁻⁴.
     wavelength
@@ -68,6 +76,10 @@ class Interrogation:
 
     samples: NDArray[np.int16]
     scale: float
+    point: int = 0
+    fire_time: int = 0
+    shot: int = 0
+    averages: int = 1
     energy: int = 10_000
     wavelength: int = 0
     dc: int = 0
@@ -77,42 +89,61 @@ class Interrogation:
 
 
 class Instrument(Protocol):
-    """Galvo, laser and digitiser. All times are device time in µs.
+    """The hardware as the device sees it; :class:`~fabry_perot.hardware.Apparatus` makes one of its parts.
 
-    Any call may raise :class:`InstrumentError`; the device latches it as a fault. What a read-back cannot tell counts
-    as the worse of both: open, emitting, key off, interlock open.
+    No call waits: what takes time is started by one call, and :meth:`poll` or :meth:`swept` tells when it is over.
+    Points are worked through by the hardware's own triggers, many to a call. All times are device time in µs.
+
+    Any call may raise :class:`InstrumentError`; the device latches it as a fault, closes the shutter and stops. What a
+    read-back cannot tell counts as the worse of both: open, emitting, key off, interlock open.
     """
 
     def capabilities(self) -> dict[str, Any]:
-        """Return the limits, as documented in :mod:`fabry_perot.host.capabilities`."""
+        """Return the limits, as documented in ``PROTOCOL.md``."""
         ...
 
     def begin(self, sampling: Sampling) -> None:
         """Set up for a plan; nothing moves."""
         ...
 
-    def load(self, first: int, points: NDArray[np.void]) -> None:
-        """Learn the points from index ``first``, so work may be done ahead."""
+    def queue(self, first: int, points: NDArray[np.void], now: int) -> None:
+        """Work through more points, from index ``first`` on, behind those given before.
+
+        At each: go there, tune, settle, take as many shots as its averages say. The shutter is opened and closed by
+        others; pulses leave only within :meth:`permit`.
+        """
         ...
 
-    def move(self, index: int, now: int) -> int:
-        """Start to move to point ``index`` and return when it will have settled."""
+    def permit(self, until: int, now: int) -> None:
+        """Let pulses leave before ``until`` and none later, whether or not anybody calls again until then."""
         ...
 
-    def next_pulse(self, after: int) -> int:
-        """Return the time of the laser's first pulse slot at or after ``after``."""
+    def poll(self, now: int) -> list[Interrogation]:
+        """Go on with what was started, and return what is finished since the last call, in the order of the points."""
         ...
 
-    def fire(self, index: int, shot: int, now: int) -> None:
-        """Fire one shot at point ``index`` and record it; ``shot`` counts all shots since boot."""
+    def next_due(self, now: int) -> int | None:
+        """Return when :meth:`poll` or :meth:`swept` has something to do next; ``None`` while nothing was started."""
         ...
 
-    def read(self, index: int) -> Interrogation:
-        """Return the mean of the shots fired at ``index`` since the last read, and forget them."""
+    def stop(self, now: int) -> None:
+        """Fire no more and forget all points and sweeps; what was finished before comes by one more :meth:`poll`."""
         ...
 
-    def drop(self) -> None:
-        """Forget the shots fired since the last read."""
+    def shots(self) -> int:
+        """Return the laser's own count of shots, which survives a reboot of the device."""
+        ...
+
+    def last_shot(self) -> int:
+        """Return the time of the last shot, 0 before the first."""
+        ...
+
+    def sweep(self, x: int, y: int, wavelengths: NDArray[np.int64], now: int) -> None:
+        """Begin to sweep the interrogation wavelength (pm) at a point (nm) of the film, with the shutter closed."""
+        ...
+
+    def swept(self, now: int) -> list[int] | None:
+        """Return the sweep's DC levels in mV once it is over, ``None`` before; once only."""
         ...
 
     def open(self) -> None:
@@ -131,14 +162,6 @@ class Instrument(Protocol):
         """Return whether light may leave the aperture, by the laser's own monitor."""
         ...
 
-    def park(self) -> None:
-        """Go to the rest position; the shutter is closed."""
-        ...
-
-    def position(self) -> tuple[int, int]:
-        """Return x, y in nm on the film."""
-        ...
-
     def interlock_closed(self) -> bool:
         """Return whether the enclosure's interlock is closed; open, the laser cannot emit."""
         ...
@@ -147,18 +170,18 @@ class Instrument(Protocol):
         """Return whether the key switch is on; off, the laser cannot emit."""
         ...
 
+    def park(self, now: int) -> None:
+        """Go to the rest position; the shutter is closed."""
+        ...
+
+    def position(self) -> tuple[int, int]:
+        """Return x, y in nm on the film."""
+        ...
+
     def parameters(self) -> dict[str, int]:
         """Return what SET changes, by name."""
         ...
 
     def configure(self, name: str, value: int) -> None:
         """Change a parameter; name and range were checked against the capabilities."""
-        ...
-
-    def tune(self, x: int, y: int, wavelengths: NDArray[np.int64], now: int) -> tuple[list[int], int]:
-        """Sweep the interrogation wavelength (pm) at a point: the DC levels in mV, and when the sweep ends."""
-        ...
-
-    def laser_shots(self) -> int:
-        """Return the laser's own count of shots, which survives a reboot of the device."""
         ...

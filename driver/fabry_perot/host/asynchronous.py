@@ -14,6 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from types import TracebackType
 from typing import Any, ParamSpec, Self, TypeVar
 
+from fabry_perot.hardware.instrument import Instrument
 from fabry_perot.host import ScanReport
 from fabry_perot.host.aline import ALine, ALineBatch
 from fabry_perot.host.capabilities import Capabilities
@@ -163,6 +164,6 @@ def _following(batches: Iterator[ALineBatch]) -> ALineBatch | None:
     return next(batches, None)
 
 
-async def connect_async(url: str, **parameters: Any) -> AsyncScanner:
+async def connect_async(url: str | Instrument, **parameters: Any) -> AsyncScanner:
     """Open a port, begin a session and read the capabilities; parameters as of :func:`fabry_perot.connect`."""
     return AsyncScanner(await asyncio.to_thread(connect, url, **parameters))

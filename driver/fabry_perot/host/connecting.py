@@ -9,7 +9,9 @@ from dataclasses import dataclass
 from serial.tools import list_ports
 
 from fabry_perot.errors import PortBusy, ScannerError
+from fabry_perot.hardware.instrument import Instrument
 from fabry_perot.host import HostTiming, Recovery
+from fabry_perot.host.local import LocalTransport
 from fabry_perot.host.scanner import Scanner
 from fabry_perot.host.tap import Tap
 from fabry_perot.host.transport import Transport, open_transport
@@ -20,7 +22,7 @@ _DEFAULT = Recovery()
 
 
 def connect(
-    url: str,
+    url: str | Instrument,
     *,
     baudrate: int = 3_000_000,
     timing: HostTiming | None = None,
@@ -34,7 +36,8 @@ def connect(
     url
         A device path or pyserial URL, for example ``/dev/ttyUSB0``, ``socket://127.0.0.1:4001`` or
         ``rfc2217://host:2217`` (a byte at a time in pyserial: some 0.2 MB/s). A path under ``/dev/serial/by-id``
-        survives unplugging and plugging in again.
+        survives unplugging and plugging in again. Or the hardware itself, when it is in this computer
+        (:class:`fabry_perot.Apparatus`): the device then runs in a thread of this process, with the same lease.
     baudrate
         Baud rate of a UART.
     timing
@@ -53,13 +56,14 @@ def connect(
         _log.warning("cobs runs without its C extension: frames are decoded some hundred times slower than need be")
 
     def reopen() -> Transport:
-        transport = open_transport(url, baudrate)
+        transport = open_transport(url, baudrate) if isinstance(url, str) else LocalTransport(url)
         return transport if tap is None else Tap(transport, tap)
 
+    again = reopen if recovery and isinstance(url, str) else None
     try:
-        return Scanner(reopen(), timing=timing, recovery=recovery, reopen=reopen if recovery else None)
+        return Scanner(reopen(), timing=timing, recovery=recovery, reopen=again)
     except PortBusy as error:
-        if url in str(error):
+        if str(url) in str(error):
             raise
         raise PortBusy(f"{url}: {error}") from None
 

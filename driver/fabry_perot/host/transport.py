@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import errno
 import os
-import termios
 from pathlib import Path
 from typing import Any, Protocol
 
 import serial
 
 from fabry_perot.errors import LinkLost, PortBusy, PortUnavailable
+
+try:
+    import termios
+
+    CLOSING: tuple[type[Exception], ...] = (OSError, termios.error)
+except ImportError:  # Windows
+    CLOSING = (OSError,)
+"""What closing a port that was unplugged raises: it cannot be flushed, and need not be."""
 
 READ_WAIT = 0.02
 """Longest wait for bytes in one read, in s."""
@@ -53,7 +60,7 @@ class _Port:
         """Release the port."""
         try:
             self._port.close()
-        except (OSError, termios.error):  # an unplugged port cannot be flushed, and need not be
+        except CLOSING:
             return
 
 
@@ -126,6 +133,6 @@ def _by_whom(path: str) -> str:
             if fields[1] == "FLOCK" and fields[5] == device:
                 name = Path(f"/proc/{fields[4]}/comm").read_text().strip()
                 return f" by {name} (process {fields[4]})"
-    except (OSError, IndexError):
+    except (OSError, IndexError, AttributeError):  # the last on Windows, which has no major()
         pass
     return ""

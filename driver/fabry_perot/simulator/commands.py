@@ -58,10 +58,10 @@ class Commands:
 
     def _state(self) -> dict[str, Any]:
         machine = self._server.machine
-        log = machine.instrument.shots
+        log = machine.instrument.log
         return {
             "time": self._server.time,
-            "shots": machine.instrument.laser_shots(),
+            "shots": machine.instrument.shots(),
             "last_shot": log[-1][0] if log else 0,
             "ring_peak": max(machine.ring_peak, machine.device.ring.peak),
             "boots": machine.boots,
@@ -70,7 +70,7 @@ class Commands:
         }
 
     def _do_report(self) -> dict[str, Any]:
-        return {**self._state(), "fired": list(self._server.machine.instrument.shots)}
+        return {**self._state(), "fired": list(self._server.machine.instrument.log)}
 
     def _do_unplug(self, seconds: float) -> dict[str, Any]:
         self._server.unplug(int(seconds * 1e6))
@@ -100,15 +100,15 @@ class Commands:
         return self._state()
 
     def _do_interlock(self, closed: bool) -> dict[str, Any]:
-        self._server.machine.instrument.closed = bool(closed)
+        self._server.machine.instrument.shutter.closed = bool(closed)
         return self._state()
 
     def _do_key(self, on: bool) -> dict[str, Any]:
-        self._server.machine.instrument.key = bool(on)
+        self._server.machine.instrument.shutter.key = bool(on)
         return self._state()
 
     def _do_drift(self, pm: int) -> dict[str, Any]:
-        self._server.machine.instrument.film.drift = int(pm)
+        self._server.machine.instrument.recorder.film.drift = int(pm)
         return self._state()
 
     def _chain(self, way: str) -> list[Any]:

@@ -46,7 +46,7 @@ class Machine:
         self.device = self._boot(0, options.boot, cause=1)
 
     def _boot(self, now: int, boot: int | None, cause: int) -> Device:
-        self.instrument.epoch = now
+        self.instrument.boot(now)
         self.boots += 1
         options = self._options
         return Device(

@@ -14,7 +14,7 @@ PULSE_JITTER = 2
 """Largest timing jitter of a pulse, in µs."""
 
 
-class Galvo:
+class Mirrors:
     """Two mirrors: moving takes the distance over the speed, then they settle."""
 
     def __init__(self) -> None:

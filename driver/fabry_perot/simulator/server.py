@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import select
 from collections.abc import Callable
+from typing import Protocol
 
 from fabry_perot.clock import ScaledClock
-from fabry_perot.simulator.endpoints import CHUNK, Endpoint, PtyEndpoint, TcpEndpoint
+from fabry_perot.device.endpoints import CHUNK, Endpoint, TcpEndpoint
 from fabry_perot.simulator.faults import BitFlips, Chain, FrameLoss
 from fabry_perot.simulator.machine import Machine
 from fabry_perot.simulator.options import Options
@@ -18,9 +19,25 @@ PULL = 16384
 """Bytes taken from the device at a time."""
 
 
-def open_endpoint(options: Options) -> Endpoint:
+class Pluggable(Endpoint, Protocol):
+    """A line that can be taken away."""
+
+    def unplug(self) -> None:
+        """Take the line away from whoever uses it."""
+        ...
+
+    def plug(self) -> None:
+        """Bring it back."""
+        ...
+
+
+def open_endpoint(options: Options) -> Pluggable:
     """Return the line the options ask for."""
-    return TcpEndpoint(options.tcp) if options.tcp else PtyEndpoint(options.link)
+    if options.tcp:
+        return TcpEndpoint(options.tcp)
+    from fabry_perot.simulator.terminal import PtyEndpoint
+
+    return PtyEndpoint(options.link)
 
 
 class Server:
@@ -37,7 +54,7 @@ class Server:
         Settings.
     """
 
-    def __init__(self, machine: Machine, endpoint: Endpoint, options: Options) -> None:
+    def __init__(self, machine: Machine, endpoint: Pluggable, options: Options) -> None:
         self.machine, self.endpoint, self._speed = machine, endpoint, options.speed
         self._clock = ScaledClock(options.speed)
         self._down, self._up = Pacer(options.baud), Pacer(options.baud)

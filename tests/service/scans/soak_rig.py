@@ -235,8 +235,7 @@ class Truth:
             averages=plan.averages,
         ).points
         self.instrument.begin(Sampling(plan.samples, round(plan.sampling_interval * 1e12), 100_000))
-        self.instrument.load(0, points)
+        self.points = points
 
     def samples(self, point, shot):
-        self.instrument.fire(point, shot, 0)
-        return self.instrument.read(point).samples
+        return self.instrument.measure(self.points[point], shot).samples

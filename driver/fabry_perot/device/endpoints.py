@@ -1,13 +1,14 @@
-"""Where the simulated device's line comes out: a pseudo-terminal or a TCP port, both without blocking."""
+"""Where a device's line comes out: a TCP port, a serial port, a pair of sockets in one process; none of them blocks."""
 
 from __future__ import annotations
 
-import os
 import select
 import socket
-import tty
-from pathlib import Path
-from typing import Protocol
+import time
+from contextlib import suppress
+from typing import Any, Protocol
+
+import serial
 
 from fabry_perot.wire.codes import Type
 from fabry_perot.wire.framing import FLAG_URGENT, Frame, encode_frame
@@ -15,6 +16,10 @@ from fabry_perot.wire.framing import FLAG_URGENT, Frame, encode_frame
 CHUNK = 65536
 MOST_REFUSED = 8
 """Clients that may wait to hear that another one is connected."""
+QUEUED = 0.02
+"""Seconds of line time that may wait in the system: what waits there, an emergency stop's answer cannot overtake."""
+REOPEN = 0.5
+"""Seconds between two attempts to open a lost port."""
 
 
 class Endpoint(Protocol):
@@ -38,81 +43,9 @@ class Endpoint(Protocol):
         """Send what the line takes now and return how many bytes that was."""
         ...
 
-    def unplug(self) -> None:
-        """Take the line away from whoever uses it."""
-        ...
-
-    def plug(self) -> None:
-        """Bring it back."""
-        ...
-
     def close(self) -> None:
         """Give everything back."""
         ...
-
-
-class PtyEndpoint:
-    """A pseudo-terminal.
-
-    Parameters
-    ----------
-    link
-        Path of a symbolic link to make, replacing an older link.
-    """
-
-    def __init__(self, link: str | None = None) -> None:
-        self._link = Path(link) if link else None
-        self._master = self._slave = -1
-        self.plug()
-
-    def plug(self) -> None:
-        """Make a pseudo-terminal and link it."""
-        self._master, self._slave = os.openpty()  # the open slave keeps the line up between two hosts
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self.url = os.ttyname(self._slave)
-        if self._link is not None:
-            fresh = self._link.with_name(f"{self._link.name}.{os.getpid()}")
-            if self._link.exists() and not self._link.is_symlink():
-                raise FileExistsError(f"{self._link} exists and is no symbolic link")
-            fresh.symlink_to(self.url)
-            fresh.replace(self._link)
-
-    def descriptors(self) -> list[int]:
-        """Return the master."""
-        return [self._master] if self._master >= 0 else []
-
-    def writable_descriptor(self) -> int | None:
-        """Return the master."""
-        return self._master if self._master >= 0 else None
-
-    def read(self, limit: int) -> bytes:
-        """Return what has arrived."""
-        try:
-            return os.read(self._master, min(limit, CHUNK))
-        except BlockingIOError:
-            return b""
-
-    def write(self, data: bytes) -> int:
-        """Send what fits."""
-        try:
-            return os.write(self._master, data)
-        except BlockingIOError:
-            return 0
-
-    def unplug(self) -> None:
-        """Close the pseudo-terminal and remove the link."""
-        if self._master < 0:
-            return
-        os.close(self._master)
-        os.close(self._slave)
-        self._master = self._slave = -1
-        if self._link is not None and self._link.is_symlink() and os.readlink(self._link) == self.url:
-            self._link.unlink()
-
-    def close(self) -> None:
-        """Give everything back."""
-        self.unplug()
 
 
 class TcpEndpoint:
@@ -227,7 +160,125 @@ class TcpEndpoint:
 
 
 def _has_left(client: socket.socket) -> bool:
-    """Tell whether a client has closed its end, even if bytes of it wait to be read."""
+    """Tell whether a client has closed its end, even if bytes of it wait to be read (where the system can tell)."""
+    if not hasattr(select, "poll"):  # Windows
+        try:
+            return not client.recv(1, socket.MSG_PEEK)
+        except OSError:
+            return False
     poller = select.poll()
     poller.register(client, select.POLLHUP | select.POLLERR | getattr(select, "POLLRDHUP", 0))
     return bool(poller.poll(0))
+
+
+class PairEndpoint:
+    """One end of a pair of sockets, whose other end is a host in the same process.
+
+    Parameters
+    ----------
+    end
+        The socket.
+    """
+
+    url = "in this process"
+
+    def __init__(self, end: socket.socket) -> None:
+        end.setblocking(False)
+        self._end = end
+
+    def descriptors(self) -> list[int]:
+        """Return the socket."""
+        return [self._end.fileno()]
+
+    def writable_descriptor(self) -> int | None:
+        """Return the socket."""
+        return self._end.fileno()
+
+    def read(self, limit: int) -> bytes:
+        """Return what has arrived."""
+        try:
+            return self._end.recv(min(limit, CHUNK))
+        except OSError:
+            return b""
+
+    def write(self, data: bytes) -> int:
+        """Send what fits; to a host that has gone, into the void."""
+        try:
+            return self._end.send(data)
+        except BlockingIOError:
+            return 0
+        except OSError:
+            return len(data)
+
+    def close(self) -> None:
+        """Close it."""
+        self._end.close()
+
+
+class SerialEndpoint:
+    """A serial port; one that is unplugged is looked for until it is back.
+
+    Parameters
+    ----------
+    path
+        Name of the port.
+    baudrate
+        Baud rate of a UART; USB ignores it.
+    """
+
+    def __init__(self, path: str, baudrate: int) -> None:
+        self.url, self._baudrate = path, baudrate
+        self._most = max(64, int(baudrate / 10 * QUEUED))
+        self._port: Any = None
+        self._tried = 0.0
+        self._open()
+
+    def _open(self) -> None:
+        self._port = serial.Serial(self.url, self._baudrate, timeout=0, write_timeout=0, exclusive=True)
+
+    def descriptors(self) -> list[int]:
+        """Return the port, where it has a descriptor to wait on."""
+        return [self._port.fileno()] if self._port is not None and hasattr(self._port, "fileno") else []
+
+    def writable_descriptor(self) -> int | None:
+        """Return nothing: what may wait is limited by :data:`QUEUED`, not by the system."""
+        return None
+
+    def read(self, limit: int) -> bytes:
+        """Return what has arrived; opens a lost port anew when it is back."""
+        if self._port is None:
+            self._reopen()
+            return b""
+        try:
+            return bytes(self._port.read(min(limit, CHUNK)))
+        except (serial.SerialException, OSError, TypeError):
+            self._drop()
+            return b""
+
+    def write(self, data: bytes) -> int:
+        """Send as much as may wait in the system; without a port the bytes are lost."""
+        if self._port is None:
+            return len(data)
+        try:
+            room = max(0, self._most - self._port.out_waiting)
+            return int(self._port.write(data[:room]) or 0) if room else 0
+        except (serial.SerialException, OSError, TypeError):
+            self._drop()
+            return len(data)
+
+    def _drop(self) -> None:
+        self.close()
+        self._port = None
+
+    def _reopen(self) -> None:
+        if time.monotonic() - self._tried < REOPEN:
+            return
+        self._tried = time.monotonic()
+        with suppress(serial.SerialException, OSError):
+            self._open()
+
+    def close(self) -> None:
+        """Give the port back."""
+        if self._port is not None:
+            with suppress(Exception):  # an unplugged port cannot be flushed, and need not be
+                self._port.close()

@@ -1,0 +1,276 @@
+"""An instrument made of its parts: galvo, interrogation laser, digitiser, excitation laser and shutter."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any, ParamSpec, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabry_perot.hardware.instrument import Instrument, InstrumentError, Interrogation, Sampling
+from fabry_perot.hardware.roles import Digitiser, ExcitationLaser, Galvo, InterrogationLaser, Path, Record, Shutter
+
+FAULT_GALVO, FAULT_LASER, FAULT_DIGITISER, FAULT_EXCITATION, FAULT_GUARD = 4, 5, 6, 7, 8
+"""Fault codes: whose call failed; the last one is shutter, interlock or key."""
+LOOK = 500
+"""Something under way is looked after every so many µs."""
+PATIENCE = 100_000
+"""Records still missing so many µs after the last pulse left mean a digitiser that misses triggers."""
+LONGEST_BLOCK = 64
+"""Points armed together."""
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+class Apparatus(Instrument):
+    """The parts of a scanner, worked as one.
+
+    Points are cut into blocks that the hardware takes by its own triggers: points in a row with one bias wavelength,
+    as many as the galvo can step through by itself. Whatever a part raises becomes an :class:`InstrumentError` that
+    names it.
+
+    Parameters
+    ----------
+    galvo, laser, digitiser, excitation, shutter
+        The parts; ``laser`` is the interrogation laser.
+    model, serial
+        Identity, for capabilities.
+    """
+
+    def __init__(
+        self,
+        *,
+        galvo: Galvo,
+        laser: InterrogationLaser,
+        digitiser: Digitiser,
+        excitation: ExcitationLaser,
+        shutter: Shutter,
+        model: str = "Fabry-Perot scanner",
+        serial: str = "",
+    ) -> None:
+        self.galvo, self.laser, self.digitiser = galvo, laser, digitiser
+        self.excitation, self.shutter = excitation, shutter
+        self._identity = {"model": model, "serial": serial}
+        self._queue: deque[tuple[int, np.void]] = deque()
+        self._block: deque[tuple[int, np.void]] = deque()
+        self._firing = False
+        self._pulses = 0
+        """The laser's count when the present block is complete."""
+        self._records: list[Record] = []
+        self._done: list[Interrogation] = []
+        self._sweep: deque[int] | None = None
+        self._levels: list[int] = []
+
+    def capabilities(self) -> dict[str, Any]:
+        """Return the limits of all parts together; extend it for what else the hardware can do."""
+        laser = self._ask(FAULT_LASER, self.laser.limits)
+        excitation = self._ask(FAULT_EXCITATION, self.excitation.limits)
+        parameters = {**laser.pop("parameters", {}), **excitation.pop("parameters", {})}
+        return {
+            **self._identity,
+            "simulated": False,
+            "averages": [1, 1000],
+            "beams": 1,
+            "encodings": [0, 1],
+            "clock_rate": 1.0,
+            "line_rate": 0,
+            **self._ask(FAULT_GALVO, self.galvo.limits),
+            **laser,
+            **self._ask(FAULT_DIGITISER, self.digitiser.limits),
+            **excitation,
+            "parameters": parameters,
+        }
+
+    def begin(self, sampling: Sampling) -> None:
+        """Set up for a plan."""
+        self._queue.clear()
+        self._done.clear()
+        self._ask(FAULT_DIGITISER, self.digitiser.begin, sampling)
+        self._ask(FAULT_EXCITATION, self.excitation.begin, sampling)
+
+    def queue(self, first: int, points: NDArray[np.void], now: int) -> None:
+        """Work through more points."""
+        self._queue.extend(enumerate(points, start=first))
+
+    def permit(self, until: int, now: int) -> None:
+        """Let pulses leave before ``until``."""
+        self._ask(FAULT_EXCITATION, self.excitation.permit, until, now)
+
+    def poll(self, now: int) -> list[Interrogation]:
+        """Take in what was recorded, and go on with the next block."""
+        if self._firing:
+            self._collect(now)
+        if not self._block and self._queue:
+            self._aim(now)
+        if self._block and not self._firing and self._aimed(now):
+            self._fire(now)
+        done, self._done = self._done, []
+        return done
+
+    def next_due(self, now: int) -> int | None:
+        """Return when to look again."""
+        return now + LOOK if self._queue or self._block or self._sweep is not None else None
+
+    def stop(self, now: int) -> None:
+        """Fire no more and forget all points; what was recorded whole is kept for the next poll."""
+        self._queue.clear()
+        self._sweep = None
+        try:
+            self._ask(FAULT_EXCITATION, self.excitation.halt, now)
+            if self._firing:
+                self._collect(now)
+        finally:
+            self._block.clear()
+            self._records.clear()
+            self._firing = False
+            self._ask(FAULT_DIGITISER, self.digitiser.disarm)
+
+    def shots(self) -> int:
+        """Return the laser's own count."""
+        return self._ask(FAULT_EXCITATION, self.excitation.shots)
+
+    def last_shot(self) -> int:
+        """Return the time of the last shot."""
+        return self._ask(FAULT_EXCITATION, self.excitation.last_shot)
+
+    def sweep(self, x: int, y: int, wavelengths: NDArray[np.int64], now: int) -> None:
+        """Begin a sweep: go there, then a wavelength after the other."""
+        self._sweep, self._levels = deque(wavelengths.tolist()), []
+        one, none = np.ones(1, np.int64), np.zeros(1, np.int64)
+        self._ask(FAULT_GALVO, self.galvo.follow, Path(x * one, y * one, none, none), now)
+        self._ask(FAULT_LASER, self.laser.tune, self._sweep[0], now)
+
+    def swept(self, now: int) -> list[int] | None:
+        """Take the level at a wavelength that is reached, and go to the next."""
+        if self._sweep is None or not self._aimed(now):
+            return None
+        self._levels.append(self._ask(FAULT_DIGITISER, self.digitiser.level, now))
+        self._sweep.popleft()
+        if self._sweep:
+            self._ask(FAULT_LASER, self.laser.tune, self._sweep[0], now)
+            return None
+        self._sweep = None
+        return self._levels
+
+    def open(self) -> None:
+        """Open the shutter."""
+        self._ask(FAULT_GUARD, self.shutter.open)
+
+    def close(self) -> None:
+        """Close the shutter."""
+        self._ask(FAULT_GUARD, self.shutter.close)
+
+    def shutter_open(self) -> bool:
+        """Return whether the shutter is open."""
+        return self._ask(FAULT_GUARD, self.shutter.is_open)
+
+    def emitting(self) -> bool:
+        """Return whether light may leave the aperture."""
+        return self._ask(FAULT_EXCITATION, self.excitation.emitting)
+
+    def interlock_closed(self) -> bool:
+        """Return whether the interlock is closed."""
+        return self._ask(FAULT_GUARD, self.shutter.interlock_closed)
+
+    def key_on(self) -> bool:
+        """Return whether the key is on."""
+        return self._ask(FAULT_GUARD, self.shutter.key_on)
+
+    def park(self, now: int) -> None:
+        """Park the galvo."""
+        self._ask(FAULT_GALVO, self.galvo.park, now)
+
+    def position(self) -> tuple[int, int]:
+        """Return x, y in nm."""
+        return self._ask(FAULT_GALVO, self.galvo.position)
+
+    def parameters(self) -> dict[str, int]:
+        """Return what SET changes at both lasers."""
+        excitation = self._ask(FAULT_EXCITATION, self.excitation.parameters)
+        return {**self._ask(FAULT_LASER, self.laser.parameters), **excitation}
+
+    def configure(self, name: str, value: int) -> None:
+        """Change a parameter of the laser that has it."""
+        if name in self._ask(FAULT_LASER, self.laser.parameters):
+            self._ask(FAULT_LASER, self.laser.configure, name, value)
+        else:
+            self._ask(FAULT_EXCITATION, self.excitation.configure, name, value)
+
+    def _aim(self, now: int) -> None:
+        """Take the next block from the queue, tune, and go to its first point."""
+        block, bias = self._block, self._bias(self._queue[0][1])
+        block.append(self._queue.popleft())
+        most = LONGEST_BLOCK if self.galvo.steps_by_trigger else 1
+        while self._queue and len(block) < most and self._bias(self._queue[0][1]) == bias:
+            block.append(self._queue.popleft())
+        points = np.array([point for _, point in block])
+        shots = np.maximum(points["averages"].astype(np.int64), 1)
+        path = Path(points["x"].astype(np.int64), points["y"].astype(np.int64), shots, points["settle"] * np.int64(100))
+        self._ask(FAULT_GALVO, self.galvo.follow, path, now)
+        self._ask(FAULT_LASER, self.laser.tune, bias, now)
+
+    def _bias(self, point: np.void) -> int:
+        asked = int(point["wavelength"])
+        return asked or self._ask(FAULT_LASER, self.laser.bias, int(point["x"]), int(point["y"]))
+
+    def _aimed(self, now: int) -> bool:
+        return self._ask(FAULT_GALVO, self.galvo.settled, now) and self._ask(FAULT_LASER, self.laser.tuned, now)
+
+    def _fire(self, now: int) -> None:
+        pulses = sum(max(1, int(point["averages"])) for _, point in self._block)
+        self._pulses, self._firing = self.shots() + pulses, True
+        self._ask(FAULT_DIGITISER, self.digitiser.arm, pulses, now)
+        self._ask(FAULT_EXCITATION, self.excitation.fire, pulses, now)
+
+    def _collect(self, now: int) -> None:
+        """Take in records; those of a point that are complete become its A-line."""
+        for record in self._ask(FAULT_DIGITISER, self.digitiser.records, now):
+            if not self._block:
+                raise InstrumentError(FAULT_DIGITISER, "more records than triggers were armed")
+            index, point = self._block[0]
+            self._records.append(record)
+            if len(self._records) >= max(1, int(point["averages"])):
+                self._block.popleft()
+                self._done.append(mean(index, self._records))
+                self._records = []
+        if not self._block:
+            self._firing = False
+        elif self.shots() >= self._pulses and now - self.last_shot() > PATIENCE:
+            raise InstrumentError(FAULT_DIGITISER, f"records of {len(self._block)} points are missing")
+
+    def _ask(self, fault: int, call: Callable[P, T], *given: P.args, **named: P.kwargs) -> T:
+        """Return what a part's call returns; whatever it raises is a fault of that part."""
+        try:
+            return call(*given, **named)
+        except InstrumentError:
+            raise
+        except Exception as error:
+            raise InstrumentError(fault, f"{getattr(call, '__qualname__', call)}: {error}") from error
+
+
+def mean(point: int, records: list[Record]) -> Interrogation:
+    """Return the A-line of ``point`` from the records of its shots; quality bits of any of them count."""
+    last, count = records[-1], len(records)
+    samples = records[0].samples
+    if count > 1 or samples.dtype != np.int16:
+        total = np.sum([record.samples for record in records], axis=0, dtype=np.float64)
+        samples = np.clip(np.rint(total / count), -32768, 32767).astype(np.int16)
+    quality = 0
+    for record in records:
+        quality |= record.quality
+    return Interrogation(
+        samples=samples.astype(np.int16, copy=False),
+        scale=last.scale,
+        point=point,
+        fire_time=last.time,
+        shot=last.shot,
+        averages=count,
+        energy=round(sum(record.energy for record in records) / count),
+        wavelength=last.wavelength,
+        dc=round(sum(record.dc for record in records) / count),
+        quality=quality,
+        time_zero=last.time_zero,
+        gain=last.gain,
+    )

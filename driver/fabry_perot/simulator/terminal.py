@@ -1,0 +1,73 @@
+"""The simulated device's line as a pseudo-terminal, which POSIX systems have and Windows has not."""
+
+from __future__ import annotations
+
+import os
+import tty
+from pathlib import Path
+
+from fabry_perot.device.endpoints import CHUNK
+
+
+class PtyEndpoint:
+    """A pseudo-terminal.
+
+    Parameters
+    ----------
+    link
+        Path of a symbolic link to make, replacing an older link.
+    """
+
+    def __init__(self, link: str | None = None) -> None:
+        self._link = Path(link) if link else None
+        self._master = self._slave = -1
+        self.plug()
+
+    def plug(self) -> None:
+        """Make a pseudo-terminal and link it."""
+        self._master, self._slave = os.openpty()  # the open slave keeps the line up between two hosts
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.url = os.ttyname(self._slave)
+        if self._link is not None:
+            fresh = self._link.with_name(f"{self._link.name}.{os.getpid()}")
+            if self._link.exists() and not self._link.is_symlink():
+                raise FileExistsError(f"{self._link} exists and is no symbolic link")
+            fresh.symlink_to(self.url)
+            fresh.replace(self._link)
+
+    def descriptors(self) -> list[int]:
+        """Return the master."""
+        return [self._master] if self._master >= 0 else []
+
+    def writable_descriptor(self) -> int | None:
+        """Return the master."""
+        return self._master if self._master >= 0 else None
+
+    def read(self, limit: int) -> bytes:
+        """Return what has arrived."""
+        try:
+            return os.read(self._master, min(limit, CHUNK))
+        except BlockingIOError:
+            return b""
+
+    def write(self, data: bytes) -> int:
+        """Send what fits."""
+        try:
+            return os.write(self._master, data)
+        except BlockingIOError:
+            return 0
+
+    def unplug(self) -> None:
+        """Close the pseudo-terminal and remove the link."""
+        if self._master < 0:
+            return
+        os.close(self._master)
+        os.close(self._slave)
+        self._master = self._slave = -1
+        if self._link is not None and self._link.is_symlink() and os.readlink(self._link) == self.url:
+            self._link.unlink()
+
+    def close(self) -> None:
+        """Give everything back."""
+        self.unplug()
