@@ -57,15 +57,14 @@ class Kept:
         for name in ("first", "second"):
             with database.write() as session:
                 ledger.add(session, JobRequest(name, "reconstruction", {"scan_id": self.scan}))
-            ledger.start(name, "worker-0")
-            self.finish(ledger, name)
+            self.finish(ledger, ledger.start(name, "worker-0"))
             self.data.job(name).root.mkdir()
             self.data.job(name).volume.write_bytes(b"values")
         database.close()
 
     @staticmethod
-    def finish(ledger, name):
-        ledger.settle(name, Succeeded({"shape": [1, 1, 1]}), "worker-0")
+    def finish(ledger, row):
+        ledger.settle(row.id, row.fence, Succeeded({"shape": [1, 1, 1]}), "worker-0")
 
     def database(self):
         return Database(metadata_url(self.settings))
@@ -204,13 +203,13 @@ def test_half_a_log_of_the_database_is_seen_by_the_volumes_it_forgot(kept):
         with database.write() as session:
             ledger.add(session, JobRequest(name, "reconstruction", {"scan_id": kept.scan}))
         if name == "third":
-            ledger.start(name, "worker-0")
+            third = ledger.start(name, "worker-0")
             log = kept.file.with_name("steradian.sqlite-wal")
             size = log.stat().st_size
         kept.data.job(name).root.mkdir()
         kept.data.job(name).volume.write_bytes(b"values")
         kept.data.job(name).report.write_text("{}")
-    kept.finish(ledger, "third")
+    kept.finish(ledger, third)
     copy = kept.folder.with_name("copy")
     shutil.copytree(kept.folder, copy, ignore=shutil.ignore_patterns("*-shm"))
     reader.close()
