@@ -20,15 +20,23 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
+from steradian.confinement import die_first, poor_environment, shut_in
 from steradian.errors import Cancelled, Conflict, DamagedFile, DiskFull, InvalidInput, NotFound, SteradianError
 from steradian.progress import IsCancelled, Progress
 from steradian.scans.importing import ImportSummary, import_scan
+from steradian.scans.importing.description import read_description
 from steradian.scans.layout import sync_folder
 
 MEMORY = 4 << 30
 """Bytes of address space that an import may take beyond what its libraries do."""
 SECONDS, SECONDS_PER_MIB = 180.0, 2.0
 """Time on a processor that an import may take, and more of it for each MiB of the file."""
+SPARE = 100 << 20
+"""Bytes of the disk that an import leaves free."""
+OPEN_FILES = 64
+LAST = 1000
+"""The highest score by which the kernel chooses whom to end when memory runs out."""
+COMMAND = (sys.executable, "-P", "-m", "steradian.scans.importing.guarded")
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _PLAIN = {kind.code: kind for kind in (Conflict, DamagedFile, DiskFull, Cancelled)}
 
@@ -69,6 +77,8 @@ def import_guarded(
     try:
         draft = folder / destination.name
         made = _import_in_child(source, draft, description, progress, cancelled, seconds)
+        if draft.is_symlink() or not draft.is_file():
+            raise DamagedFile(f"{source.name} cannot be read: its reader left no file")
         draft.replace(destination)  # here and not in the process, which may be done before it is stopped
         sync_folder(destination.parent)
     finally:
@@ -85,18 +95,20 @@ def _import_in_child(
     seconds: float,
 ) -> ImportSummary:
     allowed = seconds + SECONDS_PER_MIB * source.stat().st_size / (1 << 20)
-    paths = [None if path is None else str(path) for path in (source, destination, description)]
+    paths = [None if path is None else str(path.absolute()) for path in (source, destination, description)]
+    free = max(0, shutil.disk_usage(destination.parent).free - SPARE)
     with subprocess.Popen(
-        [sys.executable, "-P", "-m", "steradian.scans.importing.guarded"],
+        COMMAND,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
-        env=os.environ | dict.fromkeys(THREADS, "1"),
+        cwd=destination.parent,
+        env=poor_environment(os.environ, destination.parent) | dict.fromkeys(THREADS, "1"),
     ) as child:
         try:
             assert child.stdin is not None  # noqa: S101 - asked for above
             assert child.stdout is not None  # noqa: S101
             with suppress(BrokenPipeError):
-                child.stdin.write(json.dumps({"paths": paths, "seconds": allowed}).encode() + b"\n")
+                child.stdin.write(json.dumps({"paths": paths, "seconds": allowed, "bytes": free}).encode() + b"\n")
                 child.stdin.flush()
             said = _listen(child.stdout, progress, cancelled)
         finally:
@@ -143,6 +155,12 @@ def main() -> None:
     """Be the process: read a request, limit what it may take, import, say how it went."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches whoever started this, and ends it
     request = json.loads(sys.stdin.readline())
+    source, destination, description = (None if path is None else Path(path) for path in request["paths"])
+    assert source is not None  # noqa: S101 - only a description may be missing
+    assert destination is not None  # noqa: S101
+    die_first(LAST)
+    if not shut_in(_needed(source, description), destination.parent):
+        sys.stderr.write("no Landlock here: the reader of this file sees what its user may see\n")
     threading.Thread(target=_end_with_stdin, daemon=True).start()
     said = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
@@ -154,22 +172,41 @@ def main() -> None:
     def report(stage: str, done: int, total: int) -> None:
         speak(stage=stage, done=int(done), total=int(total))
 
-    limit_process(MEMORY, request["seconds"])
-    source, destination, description = (None if path is None else Path(path) for path in request["paths"])
+    limit_process(MEMORY, request["seconds"], request["bytes"])
     try:
-        made = import_scan(source, destination, description=description, progress=report)  # type: ignore[arg-type]
+        made = import_scan(source, destination, description=description, progress=report)
     except SteradianError as error:
         speak(error=_as_json(error))
     except MemoryError:
         limit = f"{MEMORY / 2**30:g} GiB"
-        words = f"{source.name if source else source} needs more than {limit} of memory to be read"
+        words = f"{source.name} needs more than {limit} of memory to be read"
         speak(error={"code": DamagedFile.code, "message": words})
     else:
         speak(result={"format": made.format, "points": made.points, "samples": made.samples})
 
 
-def limit_process(memory: int, seconds: float) -> None:
-    """Let this process take so many bytes more than it has, and so much time on a processor; where the system can."""
+def _needed(source: Path, description: Path | None) -> list[Path]:
+    """Name the files that an import reads: the recording, its description and what that names beside it."""
+    if description is None:
+        return [source]
+    with suppress(SteradianError):  # it is told when the description is read
+        if isinstance(name := read_description(description).positions, str):
+            return [source, description, description.parent / name]
+    return [source, description]
+
+
+def limit_process(memory: int, seconds: float, size: int) -> None:
+    """Limit what this process may take from now on, where the system can.
+
+    Parameters
+    ----------
+    memory
+        Bytes of address space beyond what it has.
+    seconds
+        Time on a processor beyond what it has used.
+    size
+        Bytes of each file it writes.
+    """
     with suppress(ImportError, OSError, ValueError):
         import resource
 
@@ -182,6 +219,9 @@ def limit_process(memory: int, seconds: float) -> None:
         end = int(used.ru_utime + used.ru_stime + seconds) + 1
         resource.setrlimit(resource.RLIMIT_CPU, (end, end + 5))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+        resource.setrlimit(resource.RLIMIT_NOFILE, (OPEN_FILES, OPEN_FILES))
+        resource.setrlimit(resource.RLIMIT_NPROC, (0, 0))  # of no more threads, either; root is not bound by it
 
 
 def _as_json(error: SteradianError) -> dict[str, Any]:
