@@ -121,7 +121,8 @@ class Settings(BaseSettings):
         """Threads a reconstruction may use, so that all workers together fill the machine once."""
         return max(1, (os.cpu_count() or 1) // max(1, self.workers))
 
-    def environment(self) -> dict[str, str]:
-        """Variables from which a child process reads these same settings."""
-        values = self.model_dump(mode="json", exclude_none=True)
-        return os.environ | {PREFIX + name.upper(): str(value) for name, value in values.items()}
+    def environment(self, *, keys: bool = True) -> dict[str, str]:
+        """Variables from which a child process reads these same settings; without ``keys`` no API key among them."""
+        values = {PREFIX + name.upper(): str(v) for name, v in self.model_dump(mode="json", exclude_none=True).items()}
+        whole = os.environ | values
+        return whole if keys else {name: value for name, value in whole.items() if name != f"{PREFIX}API_KEY"}

@@ -40,10 +40,12 @@ def serve(
     from steradian.runtime.logs import configure_logging
     from steradian.settings import PREFIX, Settings
     from steradian.stopping import StopEvent
+    from steradian.storage.paths import UMASK
 
     given = {"host": host, "port": port, "workers": workers, "scanner": scanner, "simulator_speed": simulator_speed}
     folder = data if data is not None or f"{PREFIX}DATA" in os.environ else DATA
     settings = Settings.create(data=folder, **given)
+    os.umask(UMASK)
     configure_logging(settings, "supervisor")
     stop = StopEvent()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

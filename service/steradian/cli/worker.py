@@ -33,10 +33,12 @@ def worker(
     from steradian.runtime.logs import configure_logging
     from steradian.settings import PREFIX, Settings
     from steradian.stopping import StopEvent
+    from steradian.storage.paths import UMASK
 
     folder = data if data is not None or f"{PREFIX}DATA" in os.environ else Path("data")
     given = name or os.environ.get(f"{PREFIX}WORKER_NAME") or re.sub(r"[^A-Za-z0-9._-]", "-", socket.gethostname())
     settings = Settings.create(data=folder, workers=workers, worker_name=given)
+    os.umask(UMASK)
     configure_logging(settings, "supervisor")
     stop = StopEvent()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

@@ -26,6 +26,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any, TypeAlias
 
+from steradian.confinement import die_first
 from steradian.errors import SteradianError, Superseded
 from steradian.jobs.model import Died, Failed, Interrupted, Outcome, Succeeded
 from steradian.progress import Progress
@@ -41,6 +42,8 @@ MAX_RESIDENT = 2 * 2**30
 """Bytes that a child may hold between jobs; one that holds more is replaced."""
 LOST = {errno.EIO, errno.ESTALE, errno.ENOTCONN, errno.ENODEV, errno.ENXIO, errno.ETIMEDOUT, errno.EHOSTDOWN}
 """What the system says of a file system that is gone."""
+SCORE = 500
+"""By how much sooner the kernel ends a job than the service when memory runs out; a stranger's file goes first."""
 IDLE = 600.0
 """Seconds after which a child without work ends."""
 
@@ -159,6 +162,7 @@ def child_main(work: Callable[[dict[str, Any], Progress], dict[str, Any]]) -> No
     and counts as deterministic too. What is no fault of the job (a lost database or folder, an earlier start that is
     still at it) is an interruption.
     """
+    die_first(SCORE)
     speak = _Speaker()
     jobs: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(jobs,), daemon=True).start()

@@ -60,7 +60,7 @@ class JobRunner:
         self._data = DataDirectory(settings.data)
         threads = str(settings.threads_per_job)
         limits = dict.fromkeys(("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"), threads)
-        environment = settings.environment() | limits
+        environment = settings.environment(keys=False) | limits
         processes = {tuple(command): JobProcess(command, environment) for command in commands.values()}
         self._processes = {kind: processes[tuple(command)] for kind, command in commands.items()}
         self._ended = float("-inf")

@@ -31,7 +31,7 @@ from steradian.security.admission import require_key
 from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url, use_write_ahead_log
 from steradian.storage.integrity import MANY, check_before_start
-from steradian.storage.paths import DataDirectory
+from steradian.storage.paths import UMASK, DataDirectory
 
 TICK = 0.1
 FIRST_BACKOFF, LAST_BACKOFF = 0.5, 30.0
@@ -69,6 +69,7 @@ class Child:
             env=self.environment,
             pass_fds=self.descriptors,
             start_new_session=True,
+            umask=UMASK if os.name == "posix" else -1,
         )
         self.started = now
 
@@ -129,6 +130,8 @@ def serve(
     data = DataDirectory(settings.data)
     with ExitStack() as stack:
         stack.enter_context(data.lock())
+        for deed in data.close_to_others():
+            _log.warning("other users of this machine can %s; chmod go-rwx keeps them out", deed)
         owner = stack.enter_context(_owning_database(settings))
         _check(settings)
         listener = stack.enter_context(_listen(settings))
@@ -232,17 +235,17 @@ def _keep(child: Child, over: threading.Event) -> None:
 
 def _children(settings: Settings, listener: socket.socket) -> list[Child]:
     descriptor = listener.fileno()
-    python, environment = sys.executable, settings.environment()
+    python, keyless = sys.executable, settings.environment(keys=False)
     return [
-        Child("api", [python, "-P", "-m", "steradian.api", str(descriptor)], environment, (descriptor,)),
-        Child("acquisition", [python, "-P", "-m", "steradian.runtime.acquisition"], environment),
+        Child("api", [python, "-P", "-m", "steradian.api", str(descriptor)], settings.environment(), (descriptor,)),
+        Child("acquisition", [python, "-P", "-m", "steradian.runtime.acquisition"], keyless),
         *(_worker(settings, slot, None) for slot in range(settings.workers)),
     ]
 
 
 def _worker(settings: Settings, slot: int, output: IO[bytes] | None) -> Child:
     command = [sys.executable, "-P", "-m", "steradian.runtime.worker", str(slot)]
-    return Child(settings.executor(slot), command, settings.environment(), output=output)
+    return Child(settings.executor(slot), command, settings.environment(keys=False), output=output)
 
 
 def _end_all(children: Sequence[Child]) -> None:

@@ -19,11 +19,19 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import filelock
 
 from steradian.drafts import sweep
 from steradian.errors import Conflict, InvalidInput, Superseded
+
+FOLDERS: Final = ("scans", "uploads", "pictures", "jobs", "run")
+NAMES: Final = frozenset({*FOLDERS, "reconstructions", "emergency-stop", "lock"})
+DATABASES: Final = ("steradian.sqlite", "queue.sqlite")
+PRIVATE: Final = 0o700
+"""Mode of folders, and with :data:`UMASK` of all files: for this user alone."""
+UMASK: Final = 0o077
 
 
 class DataDirectoryInUse(Conflict):
@@ -98,7 +106,7 @@ class DataDirectory:
         return self.root / "run" / f"{process}.json"
 
     def create(self) -> None:
-        """Make the folders.
+        """Make the folders, for this user alone.
 
         Raises
         ------
@@ -106,8 +114,9 @@ class DataDirectory:
             When the path is a file or cannot be written.
         """
         try:
-            for folder in ("scans", "uploads", "pictures", "jobs", "run"):
-                (self.root / folder).mkdir(parents=True, exist_ok=True)
+            self.root.mkdir(mode=PRIVATE, parents=True, exist_ok=True)
+            for folder in FOLDERS:
+                (self.root / folder).mkdir(mode=PRIVATE, exist_ok=True)
         except OSError as error:
             raise InvalidInput("data", self.root, f"a folder that can be written ({error.strerror})") from error
 
@@ -136,6 +145,26 @@ class DataDirectory:
         finally:
             owner.unlink(missing_ok=True)
             lock.release()
+
+    def close_to_others(self) -> list[str]:
+        """Take from other users of the machine what an earlier version let them read.
+
+        The folder itself is only changed when nothing else lies in it.
+
+        Returns
+        -------
+        list of str
+            What others can do all the same, "read /data/scans" for example.
+        """
+        if os.name != "posix":
+            return []
+        there = list(self.root.iterdir())
+        ours = [path for path in there if path.name in NAMES or path.name.startswith(DATABASES)]
+        for path in [*ours, self.root] if len(ours) == len(there) else ours:
+            with suppress(PermissionError):
+                path.chmod(path.stat().st_mode & PRIVATE)
+        still = [f"read {path}" for path in ours if path.stat().st_mode & UMASK]
+        return still + ([f"change {self.root}"] if self.root.stat().st_mode & UMASK & 0o222 else [])
 
     def _rename_earlier(self) -> None:
         """Move the folders of jobs to where they lie today; before, all lay under ``reconstructions``."""

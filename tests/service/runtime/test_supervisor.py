@@ -1,5 +1,8 @@
 import itertools
+import json
+import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -23,7 +26,8 @@ def test_a_child_that_keeps_ending_is_started_after_ever_longer_pauses(tmp_path)
     assert pauses[:4] == pytest.approx([1.0, 2.0, 4.0, 8.0], abs=0.35)
 
 
-def test_a_worker_alone_owns_the_data_directory_while_its_block_lasts(tmp_path):
+def test_a_worker_alone_owns_the_data_directory_while_its_block_lasts(tmp_path, monkeypatch):
+    monkeypatch.setenv("STERADIAN_API_KEY", "a secret of the service")
     settings = Settings.create(data=tmp_path)
     beat = DataDirectory(tmp_path).heartbeat("worker-0")
     with running_worker(settings):
@@ -33,5 +37,9 @@ def test_a_worker_alone_owns_the_data_directory_while_its_block_lasts(tmp_path):
         while not beat.exists():
             assert time.monotonic() < deadline
             time.sleep(0.05)
+        if sys.platform.startswith("linux"):
+            process = Path(f"/proc/{json.loads(beat.read_text())['pid']}")
+            assert b"a secret of the service" not in (process / "environ").read_bytes(), "it needs no key"
+            assert "Umask:\t0077" in (process / "status").read_text(), "what it writes is for its user alone"
     with DataDirectory(tmp_path).lock():
         pass

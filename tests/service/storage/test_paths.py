@@ -1,3 +1,4 @@
+import os
 import subprocess
 import sys
 
@@ -40,6 +41,38 @@ def test_a_file_in_place_of_the_directory_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InvalidInput, match=r"data is .*file"):
         DataDirectory(tmp_path / "file").create()
+
+
+def modes(root):
+    return {str(path.relative_to(root)): oct(path.stat().st_mode & 0o777) for path in sorted(root.rglob("*"))}
+
+
+@pytest.mark.skipif(os.name != "posix", reason="modes are of POSIX systems")
+def test_a_data_folder_is_made_for_its_user_alone(tmp_path):
+    data = DataDirectory(tmp_path / "some" / "data")
+    data.create()
+    assert data.root.stat().st_mode & 0o777 == 0o700
+    assert set(modes(data.root).values()) == {"0o700"}
+
+
+@pytest.mark.skipif(os.name != "posix", reason="modes are of POSIX systems")
+def test_a_folder_of_an_earlier_version_is_closed_and_what_is_not_ours_left_alone(tmp_path):
+    data = DataDirectory(tmp_path / "data")
+    for name in ("scans", "reconstructions", "run"):
+        (data.root / name).mkdir(mode=0o755, parents=True)
+    for name in ("steradian.sqlite", "steradian.sqlite-wal", "queue.sqlite", "lock"):
+        (data.root / name).write_text("")
+        (data.root / name).chmod(0o644)
+    data.root.chmod(0o775)
+    (data.root / "notes.txt").write_text("a person's")
+    (data.root / "notes.txt").chmod(0o644)
+    assert data.close_to_others() == [f"change {data.root}"]
+    left = modes(data.root)
+    assert left.pop("notes.txt") == "0o644"
+    assert set(left.values()) == {"0o700", "0o600"}
+    (data.root / "notes.txt").unlink()
+    assert data.close_to_others() == []
+    assert data.root.stat().st_mode & 0o777 == 0o700
 
 
 def test_a_job_knows_whether_a_process_runs_it(tmp_path):
