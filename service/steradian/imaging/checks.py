@@ -17,6 +17,8 @@ Floats: TypeAlias = NDArray[np.float64]
 
 SINGLE_FLOOR = 5e-6
 """Tolerance below which float32 does not suffice."""
+ROUNDING = 2.0**-23
+"""Relative rounding of positions that once were float32; sensors that far beyond the aperture are on its edge."""
 MOST_SAMPLES, MOST_THREADS = 1 << 24, 1024
 LEAST_AREA, MOST_AREA = 1e-7, 4.0
 """What weights may sum to, in areas of the aperture. Sensors may cover a small part of it, and the cells of a coarse

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from steradian.errors import InvalidInput
 from steradian.imaging import checks
 from steradian.imaging.checks import Sensors
+from steradian.imaging.transforms.sizes import fast_record
 from steradian.imaging.volume import Axes
 from steradian.imaging.weights import sensor_areas
 from steradian.ranges import SAMPLING_INTERVAL, SOUND_SPEED, real
@@ -32,7 +33,8 @@ class Geometry:
     period, padded_modes
         X and N of the formula: ``aperture`` and ``modes`` with the lateral padding.
     samples, record
-        Samples a trace has, and N_t of the formula (with the padding in time).
+        Samples a trace has, and N_t of the formula: with the padding in time, and a few more where a large prime factor
+        would make the transform slow.
     sampling_interval, sound_speed, time_zero
         dt, c, and the time of the first sample after the laser pulse.
     depth
@@ -147,11 +149,11 @@ def geometry(
     time_padding = checks.within("time_padding", time_padding, 1, 16, "a factor")
     lateral_padding = checks.within("lateral_padding", lateral_padding, 1, 16, "a factor")
     extent = 2 * np.abs(x).max(axis=0)
-    if not wrap and any(e > X * (1 + 1e-9) for e, X in zip(extent, period, strict=True)):
+    if not wrap and any(e > X * (1 + checks.ROUNDING) for e, X in zip(extent, period, strict=True)):
         needed = ", ".join(f"{e:.6g}" for e in extent)
         raise InvalidInput("aperture", aperture, f"at least the sensors' extent about 0 ({needed} m), or wrap=True")
     padded = tuple(int(np.ceil(n * lateral_padding - 1e-9)) for n in number)
-    record = int(np.ceil(samples * time_padding - 1e-9))
+    record = fast_record(int(np.ceil(samples * time_padding - 1e-9)))
     return Geometry(
         positions=x,
         weights=_weights(weights, x, period),

@@ -100,7 +100,7 @@ def reconstruct(
     time_padding, lateral_padding
         Factors from 1 by which record and aperture are extended with zeros: against deep reflectors that fold back, and
         sources outside the aperture. The image's points stay where they are. Lateral None: 1, and as much as it needs
-        for "iterative".
+        for "iterative". Records whose length has a prime factor above 127 get a few zeros more.
     wrap
         Allow sensors outside the aperture; they count where the periodic aperture has them.
     correction

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.errors import InvalidInput
+from steradian.imaging import checks
 from steradian.imaging.geometry import Geometry
 from steradian.imaging.response import FilmResponse, tabulated
 from steradian.imaging.transforms.depth import Interpolation, KappaRule, exact, simple
@@ -87,7 +88,7 @@ def direct_tables(
     """
     modes, places, share = _modes(geometry), _places(geometry), _share(geometry, tolerance)
     point = float(np.prod([X / n for X, n in zip(geometry.period, geometry.padded_modes, strict=True)]))
-    grid = grid_of(places, modes, 0.1 * tolerance)
+    grid = grid_of(places, modes, 0.1 * tolerance, _rounding(geometry))
     if method == "ner" and grid is None:
         raise InvalidInput("method", method, "nedner: the sensors are not on a grid that divides the aperture")
     if method == "interpolated":
@@ -122,7 +123,7 @@ def model_tables(
     Sensors' weights play no part, and the lateral spectrum is never one that repeats.
     """
     modes, places, share = _modes(geometry), _places(geometry), _share(geometry, tolerance)
-    grid, ones = grid_of(places, modes, 0.1 * tolerance), np.ones(len(places))
+    grid, ones = grid_of(places, modes, 0.1 * tolerance, _rounding(geometry)), np.ones(len(places))
     if grid is not None and all(n % g == 0 and s == 0 for n, (g, s) in zip(modes, grid, strict=True)):
         lateral = gridded(places, ones, modes, [(n, 0.0) for n in modes])
     else:
@@ -169,6 +170,13 @@ def _places(g: Geometry) -> NDArray[np.float64]:
     """Places (M, 2) in periods; 0 along the axis that 2-D does not have."""
     places = g.places()
     return places if places.shape[1] == 2 else np.concatenate([np.zeros_like(places), places], axis=1)
+
+
+def _rounding(g: Geometry) -> float:
+    """Find the rounding of positions, in periods, if all are float32 numbers: a grid stored so still is one."""
+    if not np.array_equal(g.positions, g.positions.astype(np.float32)):
+        return 0.0
+    return checks.ROUNDING * float(np.max(np.abs(g.positions) / np.array(g.period)))
 
 
 def _share(g: Geometry, tolerance: float) -> float:

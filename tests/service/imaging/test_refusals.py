@@ -202,10 +202,11 @@ def test_an_image_that_the_memory_cannot_hold_is_refused_with_both_numbers_befor
     assert int(grown.split()[2]) < 64
 
 
-def test_a_prime_record_whose_tables_the_limit_cannot_hold_is_refused() -> None:
+def test_a_prime_whose_tables_the_limit_cannot_hold_is_refused() -> None:
+    line: dict[str, Any] = {**COMMON, "samples": 64, "memory_limit": 4 << 30}
     with pytest.raises(InvalidInput, match="memory_limit"):
-        ReconstructionPlan(MASK.positions, samples=65_521, memory_limit=4 << 30, **COMMON)
-    ReconstructionPlan(MASK.positions, samples=65_536, memory_limit=4 << 30, **COMMON)
+        ReconstructionPlan(MASK.positions[:, 0], **{**line, "modes": 65_521})
+    ReconstructionPlan(MASK.positions[:, 0], **{**line, "modes": 65_536})
 
 
 def test_what_is_available_is_less_than_the_machine_has() -> None:

@@ -89,8 +89,12 @@ def numbers_of(count: int) -> Ints:
     return np.where(2 * n < count, n, n - count)
 
 
-def grid_of(places: Floats, modes: tuple[int, ...], accuracy: float) -> list[tuple[int, float]] | None:
+def grid_of(
+    places: Floats, modes: tuple[int, ...], accuracy: float, rounding: float = 0.0
+) -> list[tuple[int, float]] | None:
     """Per axis the grid (points a period, displacement in cells) all sensors are on, or None.
+
+    They may be beside its points by ``accuracy`` cells, or ``rounding`` periods if that is more.
 
     Grids finer than twice the modes, where a plain transform would cost more than it saves, do not count.
     """
@@ -106,8 +110,9 @@ def grid_of(places: Floats, modes: tuple[int, ...], accuracy: float) -> list[tup
                 continue
             angle = np.angle(np.mean(np.exp(2j * np.pi * u * count))) / (2 * np.pi)
             off = u * count - angle
-            if np.abs(off - np.round(off)).max() <= accuracy:
-                best = (count, 0.0 if abs(angle) <= accuracy else float(angle))
+            beside = max(accuracy, rounding * count)
+            if np.abs(off - np.round(off)).max() <= beside:
+                best = (count, 0.0 if abs(angle) <= beside else float(angle))
                 break
         if best is None:
             return None
