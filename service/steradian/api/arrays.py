@@ -17,6 +17,7 @@ from fastapi.responses import Response, StreamingResponse
 from starlette.exceptions import HTTPException
 
 from steradian.errors import DamagedFile, InvalidInput
+from steradian.plain import nulls
 from steradian.scans.locking import open_to_read
 
 NPY: Final = "application/x-npy"
@@ -138,7 +139,7 @@ def respond(
         body = {
             "shape": selection.shape,
             "dtype": dtype.str,
-            "values": np.where(np.isfinite(values), values, 0).tolist(),
+            "values": nulls(values),
         }
         return Response(json.dumps(body), media_type=JSON, headers=about)
     head = _npy_header(dtype, selection.shape) if kind == NPY else b""

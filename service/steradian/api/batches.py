@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections import Counter
 from datetime import datetime
 from typing import Any, Literal, Self
@@ -113,8 +114,9 @@ class BatchView(BaseModel):
     scan_id: str
     vary: dict[str, Any]
     parameters: dict[str, Any]
-    state: Literal["queued", "running", "succeeded", "failed", "cancelled"] = Field(
-        description="succeeded when all jobs have; failed or cancelled when all are over and one is"
+    state: Literal["queued", "running", "succeeded", "failed", "cancelled", "forgotten"] = Field(
+        description="succeeded when all jobs have; failed or cancelled when all are over and one is; of jobs that are"
+        " not kept any more nothing is known, and a batch of nothing else is forgotten"
     )
     counts: dict[str, int] = Field(description="Jobs in each state", examples=[{"queued": 2, "succeeded": 1}])
     jobs: list[MemberView]
@@ -125,6 +127,8 @@ class BatchView(BaseModel):
     def of(cls, row: BatchRow, members: list[ReconstructionRow], jobs: dict[str, JobStatus]) -> Self:
         """Show a row with its jobs."""
         counts = Counter(str(jobs[member.id].state) for member in members)
+        if forgotten := math.prod(len(values) for values in row.vary.values()) - len(members):
+            counts["forgotten"] = forgotten
         here = f"{BASE}/batches/{row.id}"
         return cls(
             id=row.id,
@@ -150,13 +154,15 @@ async def create_batch(services: ServicesNeeded, who: Who, wanted: BatchRequest,
         view = BatchView.of(batch, members, {row.id: to_status(job) for row, job in noted})
         return Answer(202, view.links["self"], view.model_dump_json())
 
-    excitation = await run_in_threadpool(_excitation, services, wanted.scan_id)
-    vary = wanted.whole(excitation)
-    chosen = wanted.jobs(vary)
-    scan = await run_in_threadpool(check_reconstruction, services, chosen[0])
-    for one in chosen:
-        await run_in_threadpool(check_parts, services, scan, one)
-    answer = await run_in_threadpool(services.answers.once, key, make)
+    answer = await run_in_threadpool(services.answers.kept, key)
+    if answer is None:
+        excitation = await run_in_threadpool(_excitation, services, wanted.scan_id)
+        vary = wanted.whole(excitation)
+        chosen = wanted.jobs(vary)
+        scan = await run_in_threadpool(check_reconstruction, services, chosen[0])
+        for one in chosen:
+            await run_in_threadpool(check_parts, services, scan, one)
+        answer = await run_in_threadpool(services.answers.once, key, make)
     return replay(answer)
 
 
@@ -207,7 +213,9 @@ def _member(batch: BatchRow, row: ReconstructionRow, job: JobStatus) -> MemberVi
 
 
 def _state(counts: Counter[str]) -> Any:
-    if counts["queued"] == counts.total():
+    if counts["forgotten"] == counts.total():
+        return "forgotten"
+    if counts["queued"] == counts.total() - counts["forgotten"]:
         return "queued"
     if counts["queued"] or counts["running"] or counts["cancelling"]:
         return "running"

@@ -94,8 +94,8 @@ async def stream(
     """Follow changes of state (events named scan, reconstruction, job, batch, scanner) and progress.
 
     Changes carry ids; a client that sends the last one it saw as Last-Event-ID gets every later one exactly once, or
-    one ``reset`` event when the log does not go back so far: then read the resources again. Progress carries no id
-    and is not kept.
+    one ``reset`` event when the log does not go back so far: then read the resources again. An id alone says that
+    what happened up to it does not pass the filter. Progress carries no id and is not kept.
     """
     bounds = await run_in_threadpool(services.log.bounds)
     cursor, problem = _begin(bounds, wanted.last_event_id)
@@ -115,9 +115,9 @@ async def stream(
                 for event in filter(wanted.wants_event, events):
                     said = event.sequence
                     yield _to_sse(event, bounds.epoch)
-            if cursor - said > BATCH:  # a client that comes back need not be told what it did not want to hear
+            if cursor > said:  # a client that comes back need not be told what it did not want to hear
                 said = cursor
-                yield ServerSentEvent(id=f"{bounds.epoch}.{cursor}", comment="nothing of what you listen for")
+                yield ServerSentEvent(id=f"{bounds.epoch}.{cursor}")
             for progress in list(feed.progress.values()):
                 if wanted.wants(progress) and told.get(progress.id) != progress:
                     told[progress.id] = progress

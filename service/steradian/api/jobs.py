@@ -71,8 +71,10 @@ async def queue_job(
         view = JobView.of(to_status(row))
         return Answer(202, view.links["self"], view.model_dump_json())
 
-    await run_in_threadpool(check_work, services, wanted)
-    answer = await run_in_threadpool(services.answers.once, key, make)
+    answer = await run_in_threadpool(services.answers.kept, key)
+    if answer is None:
+        await run_in_threadpool(check_work, services, wanted)
+        answer = await run_in_threadpool(services.answers.once, key, make)
     identifier = answer.location.rpartition("/")[2]
     await run_in_threadpool(services.enqueue, identifier)
     if not wait.seconds or answer.replayed:

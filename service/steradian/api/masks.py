@@ -101,7 +101,9 @@ def read_picture(services: ServicesNeeded, mask_id: MASK_ID, conditions: Conditi
     conditions.tag(etag)
     path = services.data.picture(row.id)
     if not path.is_file():
-        draw_mask(services.masks.load(row.id), path, with_point_spread=False)
+        with services.drawing:
+            if not path.is_file():
+                draw_mask(services.masks.load(row.id), path, with_point_spread=False)
     return RangedFile(path, media_type="image/png", headers={"ETag": etag})
 
 

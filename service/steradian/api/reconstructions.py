@@ -73,8 +73,10 @@ async def create_reconstruction(
         view = ReconstructionView.of(row, to_status(job))
         return Answer(202, view.links["self"], view.model_dump_json())
 
-    scan = await run_in_threadpool(check_reconstruction, services, wanted)
-    answer = await run_in_threadpool(services.answers.once, key, make)
+    answer = await run_in_threadpool(services.answers.kept, key)
+    if answer is None:
+        scan = await run_in_threadpool(check_reconstruction, services, wanted)
+        answer = await run_in_threadpool(services.answers.once, key, make)
     identifier = answer.location.rpartition("/")[2]
     await run_in_threadpool(services.enqueue, identifier)
     if not wait.seconds or answer.replayed:

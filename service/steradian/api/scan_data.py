@@ -20,6 +20,7 @@ from steradian.api.scans import is_settled
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.errors import DamagedFile, NotFound
+from steradian.plain import nulls
 from steradian.scans import schema
 from steradian.scans.locking import open_to_read
 from steradian.scans.rows import RowTable
@@ -43,13 +44,13 @@ class ShotsView(BaseModel):
     frames: list[int] = Field(description="Which frame, from 0: how often, or at which excitation wavelength")
     stored: list[bool] = Field(description="Whether the A-line is in the file")
     shot: list[int] = Field(description="Number of the laser shot, from 1")
-    fire_time: list[float] = Field(description="s, on the scanner's clock")
-    energy: list[float] = Field(description="Pulse energy, the scanner's unit")
+    fire_time: list[float | None] = Field(description="s, on the scanner's clock")
+    energy: list[float | None] = Field(description="Pulse energy, the scanner's unit")
     quality: list[int] = Field(description="Flags of the scanner; 0 is good")
     averages: list[int] = Field(description="Shots really averaged")
-    time_zero: list[float] = Field(description="s from the laser pulse to the first sample")
-    level: list[float] = Field(description="DC level of the interferometer in V")
-    gain: list[float] = Field(description="Gain of the receiver in dB over its usual one")
+    time_zero: list[float | None] = Field(description="s from the laser pulse to the first sample")
+    level: list[float | None] = Field(description="DC level of the interferometer in V")
+    gain: list[float | None] = Field(description="Gain of the receiver in dB over its usual one")
 
 
 class CoverageView(BaseModel):
@@ -98,13 +99,13 @@ def read_shots(services: ServicesNeeded, scan_id: SCAN_ID, points: Points = None
         frames=(places // mask).tolist(),
         stored=(columns["status"][rows] == schema.STORED).tolist(),
         shot=columns["shot"][rows].tolist(),
-        fire_time=np.nan_to_num(columns["fire_time_s"][rows]).tolist(),
-        energy=np.nan_to_num(columns["energy"][rows].astype(float)).tolist(),
+        fire_time=nulls(columns["fire_time_s"][rows]),
+        energy=nulls(columns["energy"][rows]),
         quality=columns["quality"][rows].tolist(),
         averages=columns["averages"][rows].tolist(),
-        time_zero=np.nan_to_num(columns["time_zero_s"][rows]).tolist(),
-        level=np.nan_to_num(columns["dc_v"][rows].astype(float)).tolist(),
-        gain=np.nan_to_num(columns["gain_db"][rows].astype(float)).tolist(),
+        time_zero=nulls(columns["time_zero_s"][rows]),
+        level=nulls(columns["dc_v"][rows]),
+        gain=nulls(columns["gain_db"][rows]),
     )
 
 

@@ -80,8 +80,10 @@ async def create_scan(
         view = ScanView.of(row)
         return Answer(201, view.links["self"], view.model_dump_json())
 
-    plan = await run_in_threadpool(services.plans.get, wanted.plan_id)
-    answer = await run_in_threadpool(services.answers.once, key, make)
+    answer = await run_in_threadpool(services.answers.kept, key)
+    if answer is None:
+        plan = await run_in_threadpool(services.plans.get, wanted.plan_id)
+        answer = await run_in_threadpool(services.answers.once, key, make)
     response = replay(answer)
     if wait.seconds and not answer.replayed:
         identifier = answer.location.rpartition("/")[2]

@@ -64,6 +64,7 @@ class Services:
         self.keys = KeyStore(self.database, clock, fixed=settings.api_key)
         self.log = EventLog(self.database)
         self.emergency = EmergencyDesk(EmergencyLatch(self.data.emergency), self.scanner, self.keys)
+        self.drawing = threading.Lock()
         self._queue: Future[JobQueue] = Future()
         self._over = threading.Event()
 
@@ -140,8 +141,9 @@ class Services:
         """Forget what is too old: events, idempotency keys, uploads and, where settings say so, finished jobs."""
         now = self.clock()
         oldest = (now - UPLOADS_KEPT).timestamp()
+        awaited = {row.payload.get(name) for row in self.ledger.unfinished() for name in ("upload_id", "companion_id")}
         for path in self.data.uploads.glob("*"):
-            if path.stat().st_mtime < oldest:
+            if path.name not in awaited and path.stat().st_mtime < oldest:
                 path.unlink(missing_ok=True)
         self.log.prune(now - timedelta(days=self.settings.event_days))
         self.answers.prune()

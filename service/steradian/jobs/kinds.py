@@ -9,6 +9,7 @@ from typing import Any, Final, Literal
 
 from steradian.jobs import requests, tasks
 from steradian.jobs.tasks import Work
+from steradian.plain import plain
 
 LIVE: Final = "live"
 
@@ -22,8 +23,8 @@ class JobKind:
     request
         Model of what it is asked.
     work
-        Does it, in a worker's child process; returns figures as plain JSON, ``files`` among them where the job leaves
-        files that others may have.
+        Does it, in a worker's child process; returns figures, ``files`` among them where the job leaves files that
+        others may have.
     resource
         ``reconstruction`` where it leaves a volume and stands behind ``/reconstructions`` too; its events say so.
     """
@@ -33,8 +34,9 @@ class JobKind:
     resource: Literal["reconstruction", "job"] = "job"
 
     def run(self, work: Work, request: Mapping[str, Any]) -> dict[str, Any]:
-        """Check the request and do it; raises :class:`InvalidInput` and whatever the work raises."""
-        return self.work(work, self.request.create(**request))
+        """Check the request, do it and return plain JSON; raises :class:`InvalidInput` and what the work raises."""
+        report: dict[str, Any] = plain(self.work(work, self.request.create(**request)))
+        return report
 
 
 KINDS: Final[Mapping[str, JobKind]] = MappingProxyType(

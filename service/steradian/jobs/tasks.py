@@ -6,13 +6,14 @@ import json
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, is_dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from steradian.drafts import draft
 from steradian.errors import Conflict, InvalidInput
 from steradian.jobs import requests
+from steradian.plain import plain
 from steradian.progress import Progress
 from steradian.storage.paths import DataDirectory
 
@@ -92,7 +93,7 @@ def look_through(work: Work, job: requests.ReconstructionRequest) -> dict[str, A
         plans=work.plans,
         progress=work.progress,
     )
-    return asdict(report) | {"what_if": _plain(figures), "files": _left(work.folder)}
+    return asdict(report) | {"what_if": asdict(figures), "files": _left(work.folder)}
 
 
 def scan_speeds(work: Work, job: requests.SoundSpeedRequest) -> dict[str, Any]:
@@ -108,7 +109,7 @@ def scan_speeds(work: Work, job: requests.SoundSpeedRequest) -> dict[str, Any]:
         steps=job.steps,
         progress=work.progress,
     )
-    return _plain(curve) | {"files": _left(work.folder)}
+    return asdict(curve) | {"files": _left(work.folder)}
 
 
 def compare_volumes(work: Work, job: requests.QualityRequest) -> dict[str, Any]:
@@ -122,7 +123,7 @@ def compare_volumes(work: Work, job: requests.QualityRequest) -> dict[str, Any]:
         images.append(read_volume(work.data.job(identifier).volume))
     work.progress("comparing", 0, 1)
     figures = compare(images[0], images[1], diameter=job.diameter, threshold=job.threshold)
-    whole = {name: value if value == value else None for name, value in figures.items()}  # NaN is no JSON
+    whole = plain(figures)
     with draft(work.folder / "quality.json") as file:
         file.write_text(json.dumps(whole, indent=2) + "\n")
     return {"figures": whole, "files": ["quality.json"]}
@@ -212,17 +213,6 @@ def _database() -> Iterator[Database]:
         yield database
     finally:
         database.close()
-
-
-def _plain(figures: Any) -> dict[str, Any]:
-    """Turn a report into plain JSON."""
-    plain = asdict(figures) if is_dataclass(figures) and not isinstance(figures, type) else dict(figures)
-    document: dict[str, Any] = json.loads(json.dumps(plain, default=_as_json))
-    return document
-
-
-def _as_json(value: Any) -> Any:
-    return value.tolist() if hasattr(value, "tolist") else str(value)
 
 
 def _left(folder: Path) -> list[str]:

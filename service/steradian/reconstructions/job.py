@@ -6,7 +6,7 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ from steradian.imaging import Volume, outlines, reconstruct
 from steradian.imaging.cells import cell_areas
 from steradian.imaging.conditioning import Conditioning
 from steradian.imaging.weights import sensed_outline
+from steradian.plain import plain
 from steradian.progress import IsCancelled, Progress
 from steradian.ranges import SOUND_SPEED
 from steradian.reconstructions.kept_plans import KeptPlans
@@ -342,4 +343,4 @@ def _note_area(report: Report, recording: Recording, weights: NDArray[np.float64
 def write_json(path: Path, figures: DataclassInstance) -> None:
     """Write a dataclass as JSON under a temporary name and rename it."""
     with draft(path) as file:
-        file.write_text(json.dumps(asdict(figures), indent=2) + "\n", encoding="utf-8")
+        file.write_text(json.dumps(plain(figures), indent=2, allow_nan=False) + "\n", encoding="utf-8")

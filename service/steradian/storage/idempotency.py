@@ -49,6 +49,19 @@ class Answers:
     def __init__(self, database: Database, clock: Clock = utc_now) -> None:
         self.database, self.clock = database, clock
 
+    def kept(self, key: Key | None) -> Answer | None:
+        """Return the answer that a key got; ask before anything else, for what it was about may have changed since.
+
+        Raises
+        ------
+        InvalidInput
+            When the key was used with another body.
+        """
+        if key is None:
+            return None
+        with self.database.read() as session:
+            return self._replay(session, key)
+
     def once(self, key: Key | None, make: Callable[[Session], Answer]) -> Answer:
         """Do what ``make`` does once for a key; without a key, always.
 
@@ -68,19 +81,21 @@ class Answers:
         with self.database.write() as session:
             if key is None:
                 return make(session)
-            kept = session.scalars(select(IdempotencyRow).where(IdempotencyRow.key == key.name)).one_or_none()
-            if kept is not None and self.clock() - kept.created > LIFETIME:
-                session.delete(kept)
-                session.flush()
-                kept = None
-            if kept is not None:
-                if kept.body_hash != key.body_hash:
-                    raise InvalidInput("Idempotency-Key", key.text, "a key that was not used with another body")
-                return Answer(kept.status, kept.location, kept.answer, replayed=True)
+            if (kept := self._replay(session, key)) is not None:
+                return kept
+            session.execute(delete(IdempotencyRow).where(IdempotencyRow.key == key.name))  # too old
             answer = make(session)
             about = {"status": answer.status, "location": answer.location, "answer": answer.body}
             session.add(IdempotencyRow(key=key.name, created=self.clock(), body_hash=key.body_hash, **about))
             return answer
+
+    def _replay(self, session: Session, key: Key) -> Answer | None:
+        kept = session.scalars(select(IdempotencyRow).where(IdempotencyRow.key == key.name)).one_or_none()
+        if kept is None or self.clock() - kept.created > LIFETIME:
+            return None
+        if kept.body_hash != key.body_hash:
+            raise InvalidInput("Idempotency-Key", key.text, "a key that was not used with another body")
+        return Answer(kept.status, kept.location, kept.answer, replayed=True)
 
     def prune(self) -> None:
         """Forget keys that are too old."""

@@ -7,6 +7,7 @@ import pytest
 
 from steradian.api.services import Services
 from steradian.jobs.model import JobRequest, Succeeded
+from steradian.jobs.requests import ImportRequest, job_of
 from steradian.masks import grid_mask
 from steradian.plans import ScanPlan
 from steradian.settings import Settings
@@ -104,6 +105,22 @@ def test_uploads_that_nobody_imports_go_after_a_day(services):
         os.utime(path, (then, then))
     services.tidy()
     assert [path.exists() for path in paths] == [False, True]
+
+
+def test_an_upload_that_an_import_waits_for_stays_until_it_is_over(services):
+    path, beside = services.data.upload("u1"), services.data.upload("u2")
+    then = (services.clock.now - timedelta(hours=25)).timestamp()
+    for one in (path, beside):
+        one.write_bytes(b"x")
+        os.utime(one, (then, then))
+    with services.database.write() as session:
+        services.ledger.add(session, job_of("j1", ImportRequest.create(upload_id="u1", companion_id="u2")))
+    services.tidy()
+    assert (path.exists(), beside.exists()) == (True, True)
+    services.ledger.want_cancelled("j1", "ada", None)
+    services.ledger.cancelled("j1", "ada")
+    services.tidy()
+    assert (path.exists(), beside.exists()) == (False, False)
 
 
 def test_events_can_be_replayed_for_as_long_as_was_chosen(services):

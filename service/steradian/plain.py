@@ -1,0 +1,41 @@
+"""Figures as plain JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, is_dataclass
+from typing import Any
+
+import numpy as np
+
+
+def plain(figures: Any) -> Any:
+    """Turn figures into what JSON knows: dataclasses into objects, arrays into lists, what is no number into null.
+
+    Examples
+    --------
+    >>> plain({"best": np.float32(1.5), "curve": np.array([1.0, np.nan])})
+    {'best': 1.5, 'curve': [1.0, None]}
+    """
+    if is_dataclass(figures) and not isinstance(figures, type):
+        return plain(asdict(figures))
+    if isinstance(figures, Mapping):
+        return {str(name): plain(value) for name, value in figures.items()}
+    if isinstance(figures, np.ndarray | np.generic):
+        return nulls(figures)
+    if isinstance(figures, list | tuple | set | frozenset):
+        return [plain(value) for value in figures]
+    if isinstance(figures, float):
+        return figures if math.isfinite(figures) else None
+    return figures if isinstance(figures, str | int | None) else str(figures)
+
+
+def nulls(values: Any) -> Any:
+    """Return an array as nested lists, with None for what is no finite number."""
+    array = np.asarray(values)
+    if array.dtype.kind != "f" or np.isfinite(array).all():
+        return array.tolist()
+    found = array.astype(object)
+    found[~np.isfinite(array)] = None
+    return found.tolist()
