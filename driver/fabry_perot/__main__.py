@@ -14,10 +14,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fabry_perot import connect, discover
+from fabry_perot import conformance, connect, discover
 from fabry_perot.errors import PlanInvalid, ScannerError
 from fabry_perot.host import scanfile
 from fabry_perot.host.scanner import Scanner
+from fabry_perot.host.transport import open_transport
 from fabry_perot.wire import codes
 from fabry_perot.wire.states import HoldCause
 
@@ -136,6 +137,30 @@ def _monitor(given: argparse.Namespace) -> None:
         threading.Event().wait(given.seconds)
 
 
+def _conformance(given: argparse.Namespace) -> int:
+    """Try whether a device does what PROTOCOL.md says; disconnect the laser first, whatever comes of it."""
+    transport = open_transport(given.url, given.baud)
+    try:
+        outcomes = conformance.run(
+            conformance.Peer(transport),
+            fire=given.fire,
+            ask=_ask if given.ask else None,
+            only=given.only or (),
+            told=lambda outcome: _say(conformance.as_table([outcome])),
+        )
+    finally:
+        transport.close()
+    failed, skipped = sum(bool(one.failure) for one in outcomes), sum(bool(one.skipped) for one in outcomes)
+    print(f"{len(outcomes) - failed - skipped} passed, {failed} failed, {skipped} skipped")
+    if given.junit is not None:
+        given.junit.write_bytes(conformance.as_junit(outcomes, given.url))
+    return 1 if failed or skipped == len(outcomes) else 0
+
+
+def _ask(wish: str) -> None:
+    input(f"Please {wish}, then press Enter. ")
+
+
 def _connect(given: argparse.Namespace) -> Scanner:
     return connect(given.url, baudrate=given.baud)
 
@@ -221,6 +246,11 @@ def _parser() -> argparse.ArgumentParser:
     add("--rate", type=float, default=50.0, metavar="HZ", help="laser pulses per second")
     add("--averages", type=int, default=1, help="pulses averaged into one A-line")
     add("--frames", action="store_true", help="show every frame on standard error")
+    add = command("conformance", _conformance)
+    add("--fire", action="store_true", help="also what opens the shutter, on a device that is not simulated")
+    add("--ask", action="store_true", help="also what a person has to do something for: power, interlock")
+    add("--only", nargs="+", metavar="NAME", help="scenarios; default: all")
+    add("--junit", type=Path, metavar="FILE", help="keep the outcome as JUnit XML")
     add = command("monitor", _monitor)
     add("--seconds", type=float, metavar="S", help="end after so long")
     return parser

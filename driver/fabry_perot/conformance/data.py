@@ -1,0 +1,134 @@
+"""Plans and A-lines: limits, credit, repair."""
+
+from __future__ import annotations
+
+from fabry_perot.conformance.peer import QUIET, Failed, Peer
+from fabry_perot.conformance.running import MANY, ROOM
+from fabry_perot.conformance.scenarios import Asking, scenario
+from fabry_perot.host.aline import check_record
+from fabry_perot.wire.codes import ALL_FRAGMENTS, Operation
+from fabry_perot.wire.states import DeviceState
+
+
+@scenario("limits")
+def limits(peer: Peer, ask: Asking) -> None:
+    """What lies beyond the capabilities is refused by its name, and changes nothing."""
+    for name in ("samples", "interval_ps", "pulse_rate_mhz"):
+        for value in (peer.limits[name][0] - 1, peer.limits[name][1] + 1):
+            if 0 <= value < 1 << 32:
+                reply = peer.request(Operation.PLAN_NEW, **peer.plan_new(4, **{name: value}))
+                peer.need((reply.result, reply.body.get("field")) == (2, name), f"result 2 and {name} for {value}")
+    for changes, field in (({"plan": 0}, "plan"), ({"start": 4}, "start"), ({"encoding": 200}, "encoding")):
+        reply = peer.request(Operation.PLAN_NEW, **peer.plan_new(4, **changes))
+        peer.need((reply.result, reply.body.get("field")) == (2, field), f"result 2 and {field} for {changes}")
+
+
+@scenario("limits")
+def reach(peer: Peer, ask: Asking) -> None:
+    """Points out of reach are refused with all that came with them."""
+    peer.succeed(Operation.PLAN_NEW, **peer.plan_new(4))
+    points = peer.points(4)
+    points["x"][2] = peer.limits["x_nm"][1] + 1
+    peer.offer(points)
+    peer.listen(QUIET)
+    status = peer.plan_status
+    peer.need(status is not None and status.plan == peer.plan, "PLAN_STATUS")
+    peer.need(status is not None and (status.expected, status.retransmit & 2) == (0, 2), "none taken, bit 1 set")
+
+
+@scenario("credit")
+def gaps(peer: Peer, ask: Asking) -> None:
+    """A gap in the plan is not filled by what comes behind it; an overlap is harmless."""
+    peer.succeed(Operation.PLAN_NEW, **peer.plan_new(8))
+    points = peer.points(8)
+
+    def expected() -> int:
+        peer.listen(QUIET)
+        return peer.plan_status.expected if peer.plan_status and peer.plan_status.plan == peer.plan else -1
+
+    peer.offer(points[4:], 4)
+    peer.need(expected() == 0, "point 0 expected after points 4 … 7")
+    peer.offer(points[:3])
+    peer.need(expected() == 3, "point 3 expected after points 0 … 2")
+    peer.offer(points[1:], 1)
+    peer.need(expected() == 8, "all points after an overlap")
+    peer.need(peer.state is DeviceState.READY, "READY with all points")
+
+
+@scenario("credit", fires=True)
+def credit(peer: Peer, ask: Asking) -> None:
+    """A-lines below the limit are sent and none beyond it."""
+    peer.upload(MANY)
+    peer.start()
+    peer.need(peer.wait(lambda: peer.status is not None and peer.status.produced >= 6, 5.0), "six A-lines fired")
+    peer.need(not peer.fragments, "no A-line without credit")
+    peer.acknowledge(0, 3)
+    peer.listen(QUIET)
+    peer.need(sorted(peer.blobs()) == [0, 1, 2], f"A-lines 0, 1, 2 with a limit of 3, not {sorted(peer.blobs())}")
+
+
+@scenario("credit", fires=True)
+def full_ring(peer: Peer, ask: Asking) -> None:
+    """A full ring stops the laser, overwrites nothing, and goes on when it is freed."""
+    assert peer.hello is not None  # noqa: S101
+    ring = peer.hello.ring
+    peer.upload(ring + 40)
+    peer.start()
+    rate = peer.pulse_rate * 1e-3 * peer.rate
+    peer.wait(lambda: peer.state is DeviceState.BLOCKED, 10 + 2 * ring / rate)
+    peer.need(peer.state is DeviceState.BLOCKED, f"BLOCKED with {ring} A-lines unacknowledged")
+    peer.listen(QUIET)
+    status = peer.status
+    peer.need(status is not None and (status.produced, status.acknowledged) == (ring, 0), f"{ring} held, none freed")
+    peer.acknowledge(0, 1)
+    peer.need(peer.wait(lambda: 0 in peer.blobs(), 2.0), "A-line 0, which was not overwritten")
+    peer.acknowledge(1, 1)
+    more = peer.wait(lambda: peer.status is not None and peer.status.produced == ring + 1, 3.0)
+    peer.need(more, "one more A-line for the one that was freed")
+
+
+@scenario("repair", fires=True)
+def repair(peer: Peer, ask: Asking) -> None:
+    """A-lines that are asked for again come again, the same, and marked."""
+    peer.upload(6)
+    peer.acknowledge(0, ROOM)
+    peer.start()
+    peer.need(peer.wait(lambda: len(peer.blobs()) == 6, 10.0), "all six A-lines")
+    before = peer.blobs()
+    for number, blob in before.items():
+        _readable(peer, number, blob)
+    peer.fragments.clear()
+    peer.acknowledge(2, ROOM, (1, ALL_FRAGMENTS), (3, ALL_FRAGMENTS), (5, 0))
+    peer.need(peer.wait(lambda: {3, 5} <= set(peer.fragments), 2.0), "A-lines 3 and 5 again")
+    peer.wait(lambda: 3 in peer.blobs(), 1.0)
+    peer.need(1 not in peer.fragments, "A-line 1 not again, since it is stored")
+    peer.need({3, 5} <= peer.again, "the flag of a retransmission on what comes again")
+    peer.need(peer.blobs().get(3) == before[3], "the same bytes again")
+    peer.acknowledge(6, ROOM)
+    peer.need(peer.wait(lambda: peer.state is DeviceState.DONE, 2.0), "DONE when all is acknowledged")
+
+
+@scenario("repair", fires=True)
+def offered_again(peer: Peer, ask: Asking) -> None:
+    """A new session is offered all that was not acknowledged, and nothing that was."""
+    peer.upload(6)
+    peer.acknowledge(0, ROOM)
+    peer.start()
+    peer.need(peer.wait(lambda: len(peer.blobs()) == 6, 10.0), "all six A-lines")
+    before = peer.blobs()
+    peer.acknowledge(2, ROOM)
+    peer.need(peer.wait(lambda: peer.status is not None and peer.status.acknowledged == 2, 2.0), "two acknowledged")
+    peer.connect()
+    peer.fragments.clear()
+    peer.listen(QUIET)
+    peer.need(not peer.fragments, "no A-line in a new session before it grants credit")
+    peer.acknowledge(2, ROOM)
+    peer.need(peer.wait(lambda: len(peer.blobs()) == 4, 2.0), "A-lines 2 … 5 again")
+    peer.need(peer.blobs() == {number: before[number] for number in range(2, 6)}, "the same bytes")
+
+
+def _readable(peer: Peer, number: int, blob: bytes) -> None:
+    try:
+        check_record(blob, peer.fragments[number][-1][1])
+    except ValueError as error:
+        raise Failed(f"A-line {number}: {error}") from error

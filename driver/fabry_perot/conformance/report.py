@@ -1,0 +1,122 @@
+"""Running the scenarios, and telling how they ended."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple
+from xml.etree import ElementTree  # it is written only
+
+from fabry_perot.conformance.peer import Failed, Peer
+from fabry_perot.conformance.scenarios import SCENARIOS, Asking, Scenario
+from fabry_perot.errors import LinkLost
+from fabry_perot.wire.codes import AbortLevel
+
+
+class Outcome(NamedTuple):
+    """How a scenario ended."""
+
+    scenario: Scenario
+    failure: str
+    """Why it failed; empty when it did not."""
+    skipped: str
+    """Why it was not run; empty when it was."""
+    seconds: float
+
+    @property
+    def name(self) -> str:
+        """The scenario's name."""
+        return self.scenario.run.__name__
+
+
+def run(
+    peer: Peer,
+    *,
+    fire: bool = False,
+    ask: Asking | None = None,
+    only: Sequence[str] = (),
+    told: Callable[[Outcome], None] = lambda outcome: None,
+) -> list[Outcome]:
+    """Run the scenarios on a device.
+
+    Parameters
+    ----------
+    peer
+        At the device's line.
+    fire
+        Also those that open the shutter; a device that says that it is simulated is always fired.
+    ask
+        Has a person do what scenarios need (power, interlock); ``None``: those are skipped.
+    only
+        Names; by default all.
+    told
+        Called after each.
+    """
+    outcomes = []
+    for scenario in SCENARIOS:
+        if not only or scenario.run.__name__ in only:
+            outcomes.append(_run(scenario, peer, fire, ask))
+            told(outcomes[-1])
+    return outcomes
+
+
+def _run(scenario: Scenario, peer: Peer, fire: bool, ask: Asking | None) -> Outcome:
+    start, failure = time.monotonic(), ""
+    if scenario.asks and ask is None:
+        return Outcome(scenario, "", "nobody to ask (--ask)", 0.0)
+    try:
+        peer.prepare()
+        if scenario.fires and not (fire or peer.limits.get("simulated")):
+            return Outcome(scenario, "", "opens the shutter (--fire)", 0.0)
+        scenario.run(peer, ask or (lambda wish: None))
+    except Failed as error:
+        failure = str(error)
+    except LinkLost as error:
+        failure = f"the line was lost: {error}"
+    finally:
+        _make_safe(peer)
+    return Outcome(scenario, failure, "", time.monotonic() - start)
+
+
+def _make_safe(peer: Peer) -> None:
+    """Leave no scan running, whatever the scenario left."""
+    peer.renewing = False
+    try:
+        peer.abort(AbortLevel.LASER_OFF)
+    except (Failed, LinkLost):
+        return
+
+
+def as_table(outcomes: Iterable[Outcome]) -> str:
+    """Return a line a scenario."""
+    lines = []
+    for outcome in outcomes:
+        word = "FAILED " if outcome.failure else "skipped" if outcome.skipped else "ok     "
+        why = outcome.failure or outcome.skipped
+        told = f"{outcome.scenario.title}{': ' + why if why else ''}"
+        lines.append(f"{word}  {outcome.scenario.group:<6}  {outcome.name:<15}  {told}")
+    return "\n".join(lines)
+
+
+def as_junit(outcomes: Sequence[Outcome], port: str) -> bytes:
+    """Return the outcomes as a JUnit file, which continuous integration shows."""
+    counts = {
+        "tests": len(outcomes),
+        "failures": sum(bool(outcome.failure) for outcome in outcomes),
+        "skipped": sum(bool(outcome.skipped) for outcome in outcomes),
+    }
+    about = {"name": f"conformance of {port}", **{key: str(value) for key, value in counts.items()}}
+    suite = ElementTree.Element("testsuite", about)
+    for outcome in outcomes:
+        case = ElementTree.SubElement(
+            suite,
+            "testcase",
+            classname=f"conformance.{outcome.scenario.group}",
+            name=outcome.name,
+            time=f"{outcome.seconds:.3f}",
+        )
+        if outcome.failure:
+            ElementTree.SubElement(case, "failure", message=outcome.failure).text = outcome.scenario.title
+        elif outcome.skipped:
+            ElementTree.SubElement(case, "skipped", message=outcome.skipped)
+    return bytes(ElementTree.tostring(suite, encoding="utf-8", xml_declaration=True))

@@ -1,0 +1,54 @@
+"""A scan in progress, as scenarios look at it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from fabry_perot.conformance.peer import QUIET, Failed, Peer
+from fabry_perot.wire.codes import LASER_EMITTING, SHUTTER_OPEN
+from fabry_perot.wire.states import RUNNING, DeviceState, HoldCause
+
+ROOM = 1 << 30
+"""Credit without end."""
+MANY = 400
+"""Points of a plan that is not to end while it is looked at."""
+PROMPT = 1.0
+"""Seconds beyond the lease's end within which a host has heard of it, on a busy machine too."""
+
+
+def scanning(peer: Peer) -> None:
+    """Start a scan that goes on as long as its lease is renewed."""
+    peer.upload(MANY)
+    peer.acknowledge(0, ROOM)
+    peer.start()
+    peer.need(peer.wait(lambda: peer.status is not None and peer.status.produced > 2, 3.0), "A-lines after START")
+
+
+def renewed(peer: Peer, echo: Callable[[], int]) -> None:
+    """Renew the lease with what proves nothing, for longer than a lease lasts: by then the laser must be off."""
+    for _ in range(round((peer.ttl / peer.rate * 1e-6 + PROMPT) / 0.05)):
+        peer.lease(echo())
+        if peer.wait(lambda: peer.state not in RUNNING, 0.05):
+            return
+    raise Failed("expected: the laser off, although LEASE comes, since its echo proves nothing")
+
+
+def lapsed(peer: Peer, what: str) -> None:
+    """Have the lease lapse, and look that no shot was fired outside it."""
+    longest = (peer.ttl / peer.rate) * 1e-6 + PROMPT
+    peer.need(peer.wait(lambda: peer.state not in RUNNING, longest), f"the laser off: {what}")
+    peer.need(peer.state is DeviceState.SAFE_HOLD, f"SAFE_HOLD: {what}")
+    status = peer.status
+    peer.need(status is not None and status.cause == HoldCause.LEASE, "hold cause 1")
+    peer.need(status is not None and status.last_shot < status.lease_until, "the last shot before the lease's end")
+    dark(peer)
+
+
+def dark(peer: Peer) -> None:
+    """Look that the shutter is closed, and that no shot is fired."""
+    peer.listen(QUIET)
+    laser = peer.status.laser if peer.status else 0xFF
+    peer.need(not laser & (SHUTTER_OPEN | LASER_EMITTING), f"shutter closed and laser off in {peer.state.name}")
+    shots = peer.status.shots if peer.status else 0
+    peer.listen(QUIET)
+    peer.need(peer.status is not None and peer.status.shots == shots, f"no shot in {peer.state.name}")

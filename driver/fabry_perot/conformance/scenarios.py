@@ -1,0 +1,51 @@
+"""The list of what is tried on a device."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from fabry_perot.conformance.peer import Peer
+
+Asking = Callable[[str], None]
+"""Has a person do something to the device, and returns when it is done."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """One thing that is tried.
+
+    Parameters
+    ----------
+    group
+        Part of the protocol.
+    title
+        What is tried.
+    run
+        Tries it on a device in a new session.
+    fires
+        Whether the shutter is opened.
+    asks
+        Whether a person has to do something.
+    """
+
+    group: str
+    title: str
+    run: Callable[[Peer, Asking], None]
+    fires: bool = False
+    asks: bool = False
+
+
+SCENARIOS: list[Scenario] = []
+
+
+def scenario(
+    group: str, *, fires: bool = False, asks: bool = False
+) -> Callable[[Callable[[Peer, Asking], None]], Callable[[Peer, Asking], None]]:
+    """Put a function on the list; its docstring says what is tried."""
+
+    def add(run: Callable[[Peer, Asking], None]) -> Callable[[Peer, Asking], None]:
+        SCENARIOS.append(Scenario(group, (run.__doc__ or "").rstrip("."), run, fires, asks))
+        return run
+
+    return add

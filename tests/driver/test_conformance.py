@@ -1,0 +1,145 @@
+"""The conformance scenarios: the device passes, each deliberately broken one fails the scenario made for it."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from xml.etree import ElementTree
+
+import pytest
+from driver_bench import CAPABILITIES, CountingInstrument
+from test_mutants import MUTANTS
+
+from fabry_perot.clock import VirtualClock
+from fabry_perot.conformance import SCENARIOS, Peer, as_junit, run
+from fabry_perot.device import Device
+from fabry_perot.simulator import launch
+
+NAMES = [scenario.run.__name__ for scenario in SCENARIOS]
+KILLERS = {
+    "no CRC check": "checksum",
+    "no length check": "length",
+    "ring overwrites": "full_ring",
+    "plan gaps accepted": "gaps",
+    "session not checked": "session",
+    "boot id not checked": "boot",
+    "lease kept over a new session": "earlier_session",
+    "lease by arrival time": "old_echo",
+    "no credit check": "credit",
+    "shutter left open": "silence",
+    "interlock not watched": "interlock",
+    "token used again": "token",
+    "echoes of the future": "future",
+}
+OF_THE_HOST = {"no tail-loss repair", "no plan time-out", "abort not repeated", "laser comes back at any time"}
+
+
+class VirtualLine:
+    """A device under a virtual clock, at the other end of a line that takes no time; each read is a millisecond."""
+
+    def __init__(self, **limits: int) -> None:
+        self.clock, self.limits = VirtualClock(1_000_000), limits
+        self.instrument = CountingInstrument()
+        self.boots, self.sent = 0, b""
+        self.boot()
+
+    def boot(self) -> None:
+        self.boots += 1
+        self.device = Device(self.instrument, boot=0xB000 + 7 * self.boots, now=self.clock.now(), **self.limits)
+
+    def write(self, data: bytes) -> None:
+        self.sent += data
+
+    def read(self) -> bytes:
+        self.clock.advance(1_000)
+        data, self.sent = self.sent, b""
+        self.device.receive(data, self.clock.now())
+        return self.device.pull(16384)
+
+    def close(self) -> None: ...
+
+    def ask(self, wish: str) -> None:
+        """Do what a person is asked for."""
+        if "interlock" in wish:
+            self.instrument.closed = "close" in wish
+        else:
+            self.boot()
+
+
+def outcomes(*only: str, **limits: int) -> dict[str, str]:
+    line = VirtualLine(**{"ring": 16, **limits})
+    found = run(Peer(line, line.clock), fire=True, ask=line.ask, only=only)
+    return {outcome.name: outcome.failure or outcome.skipped for outcome in found}
+
+
+@pytest.mark.parametrize("limits", [{}, {"max_payload": 64, "plan_points": 8, "ring": 12}], ids=["usual", "small"])
+def test_the_device_passes_every_scenario(limits):
+    assert outcomes(**limits) == dict.fromkeys(NAMES, "")
+
+
+def test_every_mutant_of_the_protocol_is_one_of_the_device_or_of_the_host():
+    assert set(KILLERS) | OF_THE_HOST == set(MUTANTS)
+    assert set(KILLERS.values()) <= set(NAMES)
+
+
+@pytest.mark.mutants
+@pytest.mark.parametrize("name", KILLERS)
+def test_a_mutant_fails_the_scenario_made_for_it(name, monkeypatch):
+    MUTANTS[name].apply(monkeypatch)
+    assert outcomes(KILLERS[name])[KILLERS[name]].startswith("expected: ")
+
+
+def test_nothing_opens_the_shutter_of_real_hardware_and_nobody_is_asked_unless_wanted(monkeypatch):
+    monkeypatch.setitem(CAPABILITIES, "simulated", False)
+    line = VirtualLine(ring=16)
+    found = run(Peer(line, line.clock))
+    assert "open" not in line.instrument.shutter
+    assert {each.name for each in found if each.skipped} == {
+        scenario.run.__name__ for scenario in SCENARIOS if scenario.fires or scenario.asks
+    }
+    assert not any(each.failure for each in found)
+
+
+def test_a_silent_line_fails_every_scenario_and_ends():
+    class Silent(VirtualLine):
+        def read(self) -> bytes:
+            self.clock.advance(20_000)
+            return b""
+
+    line = Silent()
+    found = run(Peer(line, line.clock), only=["hello", "credit"])
+    assert [each.failure for each in found] == ["HELLO of version 2 is not answered"] * 2
+
+
+def test_the_command_prints_a_table_keeps_junit_and_fails_with_the_device(tmp_path):
+    command = [sys.executable, "-m", "fabry_perot", "conformance"]
+    with launch(ring=32) as simulator:
+        good = subprocess.run(
+            [*command, simulator.url, "--junit", str(tmp_path / "good.xml"), "--only", "hello", "token", "reboot"],
+            capture_output=True,
+            text=True,
+            timeout=300,
+            check=False,
+        )
+    assert good.returncode == 0, good.stdout + good.stderr
+    assert re.findall(r"(?m)^(ok|FAILED|skipped) +\w+ +(\w+)", good.stdout) == [
+        ("ok", "token"),
+        ("skipped", "reboot"),
+        ("ok", "hello"),
+    ]
+    assert good.stdout.endswith("2 passed, 0 failed, 1 skipped\n")
+    suite = ElementTree.parse(tmp_path / "good.xml").getroot()  # noqa: S314
+    assert {case.get("name"): [child.tag for child in case] for case in suite} == {
+        "token": [],
+        "reboot": ["skipped"],
+        "hello": [],
+    }
+
+
+def test_a_failure_stands_in_the_junit_file_with_what_was_expected(monkeypatch):
+    MUTANTS["token used again"].apply(monkeypatch)
+    line = VirtualLine(ring=16)
+    suite = ElementTree.fromstring(as_junit(run(Peer(line, line.clock), fire=True, only=["token"]), "here"))  # noqa: S314
+    assert suite.get("failures") == "1"
+    assert suite.find("testcase/failure").get("message") == "expected: another token for another ARM"
