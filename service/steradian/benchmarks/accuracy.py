@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -59,7 +61,21 @@ def _positions(sensors: str, modes: tuple[int, ...], rng: np.random.Generator) -
     return (rng.random((1000, len(modes))) - 0.5) * _SIDE
 
 
-def _row(*, modes: tuple[int, ...], samples: int, sensors: str, points: int, **options: Any) -> Row:
+@dataclass(frozen=True, eq=False)
+class _Case:
+    """Random traces (M, N_t), what else their image needs, and its exact spectrum at some indices j (K, d), l (K,)."""
+
+    traces: NDArray[np.float64]
+    positions: NDArray[np.float64]
+    common: Row
+    j: NDArray[np.int64]
+    depth: NDArray[np.int64]
+    exact: NDArray[np.complex128]
+
+
+@lru_cache(maxsize=1)
+def _case(modes: tuple[int, ...], samples: int, sensors: str, points: int) -> _Case:
+    """Make a case; the rows that follow each other have it in common, and direct sums take most of the time."""
     rng = np.random.default_rng(0)
     positions = _positions(sensors, modes, rng)
     traces = rng.standard_normal((len(positions), samples))
@@ -69,13 +85,17 @@ def _row(*, modes: tuple[int, ...], samples: int, sensors: str, points: int, **o
         "aperture": _SIDE,
         "modes": modes,
     }
-    volume = reconstruct(traces, positions, **common, **options)
     j = np.stack([rng.integers(-(n // 2), (n - 1) // 2 + 1, points) for n in modes], axis=-1)
     depth = rng.integers(1, (samples + 1) // 2, points)
     near = points // 10
     j[:near], depth[:near] = np.sign(j[:near]), 1
-    exact = direct_spectrum(traces, positions, j, depth, **common)
-    found = spectrum_of(volume.values, j, depth)
+    return _Case(traces, positions, common, j, depth, direct_spectrum(traces, positions, j, depth, **common))
+
+
+def _row(*, modes: tuple[int, ...], samples: int, sensors: str, points: int, **options: Any) -> Row:
+    case = _case(modes, samples, sensors, points)
+    volume = reconstruct(case.traces, case.positions, **case.common, **options)
+    found = spectrum_of(volume.values, case.j, case.depth)
     window = options.get("window", "kaiser-bessel")
     return {
         "sensors": sensors,
@@ -85,5 +105,5 @@ def _row(*, modes: tuple[int, ...], samples: int, sensors: str, points: int, **o
         "tolerance": options.get("tolerance"),
         "window": window if isinstance(window, str) else f"K={window.width // 2}, c={window.oversampling:g}",
         "dtype": volume.values.dtype.name,
-        "error": float(np.linalg.norm(found - exact) / np.linalg.norm(exact)),
+        "error": float(np.linalg.norm(found - case.exact) / np.linalg.norm(case.exact)),
     }

@@ -127,10 +127,10 @@ def test_it_reports_cancels_and_refuses() -> None:
 def test_a_run_stays_within_the_memory_it_states() -> None:
     mask, _, traces = scene(0)
     for upsampling in (1, 2):
+        arguments: dict[str, Any] = {"options": Iterative(iterations=3), "upsampling": upsampling, **COMMON}
+        reconstruct_iteratively(traces, mask.positions, **arguments)  # compiles, which takes memory of its own
         tracemalloc.start()
-        found = reconstruct_iteratively(
-            traces, mask.positions, options=Iterative(iterations=3), upsampling=upsampling, **COMMON
-        )
+        found = reconstruct_iteratively(traces, mask.positions, **arguments)
         _, peak = tracemalloc.get_traced_memory()
         tracemalloc.stop()
         assert 0.5 * found.memory_bytes < peak <= found.memory_bytes

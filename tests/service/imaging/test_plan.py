@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 import tracemalloc
 from typing import Any
@@ -55,28 +54,25 @@ def test_strided_traces_are_read_in_the_right_order() -> None:
     )
 
 
-def test_cancelling_stops_within_half_a_second_and_progress_counts_up() -> None:
+def test_who_wants_to_cancel_is_asked_every_half_second_of_work_and_progress_counts_up() -> None:
+    """Of work: on a busy machine it takes longer by the clock on the wall."""
     positions = (RNG.random((3000, 2)) - 0.5) * 0.01
-    plan = ReconstructionPlan(positions, samples=512, **{**COMMON, "modes": 300})
+    plan = ReconstructionPlan(positions, samples=512, **{**COMMON, "modes": 300, "threads": 1})
     traces = np.ones((3000, 512), np.float32)
-    asked: list[float] = []
-    stop = threading.Event()
+    plan.run(traces)  # compiles
+    asked = [time.process_time()]
 
     def cancelled() -> bool:
-        if stop.is_set() and not asked:
-            asked.append(time.monotonic())
-        return stop.is_set()
+        asked.append(time.process_time())
+        return False
 
     seen: list[tuple[str, int, int]] = []
-
-    def progress(stage: str, done: int, total: int) -> None:
-        seen.append((stage, done, total))
-        stop.set()
-
-    with pytest.raises(Cancelled):
-        plan.run(traces, progress=progress, cancelled=cancelled)
-    assert time.monotonic() - asked[0] < 0.5
+    plan.run(traces, progress=lambda *told: seen.append(told), cancelled=cancelled)
+    asked.append(time.process_time())
+    assert max(np.diff(asked)) < min(0.5, (asked[-1] - asked[0]) / 4)
     assert seen[0] == ("lateral transform", 0, 16)
+    with pytest.raises(Cancelled):
+        plan.run(traces, cancelled=lambda: True)
 
 
 @pytest.mark.parametrize("upsampling", [1, 2])

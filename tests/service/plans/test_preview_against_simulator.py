@@ -8,7 +8,7 @@ from fabry_perot.simulator import launch
 from steradian import ScanPlan, equi_steradian_mask
 from steradian.plans import Link, preview
 
-RING = 8
+RING, RUNS = 8, 5
 MASK = equi_steradian_mask(13.56e-3, 3.6e-3, 65)
 FEW = equi_steradian_mask(13.56e-3, 3.6e-3, 45)
 
@@ -48,12 +48,20 @@ def device_seconds(plan: ScanPlan, *, speed: float, baud: int = 0) -> float:
     ],
 )
 def test_the_preview_agrees_with_a_simulated_run(limiting, plan, run):
-    """Whatever limits a scan, preview and device time differ by less than 2 %."""
+    """Whatever limits a scan, preview and device time differ by less than 2 %.
+
+    A host that waits for a processor makes a run longer and never shorter: the shortest of a few is the scanner's own.
+    """
     mask = FEW if limiting == "link" else MASK  # a slow line in real time, so that a busy machine can keep up
     wanted = ScanPlan.create(mask=mask, order="shortest", **plan)
     cost = preview(wanted)
     assert cost.limiting == limiting
-    assert device_seconds(wanted, **run) == pytest.approx(cost.total_seconds, rel=0.02)
+    expected, shortest = pytest.approx(cost.total_seconds, rel=0.02), np.inf
+    for _ in range(RUNS):
+        shortest = min(shortest, device_seconds(wanted, **run))
+        if shortest <= cost.total_seconds or shortest == expected:
+            break
+    assert shortest == expected
 
 
 def test_no_part_of_the_time_is_forgotten():
