@@ -31,6 +31,7 @@ from steradian.api.feed import Feed
 from steradian.api.middleware import BodyLimit, Observe, RequestId
 from steradian.api.security import Authenticate
 from steradian.api.services import Services
+from steradian.api.together import Together
 from steradian.settings import Settings
 
 RESOURCES = (
@@ -65,7 +66,8 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.routes = []
     app.state.feed = Feed(services)
     app.state.metrics = metrics.Metrics(services)
-    app.add_middleware(BodyLimit, limit=settings.max_upload_bytes, uploads=settings.max_import_bytes)
+    app.add_middleware(Together)
+    app.add_middleware(BodyLimit, settings=settings)
     app.add_middleware(Authenticate, keeper=services)
     app.add_middleware(Observe, metrics=app.state.metrics)
     app.add_middleware(RequestId)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import csv
 import io
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
 from fastapi import APIRouter, Body, Request, Response
+from starlette.concurrency import run_in_threadpool
 
 from steradian.api.arrays import CSV, JSON, NPY, negotiate
 from steradian.api.conditions import ConditionsNeeded, etag_of
@@ -18,10 +20,12 @@ from steradian.api.security import V1, GuardedRoute
 from steradian.api.views import Listing, MaskView, PointsView
 from steradian.errors import InvalidInput
 from steradian.masks import Arrangement, Mask
-from steradian.masks.picture import draw_mask
+from steradian.storage.masks import to_columns
 
 router = APIRouter(prefix=f"{V1}/masks", tags=["masks"], route_class=GuardedRoute)
 
+SMALL = 2_000
+"""Points up to which a mask is made by the API's own process."""
 _EXAMPLES = {
     "equi-steradian": {
         "value": {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 1600}
@@ -37,14 +41,18 @@ _EXAMPLES = {
     summary="Make a mask from the parameters of an arrangement",
     responses={200: {"model": MaskView, "description": "The same mask exists already"}},
 )
-def create_mask(
+async def create_mask(
     services: ServicesNeeded,
     response: Response,
     arrangement: Annotated[Arrangement, Body(openapi_examples=_EXAMPLES)],
 ) -> MaskView:
     """Keep a mask; the same parameters always give the same id."""
     _check_size(arrangement, services.settings.max_mask_points)
-    row, is_new = services.masks.put(arrangement.build())
+    if arrangement.expected_count > SMALL:
+        columns = await services.workshop.work(_build, arrangement)
+    else:
+        columns = await run_in_threadpool(_build, arrangement)
+    row, is_new = await run_in_threadpool(services.masks.put_columns, columns)
     view = MaskView.of(row)
     response.status_code = 201 if is_new else 200
     response.headers["Location"] = view.links["self"]
@@ -94,17 +102,27 @@ def read_points(services: ServicesNeeded, request: Request, mask_id: MASK_ID, co
         304: {"description": "The one you have is still right"},
     },
 )
-def read_picture(services: ServicesNeeded, mask_id: MASK_ID, conditions: ConditionsNeeded) -> RangedFile:
+async def read_picture(services: ServicesNeeded, mask_id: MASK_ID, conditions: ConditionsNeeded) -> RangedFile:
     """Draw where the mask senses, how densely and what it can see; drawn once, then kept."""
-    row = services.masks.get(mask_id)
-    etag = etag_of(row.id, "picture")
+    mask = await run_in_threadpool(services.masks.load, mask_id)
+    etag = etag_of(mask.id, "picture")
     conditions.tag(etag)
-    path = services.data.picture(row.id)
-    if not path.is_file():
-        with services.drawing:
-            if not path.is_file():
-                draw_mask(services.masks.load(row.id), path, with_point_spread=False)
+    path = services.data.picture(mask.id)
+    if not await run_in_threadpool(path.is_file):
+        async with services.drawing:
+            if not await run_in_threadpool(path.is_file):
+                await services.workshop.work(_draw, mask, path)
     return RangedFile(path, media_type="image/png", headers={"ETag": etag})
+
+
+def _build(arrangement: Arrangement) -> dict[str, Any]:
+    return to_columns(arrangement.build())
+
+
+def _draw(mask: Mask, path: Path) -> None:
+    from steradian.masks.picture import draw_mask  # the API's own process draws nothing
+
+    draw_mask(mask, path, with_point_spread=False)
 
 
 def _written(mask: Mask, kind: str) -> bytes | str:

@@ -15,9 +15,14 @@ from steradian.api.metrics import Metrics
 from steradian.api.problems import CODE_OF, problem
 from steradian.api.security import EMERGENCY_STOP
 from steradian.runtime.logs import request_id
+from steradian.settings import Settings
 
 _log = logging.getLogger(__name__)
 UPLOADS = "/api/v1/uploads"
+LISTS = frozenset({"/api/v1/masks", "/api/v1/plans", "/api/v1/plans/preview"})
+"""Paths whose bodies may hold numbers for each point of a mask."""
+JSON_BYTES, POINT_BYTES = 2**20, 128
+"""Largest body of any other path, and what those bodies may have more for each point (indented, with all digits)."""
 STOP_BYTES = 4096
 """The body of an emergency stop holds a reason, nothing else."""
 METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})
@@ -86,19 +91,24 @@ class Observe:
 
 
 class BodyLimit:
-    """Refuses bodies of more than ``limit`` bytes, and ``uploads`` for files, before reading where that is stated."""
+    """Refuses bodies larger than what is asked for there can be, before reading where that is stated."""
 
-    def __init__(self, app: ASGIApp, limit: int, uploads: int) -> None:
-        self.app, self._limit, self._uploads = app, limit, uploads
+    def __init__(self, app: ASGIApp, settings: Settings) -> None:
+        self.app, self._uploads = app, settings.max_import_bytes
+        self._lists = min(settings.max_upload_bytes, JSON_BYTES + POINT_BYTES * settings.max_mask_points)
+        self._json = min(settings.max_upload_bytes, JSON_BYTES)
+
+    def _limit(self, path: str) -> int:
+        if path.endswith(EMERGENCY_STOP):
+            return min(self._json, STOP_BYTES)
+        return self._uploads if path == UPLOADS else self._lists if path in LISTS else self._json
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve."""
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        limit = self._uploads if scope["path"] == UPLOADS else self._limit
-        if scope["path"].endswith(EMERGENCY_STOP):
-            limit = min(limit, STOP_BYTES)
+        limit = self._limit(scope["path"])
         text = f"the body is larger than the {limit} bytes this service takes"
         stated = Headers(scope=scope).get("content-length", "0")
         if not stated.isdecimal() or int(stated) > limit:

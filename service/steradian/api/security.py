@@ -16,6 +16,7 @@ from fastapi.routing import APIRoute
 from sqlalchemy.exc import DBAPIError
 from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers
+from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from steradian.api.bodies import JsonRequest
@@ -201,6 +202,12 @@ class GuardedRoute(APIRoute):
                 raise Unauthorized("a key is needed")
             if need is not None and not principal.may(need):
                 raise Forbidden(f"this needs a key with the scope {need}")
-            return await handle(JsonRequest(request.scope, request.receive))
+            checked = JsonRequest(request.scope, request.receive)
+            try:
+                return await handle(checked)
+            except HTTPException:
+                if checked.refusal is not None:
+                    raise checked.refusal from None
+                raise
 
         return guarded

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import shutil
 import threading
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING
 from sqlalchemy import delete, select
 
 from steradian.api.emergency import EmergencyDesk
+from steradian.api.workshop import Workshop
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import JobStatus, QueueUnavailable
 from steradian.security.keys import KeyStore
@@ -64,8 +66,9 @@ class Services:
         self.keys = KeyStore(self.database, clock, fixed=settings.api_key)
         self.log = EventLog(self.database)
         self.emergency = EmergencyDesk(EmergencyLatch(self.data.emergency), self.scanner, self.keys)
-        self.drawing = threading.Lock()
+        self.drawing = asyncio.Lock()
         self._queue: Future[JobQueue] = Future()
+        self.workshop = Workshop()
         self._over = threading.Event()
 
     def open(self) -> None:
@@ -77,6 +80,7 @@ class Services:
     def close(self) -> None:
         """Close the connections."""
         self._over.set()
+        self.workshop.close()
         self.emergency.close()
         if self.queue_is_open:
             self._queue.result().close()

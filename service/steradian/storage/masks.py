@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from sqlalchemy import select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import undefer
@@ -19,23 +21,17 @@ class MaskRepository(Repository[MaskRow]):
 
     def put(self, mask: Mask) -> tuple[MaskRow, bool]:
         """Keep a mask; the flag says whether it is new."""
-        row = MaskRow(
-            id=mask.id,
-            created=self.clock(),
-            aperture=mask.aperture,
-            depth=mask.depth,
-            count=mask.count,
-            weight_ratio=mask.weight_ratio,
-            sensed_area=mask.sensed_area,
-            arrangement=mask.arrangement,
-            document=mask.model_dump_json(),
-        )
+        return self.put_columns(to_columns(mask))
+
+    def put_columns(self, columns: dict[str, Any]) -> tuple[MaskRow, bool]:
+        """Keep a mask that :func:`to_columns` wrote; the flag says whether it is new."""
+        row = MaskRow(created=self.clock(), **columns)
         try:
             with self.database.write() as session:
                 session.add(row)
             return row, True
         except IntegrityError:
-            return self.get(mask.id), False
+            return self.get(row.id), False
 
     def load(self, identifier: str) -> Mask:
         """Read the whole mask.
@@ -51,3 +47,9 @@ class MaskRepository(Repository[MaskRow]):
         if row is None:
             raise NotFound(self.kind, identifier)
         return Mask.model_validate_json(row.document)
+
+
+def to_columns(mask: Mask) -> dict[str, Any]:
+    """Write a mask as the columns of its row, all but when it was made."""
+    names = ("id", "aperture", "depth", "count", "weight_ratio", "sensed_area", "arrangement")
+    return {name: getattr(mask, name) for name in names} | {"document": mask.model_dump_json()}

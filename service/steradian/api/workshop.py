@@ -1,0 +1,164 @@
+"""Where the API has expensive things worked out: a few processes beside it, so that its own answers stay quick.
+
+A thread would not do: whatever computes in Python, also the parsing of a large document, keeps every other thread of
+its process waiting. Calls and results travel pickled over the pipes of a child that ends when its input closes.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from typing import Any, ParamSpec, TypeVar, cast
+
+from steradian.errors import SteradianError
+
+BENCHES = 2
+"""Things worked out at a time; the rest waits in line."""
+IDLE = 60.0
+"""Seconds after which a child without work is ended, and its memory free."""
+MAX_SECONDS = 120.0
+"""Longest that one thing may take."""
+NICENESS = 5
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+_log = logging.getLogger(__name__)
+
+
+class OutOfReach(SteradianError):
+    """A thing could not be worked out: its process died or took too long."""
+
+    code = "too-expensive"
+
+
+class Workshop:
+    """Runs functions of a module, on arguments that can be pickled, in processes of its own."""
+
+    def __init__(self) -> None:
+        self._hands = ThreadPoolExecutor(BENCHES, "workshop")
+        self._idle: list[_Child] = []
+        self._guard = threading.Lock()
+        self._over = False
+
+    async def work(self, function: Callable[_P, _T], *args: _P.args, **options: _P.kwargs) -> _T:
+        """Call a function elsewhere and return its result, or raise what it raised.
+
+        Raises
+        ------
+        OutOfReach
+            When the process that worked on it died, or :data:`MAX_SECONDS` have passed.
+        """
+        call = pickle.dumps((function, args, options), pickle.HIGHEST_PROTOCOL)
+        answer = await asyncio.get_running_loop().run_in_executor(self._hands, self._converse, call)
+        raised, value = await asyncio.to_thread(pickle.loads, answer)
+        if raised:
+            raise value
+        return cast(_T, value)
+
+    def rest(self) -> None:
+        """End children that have had nothing to do for :data:`IDLE` seconds."""
+        with self._guard:
+            old = [child for child in self._idle if time.monotonic() - child.since > IDLE]
+            self._idle = [child for child in self._idle if child not in old]
+        for child in old:
+            child.end()
+
+    def close(self) -> None:
+        """End every child."""
+        self._over = True
+        self._hands.shutdown(wait=False, cancel_futures=True)
+        with self._guard:
+            idle, self._idle = self._idle, []
+        for child in idle:
+            child.end()
+
+    def _converse(self, call: bytes) -> bytes:
+        with self._guard:
+            child = self._idle.pop() if self._idle else None
+        child = child or _Child()
+        try:
+            answer = child.answer(call)
+        except BaseException:
+            child.end()
+            raise
+        child.since = time.monotonic()
+        with self._guard:
+            if not self._over:
+                self._idle.append(child)
+                return answer
+        child.end()
+        return answer
+
+
+class _Child:
+    """A process that answers one call after another."""
+
+    def __init__(self) -> None:
+        command = [sys.executable, "-P", "-m", __spec__.name]
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        self.since = time.monotonic()
+
+    def answer(self, call: bytes) -> bytes:
+        """Have a call answered; raises :class:`OutOfReach`."""
+        assert self._process.stdin is not None  # noqa: S101 - asked for
+        assert self._process.stdout is not None  # noqa: S101
+        patience = threading.Timer(MAX_SECONDS, self._process.kill)
+        patience.start()
+        try:
+            self._process.stdin.write(len(call).to_bytes(8, "big") + call)
+            self._process.stdin.flush()
+            size = self._process.stdout.read(8)
+            answer = self._process.stdout.read(int.from_bytes(size, "big")) if len(size) == 8 else b""
+            if answer:
+                return answer
+        except OSError as error:
+            _log.warning("a process of the workshop is gone: %s", error)
+        finally:
+            patience.cancel()
+        raise OutOfReach(f"it took more memory than there is, or more than {MAX_SECONDS:g} s")
+
+    def end(self) -> None:
+        """Kill it."""
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            with suppress(OSError):
+                assert pipe is not None  # noqa: S101 - asked for
+                pipe.close()
+
+
+def main() -> None:
+    """Answer calls until standard input closes."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.nice(NICENESS)
+    calls, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what a library prints is no answer
+    while len(size := calls.read(8)) == 8:
+        answer = _answer(calls.read(int.from_bytes(size, "big")))
+        answers.write(len(answer).to_bytes(8, "big") + answer)
+        answers.flush()
+
+
+def _answer(call: bytes) -> bytes:
+    try:
+        function, args, options = pickle.loads(call)  # noqa: S301 - our parent wrote it
+        found: tuple[bool, Any] = False, function(*args, **options)
+    except Exception as error:
+        found = True, error
+    try:
+        return pickle.dumps(found, pickle.HIGHEST_PROTOCOL)
+    except Exception:
+        return pickle.dumps((True, RuntimeError(f"{type(found[1]).__name__}: {found[1]}")))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,124 @@
+"""What is expensive keeps nobody else waiting: it is worked out in processes beside the API."""
+
+import json
+import os
+import signal
+import socket
+import threading
+import time
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+
+from steradian.api.workshop import OutOfReach, Workshop
+
+from .conftest import Server
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    server = Server(tmp_path_factory.mktemp("api"), max_upload_bytes=64 * 2**20, max_mask_points=200_000)
+    server.wait()
+    yield server
+    server.close()
+
+
+@pytest.fixture
+def worst_beside(server):
+    """Runs something and returns its answer with how long /healthz took at worst meanwhile, in s."""
+
+    def run(ask):
+        answer, worst = [], 0.0
+        thread = threading.Thread(target=lambda: answer.append(ask()))
+        with httpx.Client(timeout=120) as client:
+            client.get(f"{server.url}/healthz")
+            thread.start()
+            while thread.is_alive():
+                begun = time.monotonic()
+                client.get(f"{server.url}/healthz")
+                worst = max(worst, time.monotonic() - begun)
+                time.sleep(0.01)
+        thread.join()
+        return answer[0], worst
+
+    return run
+
+
+def test_a_mask_of_many_positions_is_made_beside_the_api(server, worst_beside):
+    positions = np.random.default_rng(1).uniform(-5e-3, 5e-3, (100_000, 2))
+    body = json.dumps({"arrangement": "points", "aperture": 0.01, "positions": positions.tolist()})
+    post = lambda: httpx.post(  # noqa: E731
+        f"{server.url}/api/v1/masks", content=body, headers={"Content-Type": "application/json"}, timeout=120
+    )
+    before = resident(server)
+    answer, worst = worst_beside(post)
+    assert answer.status_code == 201, answer.text
+    points = httpx.get(f"{server.url}{answer.json()['links']['points']}", headers={"Accept": "text/csv"}, timeout=120)
+    found = np.loadtxt(points.text.splitlines()[1:], delimiter=",")[:, :2]
+    assert np.array_equal(np.sort(found, axis=0), np.sort(positions, axis=0))
+    assert post().json()["id"] == answer.json()["id"], "the same body, the same mask"
+    print(f"/healthz at worst {1e3 * worst:.0f} ms, {before:.0f} to {resident(server):.0f} MiB")
+
+
+@pytest.mark.parametrize(
+    ("positions", "pointer"),
+    [
+        ('"a", ' * 20_000 + '"b"', "#/positions"),
+        ("[1, 2], " * 20_000 + "[1]", "#/positions"),
+        ('[0, "x"], ' * 20_000 + "[1, 2]", "#/positions"),
+    ],
+    ids=["texts", "ragged", "mixed"],
+)
+def test_a_large_body_of_nonsense_is_refused_in_one_sentence(server, positions, pointer):
+    body = '{"arrangement": "points", "aperture": 0.01, "positions": [' + positions + "]}"
+    headers = {"Content-Type": "application/json"}
+    answer = httpx.post(f"{server.url}/api/v1/masks", content=body, headers=headers, timeout=120)
+    assert answer.status_code == 422
+    assert answer.json()["errors"][0]["pointer"] == pointer
+    assert len(answer.text) < 2000
+
+
+@pytest.mark.parametrize("path", ["jobs", "scans", "reconstructions", "batches", "plans", "masks"])
+def test_no_body_is_larger_than_what_can_be_asked_for(server, path):
+    address = server.url.removeprefix("http://").split(":")
+    with socket.create_connection((address[0], int(address[1])), timeout=60) as connection:
+        stated = f"Content-Type: application/json\r\nContent-Length: {60 * 2**20}\r\n\r\n"
+        connection.sendall(f"POST /api/v1/{path} HTTP/1.1\r\nHost: 127.0.0.1\r\n{stated}".encode())
+        assert connection.recv(100).startswith(b"HTTP/1.1 413")
+
+
+def test_a_picture_is_drawn_beside_the_api(server):
+    equi = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 60}
+    mask = httpx.post(f"{server.url}/api/v1/masks", json=equi, timeout=120).json()
+    picture = httpx.get(f"{server.url}{mask['links']['picture']}", timeout=120)
+    assert picture.content.startswith(b"\x89PNG")
+    assert "matplotlib" not in Path(f"/proc/{server.process.pid}/maps").read_text()
+
+
+async def double(workshop, value):
+    return await workshop.work(np.multiply, value, 2)
+
+
+def test_a_workshop_outlives_the_death_of_its_processes():
+    import asyncio
+
+    async def run():
+        workshop = Workshop()
+        try:
+            assert await double(workshop, 21) == 42
+            with pytest.raises(OutOfReach):
+                await workshop.work(signal.raise_signal, signal.SIGKILL)
+            assert await double(workshop, 4) == 8
+            with pytest.raises(ZeroDivisionError):
+                await workshop.work(divmod, 1, 0)
+        finally:
+            workshop.close()
+
+    asyncio.run(run())
+
+
+def resident(server):
+    """Memory of the API's process in MiB."""
+    return int(Path(f"/proc/{server.process.pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
