@@ -9,6 +9,7 @@ from typing import Any
 from fastapi import APIRouter, FastAPI, Request
 from fastapi.responses import HTMLResponse, JSONResponse, RedirectResponse, Response
 
+from steradian.api.headers import POLICY
 from steradian.api.problems import Problem
 from steradian.api.security import V1
 
@@ -78,7 +79,7 @@ td,th{{text-align:left;padding:.1rem 1rem .1rem 0;vertical-align:top}}</style></
 <h1>Steradian API {html.escape(document["info"]["version"])}</h1>
 <p>{html.escape(document["info"]["summary"])}. For machines: <a href="/openapi.json">openapi.json</a>.
 Every answer of 400 and above is a problem document (RFC 9457).</p>{"".join(parts)}</body></html>"""
-    return HTMLResponse(page, headers={"Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'"})
+    return HTMLResponse(page, headers={"Content-Security-Policy": f"{POLICY}; style-src 'unsafe-inline'"})
 
 
 def _operation(method: str, path: str, operation: dict[str, Any]) -> str:

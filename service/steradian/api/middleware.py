@@ -11,6 +11,7 @@ from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from ulid import ULID
 
+from steradian.api.headers import complete
 from steradian.api.metrics import Metrics
 from steradian.api.problems import CODE_OF, problem
 from steradian.api.security import EMERGENCY_STOP
@@ -31,7 +32,7 @@ _REQUEST_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 
 class RequestId:
-    """Gives each request an identifier, the caller's own where it is a decent one."""
+    """Gives each request an identifier, the caller's own where it is a decent one, and each answer its safe headers."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -48,6 +49,7 @@ class RequestId:
         async def named(message: Message) -> None:
             if message["type"] == "http.response.start":
                 MutableHeaders(scope=message).setdefault("X-Request-ID", identifier)
+                complete(message)
             await send(message)
 
         token = request_id.set(identifier)

@@ -21,6 +21,7 @@ from starlette.routing import Match
 
 from steradian.api.conditions import NotModified
 from steradian.api.findings import Finding, findings_of, header_or_body
+from steradian.api.headers import NOT_KEPT, SAFE
 from steradian.errors import (
     Cancelled,
     Conflict,
@@ -151,7 +152,8 @@ def problem(
     return JSONResponse(
         body.model_dump(mode="json", exclude_defaults=False),
         status,
-        headers=(headers or {}) | {"X-Request-ID": request_id},
+        # Those of a failure pass no layer of ours that could add them.
+        headers=SAFE | {"Cache-Control": NOT_KEPT} | (headers or {}) | {"X-Request-ID": request_id},
         media_type=MEDIA_TYPE,
     )
 

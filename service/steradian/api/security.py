@@ -155,7 +155,8 @@ class Authenticate:
         return LOCAL
 
     def _check_origin(self, method: str, headers: Headers) -> None:
-        host = headers.get("host", "")
+        hosts = headers.getlist("host")
+        host = hosts[0] if len(hosts) == 1 else ""
         name = _name(f"//{host}")
         if not (_is_loopback(name) or name in self._hosts):
             raise Forbidden(f"this service is not addressed as {host!r} without a key")

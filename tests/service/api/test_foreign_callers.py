@@ -1,5 +1,7 @@
 """Without keys the machine's owner is admin; a page, a proxy or a rebound name on the same machine is nobody."""
 
+import socket
+
 import httpx
 import pytest
 
@@ -53,3 +55,10 @@ def test_behind_a_proxy_the_loopback_is_nobody(server, header):
         answer = ask(server, method, path, {header: "for=127.0.0.1"})
         assert (answer.status_code, answer.json()["code"]) == (401, "unauthorized"), (method, path)
     assert httpx.get(f"{server.url}/healthz", headers={header: "x"}).status_code == 200
+
+
+def test_two_hosts_are_none(server):
+    port = int(server.url.rpartition(":")[2])
+    with socket.create_connection(("127.0.0.1", port), timeout=60) as connection:
+        connection.sendall(b"GET /api/v1/scans HTTP/1.1\r\nHost: localhost\r\nHost: evil.example\r\n\r\n")
+        assert connection.recv(64).split()[1] in {b"400", b"403"}

@@ -64,6 +64,7 @@ class Guarded:
         with http.stream(method, self.url + path.format(**NONE), headers=headers, **more) as answer:
             if answer.status_code >= 400:
                 answer.read()
+            assert_is_safe(answer)
             return answer
 
     def close(self):
@@ -72,6 +73,18 @@ class Guarded:
         self.log = self.process.stderr.read().decode()
         self.process.stderr.close()
         self.database.close()
+
+
+def assert_is_safe(answer):
+    """Whatever an answer is, a browser guesses no type, loads nothing, shows it in no frame and keeps nothing."""
+    assert answer.headers["x-content-type-options"] == "nosniff"
+    policy = answer.headers["content-security-policy"]
+    assert policy.startswith("default-src 'none'; frame-ancestors 'none'")
+    assert "script" not in policy
+    assert answer.headers["referrer-policy"] == "no-referrer"
+    assert answer.headers["cross-origin-resource-policy"] == "same-origin"
+    caching = answer.headers["cache-control"]
+    assert caching in {"no-store", "no-cache"} if answer.status_code >= 400 else "no-" in caching
 
 
 def secret_of(key):
@@ -153,6 +166,22 @@ def test_scopes_in_the_query_change_nothing(guarded, client):
     key = guarded.of_scope[Scope.READ]
     query = "?scope=admin&principal=admin&need=read&key=x&scopes=admin"
     assert guarded.ask(client, "POST", f"/api/v1/masks{query}", key).status_code == 403
+
+
+@pytest.mark.parametrize("path", ["/", "/docs", "/openapi.json", "/healthz", "/readyz", "/none", "/api/v1/x", "/%00"])
+def test_no_answer_leaves_a_browser_room(guarded, client, path):
+    assert_is_safe(client.get(guarded.url + path))
+    assert_is_safe(client.request("PROPFIND", guarded.url + path))
+
+
+def test_what_has_a_version_may_be_kept_by_its_user_who_asks_about_it(guarded, client):
+    key = {"Authorization": f"Bearer {guarded.of_scope[Scope.READ]}"}
+    answer = client.get(f"{guarded.url}/api/v1/scanners/scanner-0", headers=key)
+    assert answer.headers["cache-control"] == "private, no-cache"
+    same = client.get(
+        f"{guarded.url}/api/v1/scanners/scanner-0", headers=key | {"If-None-Match": answer.headers["etag"]}
+    )
+    assert (same.status_code, same.headers["cache-control"]) == (304, "private, no-cache")
 
 
 def test_health_is_open_to_anybody(guarded, client):
