@@ -26,7 +26,7 @@ SECURITY = {
         "type": "apiKey",
         "in": "query",
         "name": "ticket",
-        "description": "A ticket from POST /tickets, good for one event stream within 30 s",
+        "description": "A ticket from POST /tickets, good for one event stream that begins within 30 s",
     },
 }
 

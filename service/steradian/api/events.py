@@ -7,6 +7,7 @@ from contextlib import aclosing
 from dataclasses import asdict
 from typing import Annotated, Literal
 
+from anyio import CancelScope
 from fastapi import APIRouter, Depends, Header, Query, Request
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from pydantic import BaseModel, Field
@@ -33,8 +34,11 @@ _SNAPSHOT = {name: f"{BASE}/{name}" for name in ("scans", "reconstructions", "jo
 class TicketView(BaseModel):
     """A ticket for one event stream."""
 
-    ticket: str = Field(description="Send it as ?ticket=…, once", examples=["Zk9…"])
-    seconds: float = Field(description="For how long it is good", examples=[TICKET_SECONDS])
+    ticket: str = Field(
+        description="Send it as ?ticket=…; it opens one stream, to which its client may come back with Last-Event-ID",
+        examples=["Zk9…"],
+    )
+    seconds: float = Field(description="For how long it waits for its stream to be opened", examples=[TICKET_SECONDS])
 
 
 class Filter:
@@ -67,13 +71,29 @@ class Filter:
         return self.kind in {None, event.kind} and self.scan_id in {None, event.scan_id}
 
 
-async def _place(request: Request) -> AsyncIterator[Feed]:
-    """Take a place among the listeners before the stream begins, until it ends; refuse one too many."""
+async def _place(
+    request: Request, services: ServicesNeeded, wanted: Annotated[Filter, Depends()]
+) -> AsyncIterator[Feed]:
+    """Take a place among the listeners before the stream begins, until it ends; refuse one too many.
+
+    A ticket is used only when there is a place. It opens the stream again for a client that shows an event of it.
+    """
     feed: Feed = request.app.state.feed
+    ticket: str | None = getattr(request.state, "ticket", None)
     with feed.place(MAX_LISTENERS) as is_free:
         if not is_free:
             raise HTTPException(503, f"{MAX_LISTENERS} clients listen already", {"Retry-After": "5"})
-        yield feed
+        if ticket is None:
+            yield feed
+            return
+        bounds = await run_in_threadpool(services.log.bounds)
+        goes_on = wanted.last_event_id is not None and _begin(bounds, wanted.last_event_id)[1] is None
+        await run_in_threadpool(services.keys.open_stream, ticket, goes_on=goes_on)
+        try:
+            yield feed
+        finally:
+            with CancelScope(shield=True):  # also when the client has left
+                await run_in_threadpool(services.keys.close_stream, ticket)
 
 
 @router.post("/tickets", status_code=201, summary="Get a ticket for one event stream")

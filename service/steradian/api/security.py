@@ -146,7 +146,8 @@ class Authenticate:
                 return known
             return await run_in_threadpool(self._keys.check, key.strip())
         if path == f"{V1}/events" and (ticket := parse_qs(scope["query_string"].decode("latin-1")).get("ticket")):
-            return await run_in_threadpool(self._keys.redeem_ticket, ticket[0])
+            scope["state"]["ticket"] = ticket[0]
+            return await run_in_threadpool(self._keys.see_ticket, ticket[0])
         if self._settings.needs_key:
             raise Unauthorized("a key is needed: Authorization: Bearer …")
         if _is_forwarded(headers):

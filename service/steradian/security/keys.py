@@ -6,6 +6,7 @@ import hashlib
 import hmac
 import re
 import secrets
+from collections import Counter
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -21,6 +22,12 @@ from steradian.storage.tables import KeyRow, TicketRow
 
 PREFIX = "sk"
 TICKET_SECONDS = 30.0
+"""For how long a ticket waits for its stream to be opened."""
+RETURN_SECONDS = 60.0
+"""For how long after a stream's end its ticket lets the same client come back."""
+STREAM_SECONDS = 12 * 3600.0
+"""For how long a ticket lets it come back at all, from the first opening."""
+_WORTHLESS = "the ticket is unknown, used or too old"
 _NAME = re.compile(r"key .* \(([0-9a-f]+)\)", re.DOTALL)
 """What a principal with a key is called; see :meth:`KeyStore.check`."""
 
@@ -76,6 +83,7 @@ class KeyStore:
     def __init__(self, database: Database, clock: Clock = utc_now, fixed: str | None = None) -> None:
         self.database, self.clock = database, clock
         self._remembered: dict[str, KeyRow] = {}
+        self._streams: Counter[str] = Counter()
         self._fixed = None if fixed is None else _hash(fixed)
 
     def create(self, name: str, scopes: Iterable[Scope], lifetime: timedelta | None = None) -> str:
@@ -148,7 +156,7 @@ class KeyStore:
         return Principal(f"key {row.name} ({row.id})", frozenset(Scope(scope) for scope in row.scopes), row.id)
 
     def issue_ticket(self, principal: Principal) -> str:
-        """Make a ticket that opens one event stream within :data:`TICKET_SECONDS`."""
+        """Make a ticket that opens one event stream within :data:`TICKET_SECONDS`; see :meth:`open_stream`."""
         ticket, now = secrets.token_urlsafe(24), self.clock()
         with self.database.write() as session:
             session.execute(delete(TicketRow).where(TicketRow.expires < now))
@@ -156,16 +164,57 @@ class KeyStore:
             session.add(TicketRow(hash=_hash(ticket), principal=principal.name, expires=expires))
         return ticket
 
-    def redeem_ticket(self, ticket: str) -> Principal:
-        """Use a ticket up; raises :class:`Unauthorized` when it is unknown, used or too old."""
+    def see_ticket(self, ticket: str) -> Principal:
+        """Tell whose ticket it is, without using it; raises :class:`Unauthorized` when it is worth nothing."""
+        with self.database.read() as session:
+            row = session.get(TicketRow, _hash(ticket))
+        return self._bearer(row)
+
+    def open_stream(self, ticket: str, *, goes_on: bool) -> None:
+        """Open the ticket's stream, which uses the ticket.
+
+        A ticket is good for one stream. Whoever was in it may come back: while it seems open still (a lost link is not
+        noticed at once), within :data:`RETURN_SECONDS` of its end, and for :data:`STREAM_SECONDS` in all.
+
+        Parameters
+        ----------
+        goes_on
+            Whether the caller has shown that it was in the stream, by an event of it.
+
+        Raises
+        ------
+        Unauthorized
+            When the ticket is unknown, used or too old.
+        """
+        name = _hash(ticket)
         with self.database.write() as session:
-            row = session.get(TicketRow, _hash(ticket), with_for_update=True)
-            if row is not None:
-                session.delete(row)
+            row = session.get(TicketRow, name, with_for_update=True)
+            self._bearer(row)
+            if row is None or (row.opened is not None and not goes_on):
+                raise Unauthorized(_WORTHLESS)
+            row.opened = row.opened or self.clock()
+            row.expires = row.opened + timedelta(seconds=STREAM_SECONDS)
+            self._streams[name] += 1
+
+    def close_stream(self, ticket: str) -> None:
+        """Note that the ticket's stream has ended."""
+        name = _hash(ticket)
+        with self.database.write() as session:
+            row = session.get(TicketRow, name, with_for_update=True)
+            self._streams[name] -= 1
+            if not self._streams[name]:
+                del self._streams[name]
+                if row is not None:
+                    row.expires = min(row.expires, self.clock() + timedelta(seconds=RETURN_SECONDS))
+
+    def _bearer(self, row: TicketRow | None) -> Principal:
         if row is None or row.expires < self.clock():
-            raise Unauthorized("the ticket is unknown, used or too old")
+            raise Unauthorized(_WORTHLESS)
         issuer = _NAME.fullmatch(row.principal)
-        return Principal(row.principal, frozenset({Scope.READ}), issuer[1] if issuer else None)
+        principal = Principal(row.principal, frozenset({Scope.READ}), issuer[1] if issuer else None)
+        if self.is_revoked(principal):
+            raise Unauthorized(_WORTHLESS)
+        return principal
 
     def is_revoked(self, principal: Principal) -> bool:
         """Whether a key holds no more, as far as the last look (:meth:`remember`) knows."""

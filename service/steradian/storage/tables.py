@@ -254,6 +254,7 @@ class TicketRow(Table):
     hash: Mapped[str] = mapped_column(String(64), primary_key=True)
     principal: Mapped[str] = mapped_column(String(160))
     expires: Mapped[datetime]
+    opened: Mapped[datetime | None]
 
 
 class IdempotencyRow(Table):
