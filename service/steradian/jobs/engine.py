@@ -82,8 +82,8 @@ class JobQueue:
         return request.id
 
     def enqueue(self, row: JobRow) -> None:
-        """Hand a job of the ledger to the engine; doing it twice does it once."""
-        if row.submitted or is_terminal(row.state):
+        """Hand a job of the ledger to the engine; doing it twice does it once, and one that follows a scan waits."""
+        if row.submitted or is_terminal(row.state) or self.ledger.waits_for_scan(row):
             return
         self._client.enqueue(
             {

@@ -27,11 +27,15 @@ class JobKind:
         others may have.
     resource
         ``reconstruction`` where it leaves a volume and stands behind ``/reconstructions`` too; its events say so.
+    follows
+        Stage in which it follows its scan, if it does: it takes no worker while the scan waits, and the service's limit
+        on a job's time begins anew with each report of the stage.
     """
 
     request: type[requests.Request]
     work: Callable[[Work, Any], dict[str, Any]]
     resource: Literal["reconstruction", "job"] = "job"
+    follows: str | None = None
 
     def run(self, work: Work, request: Mapping[str, Any]) -> dict[str, Any]:
         """Check the request, do it and return plain JSON; raises :class:`InvalidInput` and what the work raises."""
@@ -42,7 +46,7 @@ class JobKind:
 KINDS: Final[Mapping[str, JobKind]] = MappingProxyType(
     {
         "reconstruction": JobKind(requests.ReconstructionRequest, tasks.reconstruct, "reconstruction"),
-        LIVE: JobKind(requests.ReconstructionRequest, tasks.follow, "reconstruction"),
+        LIVE: JobKind(requests.ReconstructionRequest, tasks.follow, "reconstruction", follows="A-lines"),
         "what-if": JobKind(requests.ReconstructionRequest, tasks.look_through, "reconstruction"),
         "sound-speed": JobKind(requests.SoundSpeedRequest, tasks.scan_speeds),
         "quality": JobKind(requests.QualityRequest, tasks.compare_volumes),
@@ -51,6 +55,10 @@ KINDS: Final[Mapping[str, JobKind]] = MappingProxyType(
     }
 )
 """Each kind by the name under which it is queued."""
+
+
+FOLLOWING: Final = tuple(name for name, kind in KINDS.items() if kind.follows)
+"""Kinds that follow a scan."""
 
 
 def resource_of(kind: str) -> str:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from sqlalchemy import func, select
+from sqlalchemy import exists, func, select
 from sqlalchemy.orm import Session
 
 from steradian.errors import Conflict, NotFound, Superseded
-from steradian.jobs.kinds import resource_of
+from steradian.jobs.kinds import FOLLOWING, resource_of
 from steradian.jobs.model import (
     MAX_ATTEMPTS,
     MAX_INTERRUPTIONS,
@@ -24,11 +24,14 @@ from steradian.jobs.model import (
 from steradian.storage.events import record
 from steradian.storage.repository import Page, Repository
 from steradian.storage.scans import Outdated
-from steradian.storage.states import DesiredJobState, ReconstructionState, check_job_transition, is_terminal
-from steradian.storage.tables import JobRow
+from steradian.storage.states import DesiredJobState, ReconstructionState, ScanState, check_job_transition, is_terminal
+from steradian.storage.tables import JobRow, ScanRow
 
 _R = ReconstructionState
 _UNFINISHED = [state for state in _R if not is_terminal(state)]
+_WAITS_FOR_SCAN = JobRow.kind.in_(FOLLOWING) & exists().where(
+    ScanRow.id == JobRow.payload["scan_id"].as_string(), ScanRow.state == ScanState.QUEUED
+)
 
 
 class JobLedger(Repository[JobRow]):
@@ -106,10 +109,17 @@ class JobLedger(Repository[JobRow]):
         self._change(job_id, lambda row: setattr(row, "submitted", True))
 
     def unsubmitted(self) -> list[JobRow]:
-        """Return those that a crash kept from reaching the engine, oldest first."""
-        query = select(JobRow).where(JobRow.submitted.is_(False), JobRow.state == _R.QUEUED)
+        """Return those that the engine does not have but should, oldest first: a crash kept them, or their scan."""
+        query = select(JobRow).where(JobRow.submitted.is_(False), JobRow.state == _R.QUEUED, ~_WAITS_FOR_SCAN)
         with self.database.read() as session:
             return list(session.scalars(query.order_by(JobRow.sequence)))
+
+    def waits_for_scan(self, row: JobRow) -> bool:
+        """Whether a job follows a scan that waits itself: it would hold a worker for nothing."""
+        if row.kind not in FOLLOWING:
+            return False
+        with self.database.read() as session:
+            return session.scalar(select(JobRow.id).where(JobRow.id == row.id, _WAITS_FOR_SCAN)) is not None
 
     def unfinished(self) -> list[JobRow]:
         """Return all that are not over, oldest first."""

@@ -62,6 +62,7 @@ class JobProcess:
         log: Path,
         report: Report,
         timeout: float,  # noqa: ASYNC109 - it ends a process, not only the waiting
+        follows: str | None = None,
     ) -> Outcome:
         """Run a job to its end; cancelling this coroutine kills the child.
 
@@ -69,13 +70,21 @@ class JobProcess:
         ----------
         timeout
             Seconds after which the child is killed and the job has failed.
+        follows
+            Stage whose reports begin the time anew: its length is somebody else's.
         """
         log.parent.mkdir(parents=True, exist_ok=True)
         outcome: Outcome | None = None
         try:
-            async with asyncio.timeout(timeout):
+            async with asyncio.timeout(timeout) as limit:
+
+                async def heard(stage: str, done: int, total: int) -> None:
+                    if stage == follows:
+                        limit.reschedule(asyncio.get_running_loop().time() + timeout)
+                    await report(stage, done, total)
+
                 while outcome is None:
-                    outcome = await self._converse({"log": str(log), "payload": dict(payload)}, report)
+                    outcome = await self._converse({"log": str(log), "payload": dict(payload)}, heard)
         except TimeoutError:
             outcome = Failed("timeout", f"the job did not end within {timeout:g} s")
         finally:

@@ -13,6 +13,7 @@ from typing import Any, Final, TypeVar
 from sqlalchemy.exc import SQLAlchemyError
 
 from steradian.errors import Superseded
+from steradian.jobs.kinds import KINDS
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import Died, Failed, Interrupted, Outcome, Succeeded
 from steradian.jobs.process import JobProcess
@@ -125,8 +126,9 @@ class JobRunner:
         about = {"kind": row.kind, "request": row.payload, "principal": row.history[0]["who"], "start": row.fence}
         where = {"job": str(folder.root), "data": str(self._data.root.absolute())}
         timeout = min(row.timeout or self._settings.job_timeout, self._settings.job_timeout)
+        follows = KINDS[row.kind].follows if row.kind in KINDS and row.timeout is None else None
         try:
-            return await process.run(about | where, log=folder.log, report=progress, timeout=timeout)
+            return await process.run(about | where, log=folder.log, report=progress, timeout=timeout, follows=follows)
         except OSError as error:
             return Interrupted(f"the job's process cannot be run: {error}")
         except Exception as error:

@@ -81,7 +81,7 @@ def follow_scan(
     wait
         How to wait some seconds.
     progress
-        Called with the stage "A-lines" at each revision, then with the stages of the full reconstruction.
+        Called with the stage "A-lines" at each look, then with the stages of the full reconstruction.
     cancelled
         Asked between pieces of work and while waiting.
 
@@ -105,13 +105,16 @@ def follow_scan(
     if chosen.method not in SUMS:
         raise InvalidInput("method", chosen.method, f"{', '.join(SUMS)}: sums over sensors, which can grow")
     view: LiveView | None = None
+    seen = 0, 1
     while not is_over():
         began = time.monotonic()
         if view is None and has_alines(scan, frame):
             view = LiveView(scan, output, chosen, detail, frame)
         revision = view.revise(cancelled=cancelled) if view else None
-        if view and revision and progress:
-            progress("A-lines", revision.points, revision.planned)
+        if revision:
+            seen = revision.points, revision.planned
+        if progress:
+            progress("A-lines", *seen)
         if revision and revised:
             revised(revision)
         _rest(interval - (time.monotonic() - began), is_over, wait, cancelled)

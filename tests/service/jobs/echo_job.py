@@ -20,6 +20,11 @@ def work(job, progress):
         case "succeed":
             time.sleep(payload.get("seconds", 0))
             return {"answer": payload["answer"]}
+        case "follow":
+            for _ in range(15):
+                time.sleep(0.2)
+                progress("following", 1, 4)
+            return {"answer": payload["answer"]}
         case "fail":
             raise InvalidInput("depth", -1, "> 0 (m)")
         case "crash":

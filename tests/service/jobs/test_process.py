@@ -1,9 +1,11 @@
-"""A child that is still being started when its job is no longer wanted."""
+"""A child that is still being started when its job is no longer wanted, and one that takes as long as a scan."""
 
 import asyncio
+import os
 import sys
 from pathlib import Path
 
+from steradian.jobs.model import Succeeded
 from steradian.jobs.process import JobProcess
 
 ECHO = str(Path(__file__).with_name("echo_job.py"))
@@ -35,3 +37,19 @@ def test_a_job_that_is_given_up_while_its_process_starts_leaves_none_behind(tmp_
     monkeypatch.setattr(asyncio, "create_subprocess_exec", slowly)
     asyncio.run(give_up())
     assert len(started) == 1
+
+
+def test_the_time_of_a_scan_that_is_followed_is_not_the_jobs(tmp_path):
+    async def run(do, follows):
+        process = JobProcess([sys.executable, ECHO], dict(os.environ))
+        payload = {"request": {"do": do, "answer": 1, "diary": str(tmp_path / "diary")}}
+        how = {"log": tmp_path / "log.txt", "report": _nothing, "timeout": 2.9, "follows": follows}
+        try:
+            await process.run({"request": payload["request"] | {"do": "succeed"}}, **how | {"timeout": 120})
+            return await process.run(payload, **how)
+        finally:
+            await process.end()
+
+    assert asyncio.run(run("follow", "following")) == Succeeded({"answer": 1})
+    assert asyncio.run(run("follow", None)).code == "timeout"
+    assert asyncio.run(run("hang", "following")).code == "timeout"

@@ -125,6 +125,20 @@ def test_a_scan_is_followed_while_it_runs_and_ends_as_its_full_reconstruction(se
     assert figures["volume_error"] < 1e-4
 
 
+def test_a_view_of_a_scan_that_waits_leaves_the_worker_to_others(service, scan):
+    slow = service.start_scan(service.plan(pulse_rate=1, averages=64))
+    waiting = service.start_scan(service.plan())
+    body = {"scan_id": waiting["id"], "follow": True, "parameters": PARAMETERS}
+    view = service.http.post("/reconstructions", json=body).json()
+    for _ in range(3):
+        service.done("/reconstructions", scan_id=scan["id"], parameters=PARAMETERS)
+    seen = service.get(f"/reconstructions/{view['id']}").json(), service.get(f"/scans/{waiting['id']}").json()
+    service.http.put(f"/scans/{slow['id']}/desired-state", json={"state": "aborted"}).raise_for_status()
+    assert [one["state"] for one in seen] == ["queued", "queued"]
+    done = service.get(f"/reconstructions/{view['id']}", headers=WAIT).json()
+    assert (done["state"], done["attempt"]) == ("succeeded", 1)
+
+
 def test_a_scan_travels_to_another_program_and_back(service, scan, image):
     sent = service.done("/jobs", kind="export", scan_id=scan["id"], format="ipasc")
     file = service.get(f"{sent['links']['self']}/files/{sent['files'][0]}").content
