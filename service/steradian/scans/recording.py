@@ -38,6 +38,13 @@ class Shots:
     level: FloatArray
     gain: FloatArray
 
+    @classmethod
+    def usual(cls, time_zero: FloatArray) -> Shots:
+        """Return shots of which nothing but the time zero (M,) is known."""
+        count = len(time_zero)
+        none, zeros = np.zeros(count, np.uint32), np.zeros(count)
+        return cls(np.ones(count), time_zero, none, none + 1, zeros, zeros)
+
     def take(self, index: NDArray[np.int64] | NDArray[np.bool_]) -> Shots:
         """Return those of some A-lines."""
         return Shots(**{each.name: getattr(self, each.name)[index] for each in fields(self)})

@@ -12,6 +12,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import foreign
 
 from steradian.errors import Cancelled, Conflict, DamagedFile, InvalidInput, NotFound
+from steradian.reconstructions.shots import ShotTreatment, even_out
 from steradian.scans.importing import import_scan
 from steradian.scans.opening import open_recording
 from steradian.scans.store import AlineStore, create_scan_file
@@ -307,6 +308,43 @@ def test_an_array_under_a_numbers_name_is_no_hindrance_once_the_number_is_stated
             import_scan(tmp_path / "a.npz", scan)
         assert refusal.value.field == field
     assert import_scan(tmp_path / "a.npz", scan, description=foreign.describe(tmp_path, **stated)).points == 96
+
+
+def _npz(path, **arrays):
+    np.savez(path.with_suffix(".npz"), **arrays)
+    return path.with_suffix(".npz")
+
+
+def _mat5(path, **arrays):
+    from scipy.io import savemat
+
+    savemat(path.with_suffix(".mat"), arrays)
+    return path.with_suffix(".mat")
+
+
+def _mat7(path, **arrays):
+    return foreign._matlab(path.with_suffix(".mat"), **arrays)
+
+
+@pytest.mark.parametrize("write", [_npz, _mat5, _mat7])
+def test_each_sensor_may_have_its_own_time_zero(tmp_path, scan, write):
+    """Once in the scan file and once read from where it came; an array that is none of them is refused by its name."""
+    points = foreign.grid()
+    zeros = 1e-8 * np.arange(len(points))
+    grid = {"sensor_data": foreign.expected(points).reshape(*foreign.COUNTS, -1), "dx": foreign.PITCH[0]}
+    listed = {"sensor_data": foreign.expected(points), "positions": points}
+    for number, (arrays, each) in enumerate([(listed, zeros), (grid, zeros.reshape(foreign.COUNTS))]):
+        arrays = arrays | {"dt": foreign.DT, "c": 1480.0, "dy": foreign.PITCH[1]}
+        source, made = write(tmp_path / f"a{number}", t0=each, **arrays), scan.with_name(f"{number}.h5")
+        import_scan(source, made)
+        for recording in (open_recording(made), open_recording(source)):
+            np.testing.assert_allclose(recording.shots.time_zero, zeros)
+            assert recording.time_zero == 0
+            assert even_out(recording, ShotTreatment())[1].time_zero_s == (0, pytest.approx(zeros[-1]))
+        for wrong in (zeros[1:], np.zeros((2, 48)), np.full(zeros.shape, np.nan)):
+            with pytest.raises(InvalidInput, match="time_zero is") as refusal:
+                import_scan(write(tmp_path / "wrong", t0=wrong, **arrays), scan)
+            assert refusal.value.field == "time_zero"
 
 
 def test_sensors_on_no_plane_are_refused(tmp_path, scan):

@@ -223,9 +223,15 @@ def _stated_in(
             return None  # a map of the speed of sound, say; the description may give the number
         return float(_small(archive, member).reshape(-1)[0])
 
-    points, delay = small(*names.POSITIONS), number(*names.TIME_ZERO)
-    if delay is None and said.time_zero is None and find(names.TIME_ZERO) is not None:  # 0 would shift the image
-        raise InvalidInput("time_zero", "an array of several numbers", "one number (s), there or in a description")
+    def time_zero() -> float | NDArray[np.float64]:
+        """Of all A-lines, or of each point where there is one for each; none at all is 0."""
+        member = find(names.TIME_ZERO)
+        if said.time_zero is not None or member is None or prod(_shape(archive, member)) == 1:
+            return number(*names.TIME_ZERO) or 0.0
+        values = _small(archive, member).astype(np.float64)
+        return values.reshape(-1) if values.shape == lateral else values
+
+    points = small(*names.POSITIONS)
     steps = names.LATERAL_STEPS if simulated else (names.STEPS[:1], names.STEPS[1::-1])
     pitches = [next((step for name in wanted if (step := number(name))), None) for wanted in steps]
     if points is None and lateral is not None and (pitch := pitches[0]) is not None:
@@ -236,7 +242,7 @@ def _stated_in(
         aperture=number(*names.APERTURE),
         sampling_interval=number(*names.INTERVAL),
         sound_speed=number(*names.SPEED),
-        time_zero=delay or 0.0,
+        time_zero=time_zero(),
         depth=number(*names.DEPTH),
         simulated=simulated,
     )

@@ -57,7 +57,8 @@ def _source(file: h5py.File, called: str, said: Description, spare: Any) -> Sour
     traces = untrusted.dataset(file, name, most_bytes=untrusted.TRACE_BYTES)
     if traces.ndim not in (2, 3):
         raise DamagedFile(f"{called}: {name} has {traces.ndim} axes; expected sensor, time or x, y, time")
-    stated, lateral = _stated(file), tuple(traces.shape[:0:-1])
+    lateral = tuple(traces.shape[:0:-1])
+    stated = _stated(file, lateral)
     if stated.points is None and len(lateral) == 2:
         stated = _on_grid(file, stated, lateral)
     return make_source(FORMAT, _table(traces, stated, said, spare), stated, said, called, lateral)
@@ -91,7 +92,7 @@ def _as_matlab_counts(traces: h5py.Dataset) -> Iterator[NDArray[Any]]:
         yield slab.swapaxes(1, 2) if slab.ndim == 3 else slab
 
 
-def _stated(file: h5py.File) -> Stated:
+def _stated(file: h5py.File, lateral: tuple[int, ...]) -> Stated:
     interval, speed = (_number(file, wanted) for wanted in (names.INTERVAL, names.SPEED))
     weights = _find(file, names.WEIGHTS)
     return Stated(
@@ -101,8 +102,18 @@ def _stated(file: h5py.File) -> Stated:
         aperture=_number(file, names.APERTURE),
         sampling_interval=interval,
         sound_speed=speed,
-        time_zero=_number(file, names.TIME_ZERO) or 0.0,
+        time_zero=_time_zero(file, lateral),
     )
+
+
+def _time_zero(file: h5py.File, lateral: tuple[int, ...]) -> float | NDArray[np.float64]:
+    """Time of the first sample, of all or (M,) of each sensor; an array of a form that is neither as it is."""
+    name = _find(file, names.TIME_ZERO)
+    if name is None or file[name].size == 1:
+        return _number(file, names.TIME_ZERO) or 0.0
+    values = untrusted.array(file, name, most_bytes=8 * MOST_POINTS).astype(np.float64).T
+    listed = len(lateral) == 1 and max(values.shape) == values.size
+    return values.reshape(-1) if listed or values.shape == lateral else values
 
 
 def _number(file: h5py.File, wanted: tuple[str, ...]) -> float | None:

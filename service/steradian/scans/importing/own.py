@@ -18,6 +18,7 @@ from steradian.progress import IsCancelled, Progress
 from steradian.scans import schema
 from steradian.scans.importing import untrusted
 from steradian.scans.importing.planned import read_plan
+from steradian.scans.importing.source import TIME_ZERO
 from steradian.scans.importing.tables import Hdf5Table
 from steradian.scans.importing.writing import MOST_SIZE, ImportedAline, pieces, require_sizes
 from steradian.scans.layout import geometry_checksum
@@ -35,8 +36,6 @@ DATASETS = {
     *(f"run/{name}" for name in ("queue", "upload", "reference")),
 }
 """All that a scan file may hold."""
-TIME_ZERO = 1.0
-"""Seconds from the pulse to the first sample, either way."""
 LIMITS = {
     "scale": (0.0, MOST_SIZE),
     "energy": (0.0, 1e6),

@@ -13,7 +13,10 @@ from steradian.ranges import LENGTH, SAMPLING_INTERVAL
 from steradian.scans.importing.description import LENGTHS, TIMES, Description, grid_points
 from steradian.scans.importing.geometry import Sensors, place_sensors
 from steradian.scans.importing.tables import Table
-from steradian.scans.recording import Recording
+from steradian.scans.recording import Recording, Shots
+
+TIME_ZERO = 1.0
+"""Seconds from the pulse to the first sample, either way, at most."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +32,8 @@ class Stated:
     aperture: float | None = None
     sampling_interval: float | None = None
     sound_speed: float | None = None
-    time_zero: float = 0.0
+    time_zero: float | NDArray[np.float64] = 0.0
+    """Of all A-lines, or (M,) of each sensor."""
     depth: float | None = None
     excitation: tuple[float, ...] = ()
     """Wavelengths of the light in m; as many frames of each as come out even."""
@@ -57,6 +61,8 @@ class Source:
         Wavelengths of the light in m, empty where not known; the frames of one follow each other.
     scanner, simulated
         Provenance.
+    time_zeros
+        (M,) seconds of each sensor where they differ; ``time_zero`` is then the earliest.
     """
 
     format: str
@@ -71,6 +77,7 @@ class Source:
     scanner: str
     simulated: bool
     provenance: dict[str, str] = field(default_factory=dict)
+    time_zeros: NDArray[np.float64] | None = None
 
     def recording(self) -> Recording:
         """Read the first frame into memory."""
@@ -90,6 +97,7 @@ class Source:
             depth=self.depth,
             planned=self.table.points,
             provenance=self.provenance,
+            shots=None if self.time_zeros is None else Shots.usual(self.time_zeros),
         )
 
 
@@ -126,13 +134,15 @@ def make_source(
     area = None if said.weights is not None or weights is None else float(weights.sum())
     sensors = place_sensors(points, aperture=aperture, bounds=stated.bounds, weights=weights, sensed_area=area)
     delay = said.seconds(said.time_zero)
+    earliest, each = _time_zeros(stated.time_zero if delay is None else delay, table.points)
     return Source(
         format=kind,
         table=table,
         sensors=sensors,
         sampling_interval=interval,
         sound_speed=said.sound_speed or stated.sound_speed,
-        time_zero=stated.time_zero if delay is None else delay,
+        time_zero=earliest,
+        time_zeros=each,
         depth=said.metres(said.depth) or stated.depth,
         scale=said.scale,
         excitation=stated.excitation,
@@ -140,6 +150,19 @@ def make_source(
         simulated=stated.simulated if said.simulated is None else said.simulated,
         provenance={"source": name},
     )
+
+
+def _time_zeros(stated: float | NDArray[np.float64], points: int) -> tuple[float, NDArray[np.float64] | None]:
+    """Return the earliest time zero, and that of each of so many sensors where they have their own."""
+    if not isinstance(stated, np.ndarray):
+        return stated, None
+    allowed = f"one number, or one for each of the {points} sensors, in a file or one in a description"
+    if stated.shape != (points,):
+        raise InvalidInput("time_zero", f"an array of {stated.size} numbers", allowed)
+    if not (np.abs(stated) <= TIME_ZERO).all():
+        wrong = stated[~(np.abs(stated) <= TIME_ZERO)][0]
+        raise InvalidInput("time_zero", f"{wrong:g}", f"-{TIME_ZERO:g} to {TIME_ZERO:g} (s)")
+    return float(stated.min()), stated
 
 
 def _require_extent(points: NDArray[np.floating[Any]], said: Description) -> None:

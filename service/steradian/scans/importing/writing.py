@@ -151,5 +151,7 @@ def _alines(start: int, block: NDArray[Any], kind: np.dtype[Any], source: Source
     with np.errstate(over="ignore", invalid="ignore"):  # what float32 cannot hold becomes infinite and is refused
         samples = block.astype(kind)
     require_sizes(samples, source.scale, np.arange(start, start + len(block)), block)
+    each, points = source.time_zeros, source.table.points
     for index, row in enumerate(samples, start):
-        yield ImportedAline(index, row, source.scale, shot=index + 1, time_zero_offset_s=source.time_zero)
+        zero = source.time_zero if each is None else float(each[index % points])
+        yield ImportedAline(index, row, source.scale, shot=index + 1, time_zero_offset_s=zero)
