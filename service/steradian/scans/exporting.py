@@ -44,7 +44,8 @@ def export_scan(
 ) -> Path:
     """Write a scan file in another format.
 
-    Points that are missing in any frame, or whose samples do not match their checksum, are left out.
+    Points that are missing in any frame, or whose samples do not match their checksum, are left out. The others are as
+    they were measured: not divided by their pulse energy, flagged ones among them; the file tells both of each.
 
     Parameters
     ----------
@@ -175,6 +176,8 @@ class _Export:
         }
         if "depth_m" in mask.attrs:
             tags[ipasc.DEPTH] = float(mask.attrs["depth_m"])
+        for tag, name in ((ipasc.ENERGY, "energy"), (ipasc.QUALITY, "quality")):
+            tags[tag] = self._table[name].reshape(*shape[2:], self._points)[..., kept].transpose(2, 0, 1)
         times = self._scan["alines/fire_time_s"][()].reshape(self._frames, self._points)[:, kept]
         if times.any():  # an imported scan may not know them
             tags["measurement_timestamps"] = times.min(axis=1)

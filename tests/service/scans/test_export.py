@@ -104,6 +104,26 @@ def test_samples_are_in_the_pressure_unit_and_in_the_masks_order(tmp_path, scan,
     np.testing.assert_array_equal(series[plan.visit], [0.5 * aline.samples.astype(np.float32) for aline in alines])
 
 
+def test_energy_and_flags_of_each_a_line_are_told_and_change_none(tmp_path, plan, alines):
+    """Whoever reads the file may divide by the one and leave out by the other."""
+    wanted = plan.replace(frames=2, excitation=(7e-7, 8e-7))
+    points, path = plan.mask.count, tmp_path / "frames.h5"
+    create_scan_file(path, wanted)
+    with AlineStore(path) as store:
+        for frame in range(4):
+            for aline in alines:
+                point = frame * points + aline.point
+                store.append([replace(aline, point=point, energy=1 + frame / 8, quality=frame)])
+    with h5py.File(export_scan(path, tmp_path / "out.hdf5")) as file:
+        about, series = file["meta_data"], file["binary_time_series_data"]
+        assert about["custom_pulse_energy"].shape == about["custom_quality_flags"].shape == (points, 2, 2)
+        for frame in range(4):
+            light, repeat = divmod(frame, 2)
+            assert set(about["custom_pulse_energy"][:, light, repeat]) == {1 + frame / 8}
+            assert set(about["custom_quality_flags"][:, light, repeat]) == {frame}
+            np.testing.assert_array_equal(series[..., light, repeat], series[..., 0, 0])
+
+
 def test_an_exported_scan_comes_back_as_it_was(tmp_path, scan, plan):
     """Out and in again: positions, weights, aperture, depth, times and pressures are the same."""
     import_scan(export_scan(scan, tmp_path / "out.hdf5"), tmp_path / "back.h5")

@@ -27,14 +27,17 @@ FORMAT = "ipasc"
 EVERY = 2000
 """Detectors between two reports."""
 SERIES, ACQUISITION, DEVICE = "binary_time_series_data", "meta_data", "meta_data_device"
-TIME_ZERO, WEIGHTS, DEPTH, APERTURE, SIMULATED = (
+TIME_ZERO, WEIGHTS, DEPTH, APERTURE, SIMULATED, ENERGY, QUALITY = (
     "custom_t0",
     "custom_detector_weights",
     "custom_point_of_interest_depth",
     "custom_aperture",
     "custom_simulated",
+    "custom_pulse_energy",
+    "custom_quality_flags",
 )
-"""Our tags beside the standard's: from laser pulse to first sample (s), areas (m²), distance and side (m), 0 or 1."""
+"""Our tags beside the standard's: from laser pulse to first sample (s), areas (m²), distance and side (m), 0 or 1, and
+[detector, wavelength, frame] what the A-lines are not corrected for."""
 
 
 @contextmanager
