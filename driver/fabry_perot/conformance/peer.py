@@ -86,6 +86,9 @@ class Peer:
         self.plan = secrets.randbelow(1 << 31)
         self._uploading = np.zeros(0, POINT)
         self._offered = self._offered_at = 0
+        self._looked_at = self._clock.now()
+        self.absence = 0.0
+        """Longest time in s that this host itself did not look at the line."""
         self.renewing = False
         """Whether each STATUS is answered by a LEASE."""
         self.frames: list[Frame] = []
@@ -321,7 +324,10 @@ class Peer:
         """Take in frames until ``over()``, at most so long; return whether it is."""
         deadline = self._clock.now() + int(seconds * 1e6)
         while not over() and self._clock.now() < deadline:
-            for frame in self._deframer.feed(self._transport.read()):
+            self.absence = max(self.absence, (self._clock.now() - self._looked_at) * 1e-6)
+            data = self._transport.read()
+            self._looked_at = self._clock.now()
+            for frame in self._deframer.feed(data):
                 self.frames.append(frame)
                 try:
                     self._take(frame)
