@@ -54,6 +54,14 @@ class Settings(BaseSettings):
     require_key: bool = Field(
         default=False, description="Whether a key is needed on the loopback, too: for a machine with other users"
     )
+    requests_per_second: float = Field(
+        default=100.0,
+        gt=0,
+        description="Requests a key may make in the long run; a change counts as 5 (1/s)",
+    )
+    failed_keys_per_minute: float = Field(
+        default=20.0, ge=1, description="Wrong keys after which an address is heard with a known one only (1/min)"
+    )
     key_file: Path | None = Field(
         default=None, description="File in which a first start writes an admin key, if there is no other"
     )

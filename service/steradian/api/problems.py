@@ -77,7 +77,7 @@ CODE_OF = {
 }
 """Codes of what the framework refuses by itself."""
 
-RETRYABLE = frozenset({"not-ready", "queue-unavailable", "database-unavailable", "internal"})
+RETRYABLE = frozenset({"not-ready", "too-many-requests", "queue-unavailable", "database-unavailable", "internal"})
 
 
 class Problem(BaseModel):
@@ -106,6 +106,7 @@ _REFUSALS: dict[int | str, str] = {
     413: "The body is too large",
     415: "The body is not application/json",
     422: "A value is outside its allowed range",
+    429: "The key is used more often than it may be; Retry-After says when to go on",
     "5XX": "The service failed; the log has more under the request id",
 }
 RESPONSES: dict[int | str, dict[str, Any]] = {

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ipaddress
 from collections.abc import Callable, Coroutine
+from contextlib import suppress
 from typing import Any, Final, Protocol
 from urllib.parse import parse_qs, urlsplit
 
@@ -23,6 +24,7 @@ from steradian.api.bodies import JsonRequest
 from steradian.api.problems import database_problem, problem
 from steradian.security.keys import Forbidden, KeyStore, Principal, Unauthorized
 from steradian.security.keys import Scope as Need
+from steradian.security.rates import Rate, TooOften
 from steradian.settings import Settings
 
 V1: Final = "/api/v1"
@@ -96,6 +98,10 @@ UNSAFE: Final = frozenset({"POST", "PUT", "PATCH", "DELETE"})
 FORWARDING: Final = ("forwarded", "via", "x-real-ip")
 """Headers that a proxy adds, beside all that begin with ``X-Forwarded-``."""
 LOCAL: Final = Principal("local", frozenset({Need.ADMIN}))
+AT_ONCE: Final = 10.0
+"""Seconds' worth of requests that may come at once."""
+CHANGE: Final = 5.0
+"""What a request that changes something costs of a key's rate; one that reads costs 1."""
 
 
 class _Keeper(Protocol):
@@ -113,16 +119,24 @@ class Authenticate:
 
     def __init__(self, app: ASGIApp, keeper: _Keeper) -> None:
         self.app, self._settings, self._keys = app, keeper.settings, keeper.keys
+        per_second, failed = keeper.settings.requests_per_second, keeper.settings.failed_keys_per_minute
+        self._asked, self._failed = Rate(per_second, AT_ONCE * per_second), Rate(failed / 60, failed)
         self._hosts = {name.strip() for name in keeper.settings.allowed_hosts.split(",") if name.strip()}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve."""
         if scope["type"] == "http":
             try:
-                scope["state"]["principal"] = await self._principal(scope)
+                scope["state"]["principal"] = principal = await self._principal(scope)
+                if principal is not None and principal is not LOCAL and not _is_stop(scope):
+                    self._asked.take(principal.name, CHANGE if scope["method"] in UNSAFE else 1.0)
             except Unauthorized as error:
                 headers = {"WWW-Authenticate": 'Bearer realm="steradian"', "Connection": "close"}
                 answer = problem(scope["state"]["request_id"], 401, error.code, str(error), headers=headers)
+                return await answer(scope, receive, send)
+            except TooOften as error:
+                headers = {"Retry-After": str(error.retry_after)}
+                answer = problem(scope["state"]["request_id"], 429, error.code, str(error), headers=headers)
                 return await answer(scope, receive, send)
             except Forbidden as error:
                 answer = problem(scope["state"]["request_id"], 403, error.code, str(error))
@@ -141,19 +155,32 @@ class Authenticate:
             kind, _, key = given.partition(" ")
             if kind.lower() != "bearer":
                 raise Unauthorized("send the key as Authorization: Bearer …")
-            is_stop = scope["method"] == "POST" and path.endswith(EMERGENCY_STOP)
-            if is_stop and (known := self._keys.recall(key.strip())) is not None:
+            if _is_stop(scope) and (known := self._keys.recall(key.strip())) is not None:
                 return known
-            return await run_in_threadpool(self._keys.check, key.strip())
+            return await self._prove(scope, self._keys.check, key.strip())
         if path == f"{V1}/events" and (ticket := parse_qs(scope["query_string"].decode("latin-1")).get("ticket")):
             scope["state"]["ticket"] = ticket[0]
-            return await run_in_threadpool(self._keys.see_ticket, ticket[0])
+            return await self._prove(scope, self._keys.see_ticket, ticket[0])
         if self._settings.needs_key:
             raise Unauthorized("a key is needed: Authorization: Bearer …")
         if _is_forwarded(headers):
             raise Unauthorized("the request came through a proxy, so a key is needed: Authorization: Bearer …")
         self._check_origin(scope["method"], headers)
         return LOCAL
+
+    async def _prove(self, scope: Scope, check: Callable[[str], Principal], secret: str) -> Principal:
+        """Tell whose a key or ticket is; an address that sent too many wrong ones is heard with a known key only."""
+        address = (scope.get("client") or ("",))[0]
+        if self._failed.is_spent(address) and not _is_stop(scope):
+            if (known := self._keys.recall(secret)) is not None:
+                return known
+            raise TooOften(60 / self._settings.failed_keys_per_minute)
+        try:
+            return await run_in_threadpool(check, secret)
+        except Unauthorized:
+            with suppress(TooOften):
+                self._failed.take(address)
+            raise
 
     def _check_origin(self, method: str, headers: Headers) -> None:
         hosts = headers.getlist("host")
@@ -167,6 +194,10 @@ class Authenticate:
         followed = method not in UNSAFE and headers.get("sec-fetch-mode") == "navigate"
         if headers.get("sec-fetch-site", "none") not in {"same-origin", "none"} and not followed:
             raise Forbidden("a page of another origin may do nothing here without a key")
+
+
+def _is_stop(scope: Scope) -> bool:
+    return bool(scope["method"] == "POST" and scope["path"].endswith(EMERGENCY_STOP))
 
 
 def _is_forwarded(headers: Headers) -> bool:

@@ -1,0 +1,113 @@
+"""How often one may ask: a person never notices a limit, a script does; health and the stop have none."""
+
+import threading
+import time
+
+import httpx
+import pytest
+
+from steradian.security.keys import KeyStore, Scope
+from steradian.security.rates import MOST, Rate, TooOften
+
+from .conftest import Server
+
+STOP = "/api/v1/scanners/scanner-0/emergency-stop"
+
+
+class Slow:
+    """A clock that goes when it is told to."""
+
+    def __init__(self):
+        self.now = 1000.0
+
+    def __call__(self):
+        return self.now
+
+
+def test_a_rate_lets_a_burst_pass_and_then_its_rate():
+    clock = Slow()
+    rate = Rate(10.0, 100.0, clock)
+    for _ in range(100):
+        rate.take("ada")
+    with pytest.raises(TooOften) as refusal:
+        rate.take("ada", 25.0)
+    assert refusal.value.retry_after == 3, "25 of them are there after 2.5 s"
+    rate.take("ben")
+    clock.now += 2.5
+    rate.take("ada", 25.0)
+    with pytest.raises(TooOften):
+        rate.take("ada")
+
+
+def test_callers_that_were_away_for_the_longest_are_forgotten():
+    rate = Rate(1.0, 1.0, Slow())
+    for number in range(MOST + 1):
+        rate.take(str(number))
+    assert not rate.is_spent("0")
+    assert rate.is_spent("1")
+
+
+@pytest.fixture(scope="module")
+def limited(tmp_path_factory):
+    """A service on which a key may do 2 requests a second, 20 at once, and an address send 5 wrong keys."""
+    folder = tmp_path_factory.mktemp("limited")
+    server = Server(folder, require_key=True, api_key="k" * 24, requests_per_second=2, failed_keys_per_minute=5)
+    server.wait()
+    yield server
+    server.close()
+
+
+def key_of(server, name, *scopes):
+    return {"Authorization": f"Bearer {KeyStore(server.database).create(name, scopes)}"}
+
+
+def statuses(client, url, headers, many, method="GET"):
+    return [client.request(method, url, headers=headers) for _ in range(many)]
+
+
+def test_a_script_is_told_to_wait_and_others_are_not(limited):
+    script, person = key_of(limited, "script", Scope.READ), key_of(limited, "person", Scope.READ)
+    here = f"{limited.url}/api/v1/masks"
+    with httpx.Client(timeout=60) as client:
+        answers = statuses(client, here, script, 60)
+        refused = [answer for answer in answers if answer.status_code != 200]
+        assert refused, "60 requests take less than the 20 s that they may"
+        assert {answer.status_code for answer in refused} == {429}
+        assert refused[0].json()["code"] == "too-many-requests"
+        assert refused[0].json()["retryable"]
+        assert int(refused[0].headers["retry-after"]) >= 1
+        assert {answer.status_code for answer in answers[:15]} == {200}
+        assert client.get(here, headers=person).status_code == 200
+        assert {answer.status_code for answer in statuses(client, f"{limited.url}/healthz", {}, 60)} == {200}
+        assert {answer.status_code for answer in statuses(client, limited.url + STOP, script, 3, "POST")} == {202}
+
+
+def test_wrong_keys_are_limited_harder_and_keep_no_good_one_out(limited):
+    good, here = key_of(limited, "good", Scope.READ), f"{limited.url}/api/v1/masks"
+    with httpx.Client(timeout=60) as client:
+        assert client.get(here, headers=good).status_code == 200
+        seen = [client.get(here, headers={"Authorization": f"Bearer sk_{n}_x"}).status_code for n in range(30)]
+        assert seen[0] == 401
+        assert seen[-1] == 429
+        assert seen.count(401) < 15
+        deadline = time.monotonic() + 60
+        while client.get(here, headers=good).status_code != 200:  # a second later keys are known by heart
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
+        assert client.post(limited.url + STOP, headers=good).status_code == 202
+
+
+def test_without_keys_nobody_is_limited(server):
+    """Whoever is on the machine itself can take its time anyhow."""
+    seen = []
+
+    def ask():
+        with httpx.Client(timeout=60) as client:
+            seen.extend(statuses(client, f"{server.url}/api/v1/masks", {}, 300))
+
+    threads = [threading.Thread(target=ask) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert {answer.status_code for answer in seen} == {200}
