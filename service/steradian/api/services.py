@@ -142,11 +142,11 @@ class Services:
             self._over.wait(RECONCILE_EVERY)
 
     def tidy(self) -> None:
-        """Forget what is too old: events, idempotency keys, uploads and, where settings say so, finished jobs."""
+        """Forget what is too old: events, idempotency keys, uploads, shared images and, if settings say so, jobs."""
         now = self.clock()
         oldest = (now - UPLOADS_KEPT).timestamp()
         awaited = {row.payload.get(name) for row in self.ledger.unfinished() for name in ("upload_id", "companion_id")}
-        for path in self.data.uploads.glob("*"):
+        for path in (*self.data.uploads.glob("*"), *self.data.references.glob("*")):
             if path.name not in awaited and path.stat().st_mtime < oldest:
                 path.unlink(missing_ok=True)
         self.log.prune(now - timedelta(days=self.settings.event_days))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 from collections.abc import Iterator
@@ -19,7 +20,12 @@ from steradian.storage.paths import DataDirectory
 
 if TYPE_CHECKING:
     from steradian.reconstructions.kept_plans import KeptPlans
+    from steradian.reconstructions.what_if import Made
+    from steradian.scans.recording import Recording
     from steradian.storage.database import Database
+
+PATIENCE = 600.0
+"""Seconds for which a job waits for the image that another one makes."""
 
 
 @dataclass(frozen=True)
@@ -70,10 +76,11 @@ def follow(work: Work, job: requests.ReconstructionRequest) -> dict[str, Any]:
 
 
 def look_through(work: Work, job: requests.ReconstructionRequest) -> dict[str, Any]:
-    """Reconstruct a scan through another mask."""
+    """Reconstruct a scan through another mask, and compare with the image of all A-lines."""
     from steradian.reconstructions.job import Report, write_reconstruction
     from steradian.reconstructions.shots import even_out
-    from steradian.reconstructions.what_if import through, what_if
+    from steradian.reconstructions.volume_file import read_volume
+    from steradian.reconstructions.what_if import Made, through, what_if
     from steradian.scans.opening import open_recording
     from steradian.storage.masks import MaskRepository
 
@@ -82,7 +89,6 @@ def look_through(work: Work, job: requests.ReconstructionRequest) -> dict[str, A
     with _database() as database:
         mask = MaskRepository(database).load(job.through.mask_id)
     scan = work.data.scan_file(job.scan_id)
-    figures = what_if(scan, mask, work.folder, job.parameters, points=job.through.points, progress=work.progress)
     recording, uneven = even_out(open_recording(scan), job.parameters.shots)
     sparse, _ = through(recording, mask, job.through.points)
     report = write_reconstruction(
@@ -93,7 +99,44 @@ def look_through(work: Work, job: requests.ReconstructionRequest) -> dict[str, A
         plans=work.plans,
         progress=work.progress,
     )
+    figures = what_if(
+        scan,
+        mask,
+        work.folder,
+        job.parameters,
+        points=job.through.points,
+        full=_image_of_all(work, job, recording),
+        image=Made(read_volume(work.folder / "volume.h5"), report.seconds["reconstruct"]),
+        progress=work.progress,
+    )
     return asdict(report) | {"what_if": asdict(figures), "files": _left(work.folder)}
+
+
+def _image_of_all(work: Work, job: requests.ReconstructionRequest, recording: Recording) -> Made:
+    """Return the image of all A-lines; a sweep's first job makes it, the others wait for it and read it."""
+    import filelock
+
+    from steradian import __version__
+    from steradian.reconstructions.volume_file import read_volume, write_volume
+    from steradian.reconstructions.what_if import Made, make
+
+    state = work.data.scan_file(job.scan_id).stat()
+    made_of = [__version__, job.scan_id, state.st_size, state.st_mtime_ns, job.parameters.model_dump_json()]
+    path = work.data.reference(f"{job.scan_id}-{hashlib.sha256(json.dumps(made_of).encode()).hexdigest()[:24]}")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    took = path.with_suffix(".json")
+    try:
+        with filelock.FileLock(path.with_suffix(".lock"), timeout=PATIENCE):
+            if path.is_file() and took.is_file():
+                path.touch()
+                return Made(read_volume(path), json.loads(took.read_text()))
+            image = make(recording, job.parameters, progress=work.progress)
+            with draft(took) as file:
+                file.write_text(json.dumps(image.seconds))
+            write_volume(path, image.volume, parameters={}, provenance=recording.provenance)
+            return image
+    except filelock.Timeout:  # who makes it is cut off
+        return make(recording, job.parameters, progress=work.progress)
 
 
 def scan_speeds(work: Work, job: requests.SoundSpeedRequest) -> dict[str, Any]:

@@ -35,6 +35,14 @@ DISCS = 6
 """Discs around the point of interest for which the correlation is given, up to the aperture's size."""
 
 
+@dataclass(frozen=True)
+class Made:
+    """An image, and how many seconds it took to reconstruct."""
+
+    volume: Volume
+    seconds: float
+
+
 @dataclass
 class WhatIfReport:
     """What the mask would have come to, as written to ``what-if.json``."""
@@ -80,6 +88,8 @@ def what_if(
     diameter: float | None = None,
     threshold: float = 0.04,
     frame: int = 0,
+    full: Made | None = None,
+    image: Made | None = None,
     progress: Progress | None = None,
     cancelled: IsCancelled | None = None,
 ) -> WhatIfReport:
@@ -110,6 +120,8 @@ def what_if(
         Share of the maximum of the full image from which pixels are of interest (paper, section 6).
     frame
         Which frame of a scan that has several.
+    full, image
+        The images of all A-lines and through the mask, by the same parameters, where they are there already.
     progress, cancelled
         Reported and asked between pieces of work.
 
@@ -128,28 +140,40 @@ def what_if(
     with _timed(seconds, "read"):
         recording, _ = even_out(open_recording(scan, frame), chosen.shots)
         sparse, report = through(recording, mask, points)
-    with _timed(seconds, "reconstruct_all"):
-        full = reconstruct_recording(recording, chosen, progress=progress, cancelled=cancelled)
-    with _timed(seconds, "reconstruct_mask"):
-        image = reconstruct_recording(sparse, chosen, progress=progress, cancelled=cancelled)
+    full = full or make(recording, chosen, progress=progress, cancelled=cancelled)
+    image = image or make(sparse, chosen, progress=progress, cancelled=cancelled)
+    seconds |= {"reconstruct_all": full.seconds, "reconstruct_mask": image.seconds}
     if diameter is None and mask.depth is not None:
         diameter = min(2 * mask.depth, recording.aperture)
     with _timed(seconds, "compare"):
-        figures = compare(image, full, diameter=diameter, threshold=threshold, centre=mask.offset)
+        figures = compare(image.volume, full.volume, diameter=diameter, threshold=threshold, centre=mask.offset)
         report.quality = {name: value if np.isfinite(value) else None for name, value in figures.items()}
-        if image.dimensions == 3:
-            report.correlation_by_diameter = _by_diameter(image, full, mask.offset, threshold)
+        if image.volume.dimensions == 3:
+            report.correlation_by_diameter = _by_diameter(image.volume, full.volume, mask.offset, threshold)
     report.diameter_m, report.threshold = diameter, threshold
     report.weights = chosen.weights
-    report.shape, report.spacing_m = image.values.shape, tuple(map(float, image.spacing))
+    report.shape, report.spacing_m = image.volume.values.shape, tuple(map(float, image.volume.spacing))
     report.parameters, report.provenance = used(recording, chosen), recording.provenance
     report.saved["reconstruction_seconds"] = seconds["reconstruct_all"] - seconds["reconstruct_mask"]
     output.mkdir(parents=True, exist_ok=True)
     with _timed(seconds, "draw"):
-        _draw(image, full, output, chosen, sparse.positions)
+        _draw(image.volume, full.volume, output, chosen, sparse.positions)
     report.seconds = {name: round(value, 3) for name, value in seconds.items()}
     write_json(output / "what-if.json", report)
     return report
+
+
+def make(
+    recording: Recording,
+    parameters: ReconstructionParameters,
+    *,
+    progress: Progress | None = None,
+    cancelled: IsCancelled | None = None,
+) -> Made:
+    """Reconstruct a recording and note how long it takes."""
+    began = time.perf_counter()
+    volume = reconstruct_recording(recording, parameters, progress=progress, cancelled=cancelled)
+    return Made(volume, time.perf_counter() - began)
 
 
 def through(recording: Recording, mask: Mask, points: Points = "nearest") -> tuple[Recording, WhatIfReport]:

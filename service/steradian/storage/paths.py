@@ -5,6 +5,7 @@ DATA/queue.sqlite              the job queue
 DATA/scans/<id>.h5             A-lines
 DATA/uploads/<id>              files that came over HTTP and wait to be imported
 DATA/pictures/<mask id>.png    pictures of masks, once they have been asked for
+DATA/references/<scan id>-….h5 images of all A-lines, shared by jobs that compare with them, kept for a day
 DATA/jobs/<id>/                what one job left: a volume with projections and report, an export, its log
 DATA/emergency-stop/           whether the stop is pressed (:mod:`steradian.storage.emergency`)
 DATA/run/<process>.json        heartbeats of the running processes
@@ -26,7 +27,7 @@ import filelock
 from steradian.drafts import sweep
 from steradian.errors import Conflict, InvalidInput, Superseded
 
-FOLDERS: Final = ("scans", "uploads", "pictures", "jobs", "run")
+FOLDERS: Final = ("scans", "uploads", "pictures", "references", "jobs", "run")
 NAMES: Final = frozenset({*FOLDERS, "reconstructions", "emergency-stop", "lock"})
 DATABASES: Final = ("steradian.sqlite", "queue.sqlite")
 PRIVATE: Final = 0o700
@@ -87,6 +88,15 @@ class DataDirectory:
     def picture(self, mask_id: str) -> Path:
         """Picture of a mask."""
         return self.root.absolute() / "pictures" / f"{mask_id}.png"
+
+    @property
+    def references(self) -> Path:
+        """Folder of images that several jobs compare with."""
+        return self.root.absolute() / "references"
+
+    def reference(self, name: str) -> Path:
+        """Image that several jobs compare with."""
+        return self.references / f"{name}.h5"
 
     def job(self, job_id: str) -> JobDirectory:
         """Folder of one job."""

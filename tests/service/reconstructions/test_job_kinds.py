@@ -13,6 +13,7 @@ from steradian.jobs.child import work
 from steradian.jobs.kinds import KINDS
 from steradian.masks import grid_mask
 from steradian.plans import ScanPlan
+from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.volume_file import read_volume
 from steradian.scans.store import AlineStore, create_scan_file
 from steradian.storage.database import Database
@@ -126,6 +127,30 @@ def test_what_if_shows_the_other_mask_and_how_much_it_is_like_the_whole(place):
     assert 0 < report["what_if"]["quality"]["volume_correlation"] < 1
     assert read_volume(place.data.job(name).volume).values.shape == (16, 16, SAMPLES)
     assert "what-if.json" in report["files"]
+
+
+def test_a_sweep_of_masks_costs_one_reconstruction_more_than_it_has_masks(place, monkeypatch):
+    from steradian.reconstructions import job, what_if
+
+    reconstruct, sensors = job.reconstruct_recording, []
+
+    def counted(recording, *args, **how):
+        sensors.append(len(recording.positions))
+        return reconstruct(recording, *args, **how)
+
+    for module in (job, what_if):
+        monkeypatch.setattr(module, "reconstruct_recording", counted)
+    parameters, reports = {"modes": 12}, []
+    for mask in (place.sparse, place.mask, place.sparse):
+        through = {"mask_id": mask.id, "points": "exact"}
+        reports.append(place.do("what-if", scan_id=place.scan, through=through, parameters=parameters)[1])
+    assert sorted(sensors) == [16, 16, 64, 64], "each mask once, and all A-lines once"
+    chosen = ReconstructionParameters.create(**parameters)
+    alone = what_if.what_if(place.data.scan_file(place.scan), place.sparse, place.data.root / "alone", chosen)
+    for report in reports[::2]:
+        for name, value in alone.quality.items():
+            assert report["what_if"]["quality"][name] == pytest.approx(value, abs=1e-5), name
+    assert reports[1]["what_if"]["quality"]["volume_correlation"] == pytest.approx(1)
 
 
 def test_quality_of_an_image_against_itself_is_perfect_and_against_a_worse_one_is_not(place):
