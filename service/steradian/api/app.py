@@ -10,6 +10,7 @@ from fastapi import FastAPI
 from steradian import __version__
 from steradian.api import (
     batches,
+    deletion,
     documentation,
     events,
     health,
@@ -35,7 +36,8 @@ from steradian.api.together import Together
 from steradian.settings import Settings
 
 RESOURCES = (
-    root, masks, plans, scanners, scans, scan_data, reconstructions, results, quality, batches, uploads, jobs, events
+    root, masks, plans, scanners, scans, scan_data, reconstructions, results, quality, batches, uploads, jobs, deletion,
+    events,
 )  # fmt: skip
 
 

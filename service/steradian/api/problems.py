@@ -35,6 +35,7 @@ from steradian.errors import (
 from steradian.jobs.model import QueueUnavailable
 from steradian.scans.layout import is_full
 from steradian.security.keys import Forbidden, Unauthorized
+from steradian.storage.deletion import HasDependents
 from steradian.storage.scans import Outdated
 
 MEDIA_TYPE = "application/problem+json"
@@ -66,6 +67,10 @@ STATUS_OF: dict[type[SteradianError], int] = {
 }
 """HTTP status of each kind of our exceptions; a subclass has its parent's."""
 
+_NOUNS = {kind: f"{kind}s" for kind in ("mask", "plan", "scan", "reconstruction", "job")} | {"batch": "batches"}
+MOST_NAMED = 100
+"""Dependents that a refusal names at most."""
+
 CODE_OF = {
     400: "bad-request",
     404: "no-such-route",
@@ -91,6 +96,7 @@ class Problem(BaseModel):
     request_id: str = Field(description="Also in the X-Request-ID header and in the service's log")
     retryable: bool = Field(description="Whether the same request may succeed later")
     errors: list[Finding] = Field(default_factory=list, description="The fields that are wrong")
+    dependents: list[str] | None = Field(default=None, description="What needs the thing that was to be deleted (409)")
     needed_bytes: int | None = Field(default=None, description="Of a full disk (507): what the request needs")
     available_bytes: int | None = Field(default=None, description="Of a full disk (507): what it may take")
 
@@ -171,8 +177,12 @@ async def _ours(request: Request, error: Exception) -> JSONResponse:
         return await _unexpected(request, error)
     errors = [header_or_body(error)] if isinstance(error, InvalidInput) else []
     headers = {"Retry-After": str(getattr(error, "retry_after", 1))} if error.code in RETRYABLE else {}
-    room = {"needed_bytes": error.needed, "available_bytes": error.available} if isinstance(error, DiskFull) else {}
-    return problem(request_id_of(request), status, error.code, str(error), errors=errors, headers=headers, **room)
+    more: dict[str, Any] = {}
+    if isinstance(error, DiskFull):
+        more = {"needed_bytes": error.needed, "available_bytes": error.available}
+    elif isinstance(error, HasDependents):
+        more = {"dependents": [f"/api/v1/{_NOUNS[one.kind]}/{one.id}" for one in error.dependents[:MOST_NAMED]]}
+    return problem(request_id_of(request), status, error.code, str(error), errors=errors, headers=headers, **more)
 
 
 async def _invalid(request: Request, error: Exception) -> JSONResponse:

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import shutil
 import threading
 import time
 from concurrent.futures import Future
 from datetime import timedelta
 from typing import TYPE_CHECKING
 
-from sqlalchemy import delete, select
+from sqlalchemy import select
 
 from steradian.api.emergency import EmergencyDesk
 from steradian.api.workshop import Workshop
+from steradian.jobs.kinds import resource_of
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import JobStatus, QueueUnavailable
 from steradian.security.keys import KeyStore
 from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url
+from steradian.storage.deletion import Deletion, Resource, remove_files
 from steradian.storage.disk import Disk
 from steradian.storage.emergency import EmergencyLatch
 from steradian.storage.events import EventLog
@@ -32,7 +33,7 @@ from steradian.storage.repository import Clock, utc_now
 from steradian.storage.scanners import ScannerRepository
 from steradian.storage.scans import ScanRepository
 from steradian.storage.states import is_terminal
-from steradian.storage.tables import JobRow, ReconstructionRow
+from steradian.storage.tables import JobRow
 
 if TYPE_CHECKING:
     from steradian.jobs.engine import JobQueue
@@ -62,6 +63,7 @@ class Services:
         self.reconstructions = ReconstructionRepository(self.database, clock)
         self.batches = BatchRepository(self.database, clock)
         self.ledger = JobLedger(self.database, clock)
+        self.deletion = Deletion(self.database, clock)
         self.answers = Answers(self.database, clock)
         self.keys = KeyStore(self.database, clock, fixed=settings.api_key)
         self.log = EventLog(self.database)
@@ -153,14 +155,14 @@ class Services:
         self.answers.prune()
         if self.settings.retention_days is not None:
             self._forget_before(timedelta(days=self.settings.retention_days))
+        self.remove_files()
 
     def _forget_before(self, age: timedelta) -> None:
-        query = select(JobRow).where(JobRow.ended.is_not(None), JobRow.ended < self.clock() - age)
-        with self.database.read() as session:
-            old = [row.id for row in session.scalars(query)]
-        self.queue.forget(old)
-        for job_id in old:
-            shutil.rmtree(self.data.job(job_id).root, ignore_errors=True)
+        query = select(JobRow.id, JobRow.kind).where(JobRow.ended.is_not(None), JobRow.ended < self.clock() - age)
         with self.database.write() as session:
-            session.execute(delete(ReconstructionRow).where(ReconstructionRow.id.in_(old)))
-            session.execute(delete(JobRow).where(JobRow.id.in_(old)))
+            old = [Resource(resource_of(row.kind), row.id) for row in session.execute(query)]
+            self.deletion.forget(session, old, "service", "older than retention_days")
+
+    def remove_files(self) -> None:
+        """Remove the files of what was deleted, as far as they can go now."""
+        remove_files(self.database, self.data, self.queue.forget if self.queue_is_open else None)

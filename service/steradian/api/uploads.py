@@ -17,6 +17,7 @@ from steradian.api.security import V1, GuardedRoute
 from steradian.api.views import BASE
 from steradian.errors import InvalidInput, NotFound
 from steradian.scans.layout import sync_folder
+from steradian.storage.deletion import InUse, waiting_import
 from steradian.storage.repository import new_id
 
 router = APIRouter(prefix=f"{V1}/uploads", tags=["jobs"], route_class=GuardedRoute)
@@ -81,8 +82,10 @@ def read_upload(services: ServicesNeeded, upload_id: UPLOAD_ID) -> UploadView:
 
 @router.delete("/{upload_id}", status_code=204, summary="Forget an upload")
 def delete_upload(services: ServicesNeeded, upload_id: UPLOAD_ID) -> Response:
-    """Delete the file; nothing happens when there is none."""
+    """Delete the file; nothing happens when there is none. One that an import has still to read stays."""
     if _is_name(upload_id):
+        if (job := waiting_import(services.database, upload_id)) is not None:
+            raise InUse(f"upload {upload_id} cannot be deleted while job {job} waits or runs")
         services.data.upload(upload_id).unlink(missing_ok=True)
     return Response(status_code=204)
 

@@ -15,7 +15,7 @@ from steradian.reconstructions.imported import read_imported
 from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url
 from steradian.storage.imports import register_import
-from steradian.storage.integrity import fault_of, is_absent, rows_of
+from steradian.storage.integrity import fault_of, is_absent, removals, rows_of
 from steradian.storage.paths import DataDirectory
 from steradian.storage.states import ReconstructionState, is_terminal
 from steradian.storage.tables import JobRow, ScanRow
@@ -47,7 +47,9 @@ class Finding:
 def inspect(settings: Settings) -> list[Finding]:
     """Compare folder and database, changing nothing; nobody else may use them meanwhile."""
     data = DataDirectory(settings.data)
-    return [*_databases(settings, data), *_scans(settings, data), *_results(settings, data)]
+    found = [*_databases(settings, data), *_scans(settings, data), *_results(settings, data)]
+    going = removals(settings)
+    return [finding for finding in found if finding.subject not in going]
 
 
 def repair(settings: Settings) -> Iterator[str]:

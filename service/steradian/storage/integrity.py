@@ -15,7 +15,7 @@ from steradian.errors import DamagedFile
 from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url
 from steradian.storage.paths import DataDirectory
-from steradian.storage.tables import ScanRow
+from steradian.storage.tables import RemovalRow, ScanRow
 
 MANY = 5
 """Of so many names at most a sentence is made."""
@@ -59,6 +59,11 @@ def rows_of(settings: Settings, query: Select[Any]) -> Sequence[Row[Any]]:
         database.close()
 
 
+def removals(settings: Settings) -> set[str]:
+    """Return what was deleted and whose files are still to go: nobody misses its row."""
+    return {row.resource_id for row in rows_of(settings, select(RemovalRow.resource_id))}
+
+
 def check_before_start(settings: Settings) -> list[str]:
     """Look at databases and folder before a service starts on them.
 
@@ -81,7 +86,7 @@ def check_before_start(settings: Settings) -> list[str]:
                 raise DamagedFile(f"the database {path} {fault}; {advice}")
         metadata = fault_of(data.metadata_file)
     files = {path.stem for path in data.scan_files()}
-    known = {row.id for row in rows_of(settings, select(ScanRow.id))}
+    known = {row.id for row in rows_of(settings, select(ScanRow.id))} | removals(settings)
     jobs = [path.name for path in data.job_folders()] if metadata else []
     if (files and not files & known) or jobs:
         what = f"{len(files)} scan(s)" if files else f"results of {len(jobs)} job(s)"

@@ -212,6 +212,15 @@ class ScannerRow(Table):
     __mapper_args__ = {"version_id_col": revision}  # noqa: RUF012 - so the base class has it
 
 
+class RemovalRow(Table):
+    """Something that was deleted and whose files are still to be removed."""
+
+    __tablename__ = "removals"
+    sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    kind: Mapped[str] = mapped_column(String(40))
+    resource_id: Mapped[str] = mapped_column(String(40))
+
+
 class EventRow(Table):
     """The log of everything that changed state, in order."""
 

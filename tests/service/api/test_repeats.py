@@ -31,10 +31,10 @@ def ask_twice(http, path, body, between):
     assert (other.status_code, other.json()["errors"][0]["pointer"]) == (422, "Idempotency-Key")
 
 
-def test_a_repeated_import_gets_its_answer_when_the_upload_is_gone(http):
+def test_a_repeated_import_gets_its_answer_when_the_upload_is_gone(server, http):
     upload = http.post("/uploads", content=b"anything").json()["id"]
     body = {"kind": "import", "upload_id": upload}
-    ask_twice(http, "/jobs", body, lambda: http.delete(f"/uploads/{upload}").raise_for_status())
+    ask_twice(http, "/jobs", body, server.data.upload(upload).unlink)
 
 
 @pytest.mark.parametrize("path", ["/reconstructions", "/batches"])

@@ -1,0 +1,234 @@
+"""Deleting: what depends on what, rows at once and in one transaction, files after it.
+
+A deletion's transaction takes the rows away and notes whose files are to go (table ``removals``); files go afterwards
+and the notes last. Whatever ends the process between two of these steps, the notes that are left say what is still to
+do: :func:`remove_files` may be repeated at any time.
+"""
+
+from __future__ import annotations
+
+import logging
+import shutil
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, TypeAlias
+
+from sqlalchemy import delete, or_, select
+from sqlalchemy.orm import Session
+
+from steradian.errors import Conflict, NotFound
+from steradian.storage.database import Database
+from steradian.storage.events import record
+from steradian.storage.paths import DataDirectory
+from steradian.storage.repository import Clock, utc_now
+from steradian.storage.states import SETTLED_SCAN_STATES, DesiredScanState, ScanState, is_terminal
+from steradian.storage.tables import BatchRow, JobRow, MaskRow, PlanRow, ReconstructionRow, RemovalRow, ScanRow
+
+_log = logging.getLogger(__name__)
+Rows: TypeAlias = type[MaskRow] | type[PlanRow] | type[ScanRow] | type[BatchRow] | type[JobRow]
+TABLES: Final[dict[str, Rows]] = {
+    "mask": MaskRow,
+    "plan": PlanRow,
+    "scan": ScanRow,
+    "batch": BatchRow,
+    "reconstruction": JobRow,
+    "job": JobRow,
+}
+"""What can be deleted, in the order of dependence: each of a kind may depend on those before it."""
+TOLD: Final = frozenset({"scan", "batch", "reconstruction", "job"})
+"""Kinds whose changes are events."""
+
+
+@dataclass(frozen=True)
+class Resource:
+    """One thing."""
+
+    kind: str
+    id: str
+
+
+class HasDependents(Conflict):
+    """Other things need what is to be deleted."""
+
+    code = "has-dependents"
+
+    def __init__(self, what: Resource, dependents: Sequence[Resource]) -> None:
+        self.dependents = dependents
+        super().__init__(f"{what.kind} {what.id} is needed by {len(dependents)} others; delete them too, or first")
+
+
+class InUse(Conflict):
+    """Something that waits or runs needs it."""
+
+    code = "in-use"
+
+
+class Deletion:
+    """Deletes rows, and notes whose files are to go."""
+
+    def __init__(self, database: Database, clock: Clock = utc_now) -> None:
+        self.database, self.clock = database, clock
+
+    def delete(
+        self, kind: str, identifier: str, who: str, *, dependents: bool, check: Callable[[Iterable[str]], object]
+    ) -> None:
+        """Delete one thing, and all that depends on it where that is asked for.
+
+        Parameters
+        ----------
+        check
+            Called with the kinds of all that would go; raises where ``who`` may not delete them.
+
+        Raises
+        ------
+        NotFound
+            When there is no such thing.
+        HasDependents
+            When something depends on it that is not to go too.
+        InUse
+            When something of it waits or runs.
+        """
+        with self.database.write() as session:
+            first = _find(session, kind, identifier)
+            found = _closure(session, first)
+            check({one.kind for one in found})
+            if busy := _busy(session, found):
+                raise InUse(f"{kind} {identifier} cannot be deleted while something waits or runs: {', '.join(busy)}")
+            if len(found) > 1 and not dependents:
+                raise HasDependents(first, found[1:])
+            self.forget(session, found, who, "requested")
+
+    def forget(self, session: Session, found: Sequence[Resource], who: str, why: str) -> None:
+        """Take the rows away in the present transaction."""
+        now, by_kind = self.clock(), {kind: [one.id for one in found if one.kind == kind] for kind in TABLES}
+        for one in found:
+            if one.kind in TOLD:
+                about = _event_of(session, one) | {"state": "deleted", "who": who, "why": why}
+                record(session, now, one.kind, one.id, about)
+            session.add(RemovalRow(kind=one.kind, resource_id=one.id))
+        session.flush()
+        session.execute(delete(ReconstructionRow).where(ReconstructionRow.id.in_(by_kind["reconstruction"])))
+        for kind, table in reversed(TABLES.items()):
+            session.execute(delete(table).where(table.id.in_(by_kind[kind])))
+
+
+def waiting_import(database: Database, upload_id: str) -> str | None:
+    """Name an import that has still to read an upload, if there is one."""
+    with database.read() as session:
+        rows = session.scalars(select(JobRow).where(JobRow.kind == "import", JobRow.ended.is_(None)))
+        return next(
+            (row.id for row in rows if upload_id in {row.payload["upload_id"], row.payload.get("companion_id")}), None
+        )
+
+
+def remove_files(
+    database: Database, data: DataDirectory, forget_jobs: Callable[[Sequence[str]], object] | None
+) -> None:
+    """Remove the files of all that was deleted, then the notes of it; what cannot go yet is left for the next time.
+
+    Parameters
+    ----------
+    forget_jobs
+        Lets the queue forget jobs; ``None`` while there is no queue.
+    """
+    with database.read() as session:
+        notes = list(session.scalars(select(RemovalRow).order_by(RemovalRow.sequence)))
+    for note in notes:
+        try:
+            if not _remove(data, note, forget_jobs):
+                continue
+        except OSError as error:
+            _log.warning("files of %s %s cannot be removed yet: %s", note.kind, note.resource_id, error)
+            continue
+        with database.write() as session:
+            session.execute(delete(RemovalRow).where(RemovalRow.sequence == note.sequence))
+
+
+def _remove(data: DataDirectory, note: RemovalRow, forget_jobs: Callable[[Sequence[str]], object] | None) -> bool:
+    match note.kind:
+        case "mask":
+            data.picture(note.resource_id).unlink(missing_ok=True)
+        case "scan":
+            data.scan_file(note.resource_id).unlink(missing_ok=True)
+        case "job" | "reconstruction":
+            folder = data.job(note.resource_id)
+            if folder.is_running:  # its process is still dying
+                return False
+            if folder.root.exists():
+                shutil.rmtree(folder.root)
+            if forget_jobs is None:
+                return False
+            forget_jobs([note.resource_id])
+    return True
+
+
+def _find(session: Session, kind: str, identifier: str) -> Resource:
+    table = TABLES[kind]
+    found = session.scalar(select(table.id).where(table.id == identifier))
+    if found is not None and table is JobRow:
+        (made,) = _jobs(session, JobRow.id == identifier)
+        if kind == made.kind or kind == "job":
+            return made
+    if found is None or table is JobRow:
+        raise NotFound(kind, identifier)
+    return Resource(kind, identifier)
+
+
+def _closure(session: Session, first: Resource) -> list[Resource]:
+    found = [first]
+    for one in found:
+        found += [other for other in _dependents(session, one) if other not in found]
+    return found
+
+
+def _dependents(session: Session, of: Resource) -> list[Resource]:
+    asked = JobRow.payload
+    match of.kind:
+        case "mask":
+            plans = session.scalars(select(PlanRow.id).where(PlanRow.mask_id == of.id))
+            through = asked["through", "mask_id"].as_string() == of.id
+            return [*(Resource("plan", plan) for plan in plans), *_jobs(session, through)]
+        case "plan":
+            return [
+                Resource("scan", scan) for scan in session.scalars(select(ScanRow.id).where(ScanRow.plan_id == of.id))
+            ]
+        case "scan":
+            batches = session.scalars(select(BatchRow.id).where(BatchRow.scan_id == of.id))
+            jobs = _jobs(session, asked["scan_id"].as_string() == of.id)
+            return [*jobs, *(Resource("batch", batch) for batch in batches)]
+        case "batch":
+            return _jobs(session, JobRow.batch_id == of.id)
+        case "reconstruction":
+            names = ("reconstruction_id", "reference_id")
+            return _jobs(session, or_(*(asked[name].as_string() == of.id for name in names)))
+    return []
+
+
+def _jobs(session: Session, condition: Any) -> list[Resource]:
+    """Find jobs, told apart by whether they stand behind ``/reconstructions``."""
+    query = select(JobRow.id, ReconstructionRow.id).outerjoin(ReconstructionRow, ReconstructionRow.id == JobRow.id)
+    rows = session.execute(query.where(condition).order_by(JobRow.sequence)).all()
+    return [Resource("job" if volume is None else "reconstruction", job) for job, volume in rows]
+
+
+def _busy(session: Session, found: Sequence[Resource]) -> list[str]:
+    """Name what waits or runs, held as it is until the transaction ends."""
+    scans = select(ScanRow).where(ScanRow.id.in_([one.id for one in found if one.kind == "scan"])).with_for_update()
+    jobs = select(JobRow).where(JobRow.id.in_([one.id for one in found if TABLES[one.kind] is JobRow]))
+    going = [row.id for row in session.scalars(scans) if not _is_settled(row)]
+    return going + [row.id for row in session.scalars(jobs.with_for_update()) if not is_terminal(row.state)]
+
+
+def _is_settled(scan: ScanRow) -> bool:
+    resumes = scan.state is ScanState.INTERRUPTED and scan.desired_state is DesiredScanState.RUNNING
+    return scan.state in SETTLED_SCAN_STATES and not resumes
+
+
+def _event_of(session: Session, one: Resource) -> dict[str, Any]:
+    """Say what streams of events are filtered by."""
+    if one.kind == "scan":
+        return {}
+    if one.kind == "batch":
+        return {"scan_id": session.scalar(select(BatchRow.scan_id).where(BatchRow.id == one.id))}
+    row = session.scalars(select(JobRow).where(JobRow.id == one.id)).one()
+    return {"scan_id": row.payload.get("scan_id"), "batch_id": row.batch_id}
