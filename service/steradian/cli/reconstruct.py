@@ -92,7 +92,7 @@ def reconstruct(
     ] = None,
     size: Annotated[int, _option("Longest side of what pictures show, in pixels.", DISPLAY)] = 720,
     regularisation: Annotated[
-        str, _option("total-variation, sparsity, tikhonov or none.", ITERATIVE)
+        str, _option("total-variation, sparsity, tikhonov, none, or thresholding.", ITERATIVE)
     ] = "total-variation",
     strength: Annotated[float | None, _option("Weight of the regulariser; default: by its kind.", ITERATIVE)] = None,
     iterations: Annotated[int, _option("Most iterations.", ITERATIVE)] = 30,

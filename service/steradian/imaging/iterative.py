@@ -11,9 +11,10 @@ fourth sample, with voxels four times as deep. The result is interpolated to the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
@@ -24,8 +25,10 @@ from steradian.imaging.band import refined, signal_band, thinned, thinning
 from steradian.imaging.checks import Sensors
 from steradian.imaging.iterative_options import Iterative
 from steradian.imaging.operators import ForwardOperator
+from steradian.imaging.plan import ReconstructionPlan
 from steradian.imaging.regularisers import proximal
-from steradian.imaging.response import FilmResponse
+from steradian.imaging.response import Correction, FilmResponse
+from steradian.imaging.thresholding import Stopped, Thresholding
 from steradian.imaging.volume import Axes, RealArray, Volume
 from steradian.progress import IsCancelled, Progress
 from steradian.ranges import SAMPLING_INTERVAL, SOUND_SPEED, real
@@ -45,11 +48,11 @@ class IterativeResult:
     iterations
         How many were done.
     stopped
-        "discrepancy", "change" or "iterations": what ended them.
+        "discrepancy", "change", "misfit" (a step took little of it away) or "iterations": what ended them.
     residuals
-        ‖A f − g‖/‖g‖ at the start of each iteration.
+        ‖A f − g‖/‖g‖ at the start of each iteration; of thresholding at the end of each that was taken.
     products
-        Products with A and with Aᵀ in all, the unit of the method's cost.
+        Products with A and with Aᵀ, or direct reconstructions, in all: the unit of the method's cost.
     thinning
         Samples of the traces that one sample of the model stands for.
     memory_bytes
@@ -58,7 +61,7 @@ class IterativeResult:
 
     volume: Volume
     iterations: int
-    stopped: Literal["discrepancy", "change", "iterations"]
+    stopped: Stopped
     residuals: tuple[float, ...]
     products: int
     thinning: int
@@ -133,27 +136,29 @@ def reconstruct_iteratively(
     first, last, coarse = _slices(depth_range, data.shape[1], factor, step)
     measured = thinned(data, factor, kind)
     measured *= measured.dtype.type(real("scale", scale, "a finite factor"))
-    model = ForwardOperator(
-        positions,
-        samples=measured.shape[1],
-        sampling_interval=sampling_interval * factor,
-        sound_speed=sound_speed,
-        aperture=aperture,
-        modes=modes,
-        depth_range=(coarse[0] * factor * step, coarse[1] * factor * step),
-        time_zero=time_zero,
-        lateral_padding=lateral_padding,
-        response=response,
-        tolerance=tolerance,
-        wrap=wrap,
-        dtype=kind,
-        memory_limit=memory_limit,
-        threads=threads,
-    )
+    common: dict[str, Any] = {
+        "samples": measured.shape[1],
+        "sampling_interval": sampling_interval * factor,
+        "sound_speed": sound_speed,
+        "aperture": aperture,
+        "modes": modes,
+        "depth_range": (coarse[0] * factor * step, coarse[1] * factor * step),
+        "time_zero": time_zero,
+        "tolerance": tolerance,
+        "wrap": wrap,
+        "dtype": kind,
+        "memory_limit": memory_limit,
+        "threads": threads,
+    }
+    model = ForwardOperator(positions, lateral_padding=lateral_padding, response=response, **common)
     needed = _bytes(model, measured, chosen, factor, upsampling, last - first)
     memory.require(needed, memory_limit, (*(upsampling * n for n in model.geometry.modes), last - first))
     expected = (noise if chosen.noise is None else chosen.noise) * abs(scale) * np.sqrt(measured.size / factor)
-    solution = _Descent(model, measured, chosen, float(expected), progress, cancelled)
+    solver: Callable[..., _Descent | Thresholding] = _Descent
+    if chosen.regularisation == "thresholding":  # its inverse is not padded: what that loses, the next step finds
+        correction = None if response is None else Correction(response)
+        solver = partial(Thresholding, ReconstructionPlan(positions, correction=correction, **common))
+    solution = solver(model, measured, chosen, float(expected), progress, cancelled)
     values = solution.run()
     fine = refined(values, (*(upsampling for _ in model.geometry.modes), factor))
     fine = fine[..., first - coarse[0] * factor : last - coarse[0] * factor]
@@ -181,7 +186,7 @@ class _Descent:
         self._progress, self._cancelled = progress, cancelled
         self.residuals: list[float] = []
         self.products = self.done = 0
-        self.stopped: Literal["discrepancy", "change", "iterations"] = "iterations"
+        self.stopped: Stopped = "iterations"
         g = model.geometry
         self._proximal = proximal(
             options.regularisation,

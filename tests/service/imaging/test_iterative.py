@@ -63,7 +63,7 @@ def ball_on_a_line() -> tuple[np.ndarray, np.ndarray]:
 LINE: dict[str, Any] = {"sampling_interval": 40e-9, "sound_speed": SPEED, "aperture": 4e-3, "modes": 64}
 
 
-@pytest.mark.parametrize("kind", ["total-variation", "sparsity", "tikhonov", "none"])
+@pytest.mark.parametrize("kind", ["total-variation", "sparsity", "tikhonov", "none", "thresholding"])
 def test_every_regulariser_finds_the_object_in_a_plane(kind: Any) -> None:
     where, traces = ball_on_a_line()
     for non_negative in (True, False):

@@ -1,0 +1,143 @@
+"""Iterative thresholding: nearer to the truth than total variation, in half the products and fewer."""
+
+from __future__ import annotations
+
+import tracemalloc
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from steradian import phantoms
+from steradian.errors import Cancelled, InvalidInput
+from steradian.imaging import Iterative, reconstruct
+from steradian.imaging.iterative import reconstruct_iteratively
+from steradian.imaging.thresholding import level
+from steradian.masks import equi_steradian_mask
+from steradian.quality import correlation
+
+KWAVE = Path(__file__).parents[2] / "data" / "yarn_kwave_sparse.npz"
+SIDE, DEPTH, SPEED, INTERVAL, SAMPLES = 5.04e-3, 1.4e-3, 1500.0, 10e-9, 420
+COMMON: dict[str, Any] = {
+    "sampling_interval": INTERVAL,
+    "sound_speed": SPEED,
+    "aperture": SIDE,
+    "modes": 84,
+    "depth_range": (0.3e-3, 2.7e-3),
+}
+THRESHOLDING = Iterative(regularisation="thresholding")
+
+
+def seen(balls: phantoms.Balls, noise_db: float | None, seed: int = 0) -> tuple[Any, np.ndarray]:
+    """Return a mask of 222 points and the A-lines there."""
+    mask = equi_steradian_mask(SIDE, DEPTH, 222)
+    traces = phantoms.pressure(balls, mask.positions, samples=SAMPLES, sampling_interval=INTERVAL, sound_speed=SPEED)
+    if noise_db is not None:
+        traces = phantoms.add_noise(traces, noise_db, convention="peak", seed=seed)
+    return mask, traces
+
+
+@pytest.mark.parametrize("kind", ["yarn", "vessels"])
+def test_it_is_nearer_to_the_truth_than_total_variation_in_half_the_products(kind: str) -> None:
+    where: dict[str, Any] = {"centre": (0.0, 0.0, DEPTH), "radius": 1.1e-3}
+    balls = phantoms.yarn(0, **where) if kind == "yarn" else phantoms.vessels(0, thickest=80e-6, **where)
+    mask, traces = seen(balls, 30.0)
+    smooth = reconstruct_iteratively(
+        traces, mask.positions, options=Iterative(regularisation="total-variation"), **COMMON
+    )
+    found = reconstruct_iteratively(traces, mask.positions, options=THRESHOLDING, **COMMON)
+    axes = found.volume.axes
+    assert axes.y is not None
+    truth = phantoms.initial_pressure(balls, axes.x, axes.y, axes.z)
+    assert correlation(found.volume.values, truth) > correlation(smooth.volume.values, truth)
+    assert correlation(found.volume.values, truth) > 0.93
+    assert correlation(found.volume.mip(), truth.max(axis=2)) > correlation(smooth.volume.mip(), truth.max(axis=2))
+    assert found.products <= smooth.products / 2
+    assert found.volume.values.min() >= 0
+
+
+def test_k_waves_yarn_from_a_tenth_of_its_sensors() -> None:
+    """A peer's wave solver, noise, depths from the film on: volume 0.97, where total variation reaches 0.961."""
+    with np.load(KWAVE) as file:
+        data = dict(file)
+    pitch, interval, speed = (float(data[name]) for name in ("dx", "dt", "c"))
+    truth = data["p0"].astype(np.float32)
+    traces = data["traces"].astype(np.float32) * float(data["scale"])
+    traces += np.float32(data["noise_std"]) * np.random.default_rng(0).standard_normal(traces.shape, np.float32)
+    depths = np.arange(truth.shape[2]) * pitch
+    found = reconstruct_iteratively(
+        traces,
+        (data["sensors"].astype(np.float64) - len(truth) // 2) * pitch,
+        options=THRESHOLDING,
+        sampling_interval=interval,
+        sound_speed=speed,
+        aperture=len(truth) * pitch,
+        modes=len(truth),
+        depth_range=(0.0, float(depths[-1]) + 2 * speed * interval),
+    )
+    place = depths / (speed * interval)
+    below = np.floor(place + 1e-9).astype(int)
+    share = (place - below).astype(np.float32)
+    values = found.volume.values
+    there = values[:, :, below] * (1 - share) + values[:, :, below + 1] * share
+    assert correlation(there, truth) > 0.97
+    assert correlation(there.max(axis=2), truth.max(axis=2)) > 0.98
+    assert float((there * truth).sum() / (truth**2).sum()) == pytest.approx(1.0, abs=0.15)
+
+
+def test_without_noise_amplitudes_come_back() -> None:
+    """Three balls; the direct image shows half of each, which is what the aperture sees."""
+    centres = np.array([[0.0, 0.0, 1.2e-3], [0.6e-3, -0.3e-3, 1.6e-3], [-0.5e-3, 0.6e-3, 1.4e-3]])
+    balls = phantoms.Balls(centres=centres, sigmas=np.full(3, 100e-6), amplitudes=np.array([1.0, 0.75, 1.2]))
+    mask, traces = seen(balls, None)
+    found = reconstruct_iteratively(traces, mask.positions, options=THRESHOLDING, **COMMON).volume
+    axes = found.axes
+    assert axes.y is not None
+    truth = phantoms.initial_pressure(balls, axes.x, axes.y, axes.z)
+    assert float((found.values * truth).sum() / (truth**2).sum()) == pytest.approx(1.0, abs=0.05)
+    direct = reconstruct(traces, mask.positions, weights=mask.weights, **COMMON)
+    assert float((direct.values * truth).sum() / (truth**2).sum()) < 0.8
+
+
+def test_thresholds_follow_the_streaks_at_each_depth() -> None:
+    """Normal noise whose width varies with depth is measured within a tenth; a few bright voxels do not count."""
+    width = np.linspace(0.1, 2.0, 50)
+    values = np.random.default_rng(0).standard_normal((60, 60, 50)) * width
+    values[20:25, 20:25] = 100.0
+    np.testing.assert_allclose(level(values)[2:-2], width[2:-2], rtol=0.1)
+
+
+def test_a_step_that_makes_it_worse_is_not_taken() -> None:
+    """Without thresholds the streaks would be fed back: the misfit falls all the same from step to step."""
+    mask, traces = seen(phantoms.yarn(0, centre=(0.0, 0.0, DEPTH), radius=1.1e-3), 30.0)
+    reckless = Iterative(regularisation="thresholding", strength=0.5, iterations=12, non_negative=False)
+    found = reconstruct_iteratively(traces, mask.positions, options=reckless, **COMMON)
+    assert list(found.residuals) == sorted(found.residuals, reverse=True)
+    assert found.residuals[-1] < 1
+
+
+def test_it_reports_cancels_refuses_and_keeps_to_its_memory() -> None:
+    mask, traces = seen(phantoms.yarn(0, centre=(0.0, 0.0, DEPTH), radius=1.1e-3), 30.0)
+    short = Iterative(regularisation="thresholding", iterations=2)
+    told: list[tuple[str, int, int]] = []
+    how: dict[str, Any] = {"options": short, **COMMON}
+    reconstruct_iteratively(traces, mask.positions, progress=lambda *said: told.append(said), **how)
+    assert told[0] == ("iterations", 0, 2)
+    assert told[-1][0].startswith("iterations, misfit ")
+    with pytest.raises(Cancelled):
+        reconstruct_iteratively(traces, mask.positions, cancelled=lambda: True, **how)
+    with pytest.raises(InvalidInput, match="refits"):
+        Iterative(refits=-1)
+    tracemalloc.start()
+    found = reconstruct_iteratively(traces, mask.positions, **how)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak <= found.memory_bytes
+
+
+def test_nothing_in_nothing_out() -> None:
+    """A record of zeros has no streaks to cut; its image is empty."""
+    mask, traces = seen(phantoms.yarn(0, centre=(0.0, 0.0, DEPTH), radius=1.1e-3), None)
+    found = reconstruct_iteratively(np.zeros_like(traces), mask.positions, options=THRESHOLDING, **COMMON)
+    assert not found.volume.values.any()
