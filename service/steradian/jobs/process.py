@@ -199,7 +199,7 @@ def _do(
     except (StillRunning, Superseded) as error:
         speak(interrupted=str(error))
     except SteradianError as error:
-        speak(error={"code": error.code, "message": str(error)})
+        speak(error={"code": error.code, "message": _for_clients(str(error), payload)})
     except MemoryError:
         speak(error={"code": "out-of-memory", "message": "the job needs more memory than there is"})
     except Exception as error:
@@ -207,12 +207,17 @@ def _do(
 
         traceback.print_exc()
         sys.stderr.flush()
-        message = f"{type(error).__name__}: {error}"
+        message = _for_clients(f"{type(error).__name__}: {error}", payload)
         if _is_interruption(error):
             speak(interrupted=message)
         else:
             speak(error={"code": "internal", "message": message})
     return None
+
+
+def _for_clients(message: str, payload: dict[str, Any]) -> str:
+    """Leave out where the data folder lies; the log has the whole."""
+    return message.replace(f"{payload.get('data')}/", "")
 
 
 def _is_interruption(error: Exception) -> bool:

@@ -29,6 +29,8 @@ def work(job, progress):
             raise InvalidInput("depth", -1, "> 0 (m)")
         case "crash":
             raise ZeroDivisionError("oh")
+        case "lose":
+            raise PermissionError(13, "Permission denied", f"{job['data']}/uploads/u1")
         case "die":
             os.kill(os.getpid(), signal.SIGKILL)
         case "lock":

@@ -53,3 +53,14 @@ def test_the_time_of_a_scan_that_is_followed_is_not_the_jobs(tmp_path):
     assert asyncio.run(run("follow", "following")) == Succeeded({"answer": 1})
     assert asyncio.run(run("follow", None)).code == "timeout"
     assert asyncio.run(run("hang", "following")).code == "timeout"
+
+
+def test_an_error_that_clients_read_names_no_place_on_the_server(tmp_path):
+    """What a system says holds whole paths; the log keeps them."""
+    request = {"do": "lose", "diary": str(tmp_path / "diary")}
+    run = JobProcess([sys.executable, ECHO], {}).run(
+        {"request": request, "data": str(tmp_path)}, log=tmp_path / "log.txt", report=_nothing, timeout=60
+    )
+    outcome = asyncio.run(run)
+    assert outcome.message == "PermissionError: [Errno 13] Permission denied: 'uploads/u1'"
+    assert str(tmp_path) in (tmp_path / "log.txt").read_text()
