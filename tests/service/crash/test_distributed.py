@@ -8,7 +8,7 @@ import pytest
 
 from steradian.storage.states import ReconstructionState
 
-pytestmark = pytest.mark.timeout(120)
+pytestmark = [pytest.mark.crash, pytest.mark.timeout(180)]
 
 
 def test_jobs_run_on_the_service_and_on_a_second_host(distributed):

@@ -11,7 +11,7 @@ import pytest
 from steradian.storage.events import EventLog
 
 CUTS, JOBS = 50, 10
-pytestmark = pytest.mark.timeout(120)
+pytestmark = [pytest.mark.crash, pytest.mark.timeout(180)]
 
 
 @pytest.fixture
