@@ -20,6 +20,10 @@ SINGLE_FLOOR = 5e-6
 ROUNDING = 2.0**-23
 """Relative rounding of positions that once were float32; sensors that far beyond the aperture are on its edge."""
 MOST_SAMPLES, MOST_THREADS = 1 << 24, 1024
+LEAST_APERTURE = 1e-6
+"""Metres: far below the wavelength of any sound that a film hears."""
+LATEST = 1.0
+"""Seconds between laser pulse and first sample, at most; phases are exact to a ten millionth of a turn up to there."""
 LEAST_AREA, MOST_AREA = 1e-7, 4.0
 """What weights may sum to, in areas of the aperture. Sensors may cover a small part of it, and the cells of a coarse
 grid reach beyond an aperture that ends at the outermost sensors; millimetres for metres are a factor of 1000 at
@@ -105,7 +109,19 @@ def depths(depth_range: Any, end: float) -> tuple[float, float]:
 
 def apertures(value: object, axes: int) -> tuple[float, ...]:
     """Return the side lengths in metres."""
-    return tuple(LENGTH.check("aperture", side) for side in per_axis("aperture", value, axes))
+    sides = tuple(LENGTH.check("aperture", side) for side in per_axis("aperture", value, axes))
+    if min(sides) < LEAST_APERTURE:
+        raise InvalidInput("aperture", min(sides), f"{LEAST_APERTURE:g} to {LENGTH.high:g} m")
+    return sides
+
+
+def start_time(value: object) -> float:
+    """Return the time of the first sample in seconds."""
+    allowed = f"a finite time in s, within ±{LATEST:g}"
+    time_zero = real("time_zero", value, allowed)
+    if abs(time_zero) > LATEST:
+        raise InvalidInput("time_zero", time_zero, allowed)
+    return time_zero
 
 
 def working_precision(dtype: DTypeLike | None, tolerance: float) -> Literal["float32", "float64"]:

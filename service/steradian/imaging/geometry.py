@@ -15,7 +15,7 @@ from steradian.imaging.checks import Sensors
 from steradian.imaging.transforms.sizes import fast_record
 from steradian.imaging.volume import Axes
 from steradian.imaging.weights import sensor_areas
-from steradian.ranges import SAMPLING_INTERVAL, SOUND_SPEED, real
+from steradian.ranges import SAMPLING_INTERVAL, SOUND_SPEED
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +165,7 @@ def geometry(
         record=record,
         sampling_interval=interval,
         sound_speed=speed,
-        time_zero=real("time_zero", time_zero, "a finite time in s"),
+        time_zero=checks.start_time(time_zero),
         depth=_depths(depth_range, samples, record, interval * speed),
         upsampling=checks.whole("upsampling", upsampling, 1, 16),
     )

@@ -121,7 +121,7 @@ def reconstruct_iteratively(
     aperture = checks.apertures(aperture, positions.shape[1])
     sampling_interval = SAMPLING_INTERVAL.check("sampling_interval", sampling_interval)
     sound_speed = SOUND_SPEED.check("sound_speed", sound_speed)
-    time_zero = real("time_zero", time_zero, "a finite time in s")
+    time_zero = checks.start_time(time_zero)
     upsampling = checks.whole("upsampling", upsampling, 1, 16)
     tolerance = checks.within("tolerance", tolerance, 1e-12, 0.1, "a relative error")
     kind = checks.working_precision(dtype, tolerance)

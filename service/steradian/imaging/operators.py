@@ -112,7 +112,7 @@ class ForwardOperator(_Base):
         samples = checks.whole("samples", samples, 4, checks.MOST_SAMPLES)
         sampling_interval = SAMPLING_INTERVAL.check("sampling_interval", sampling_interval)
         sound_speed = SOUND_SPEED.check("sound_speed", sound_speed)
-        time_zero = real("time_zero", time_zero, "a finite time in s")
+        time_zero = checks.start_time(time_zero)
         tolerance = checks.within("tolerance", tolerance, 1e-12, 0.1, "a relative error")
         precision = checks.working_precision(dtype, tolerance)
         threads = checks.thread_count(threads)

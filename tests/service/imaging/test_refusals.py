@@ -57,6 +57,10 @@ OFF_UNIT: dict[str, Any] = {
         ("threads", {"threads": "two"}, "from 1"),
         ("tolerance", {"tolerance": "high"}, "from 1e-12 to 0.1"),
         ("time_zero", {"time_zero": "0"}, "a finite time in s"),
+        ("time_zero", {"time_zero": 1e300}, "within ±1"),
+        ("aperture", {"aperture": 1e-300}, "1e-06 to 1 m"),
+        ("traces", {"scale": 1e300}, "beyond the range of the working precision"),
+        ("traces", {"scale": 1e33}, "beyond the range of the working precision"),  # its sums would overflow
         ("depth_range", {"depth_range": 5e-3}, "two depths in metres"),
         ("depth_range", {"depth_range": (0.0, 5.0)}, "two depths in metres"),
         ("scale", {"scale": "2"}, "a finite factor"),

@@ -1,7 +1,7 @@
 """The array engine: the transforms in whole arrays, to be read, and to compare the fast engine with.
 
-It computes in the library of the arrays it is given, if that speaks the array API (2024.12): NumPy, CuPy, JAX. Modes
-are complex arrays [x, y, n] here, without symmetry made use of. It reports no progress and cannot be cancelled.
+It computes in the library of the arrays it is given, if that speaks the array API (2024.12), as NumPy, CuPy and JAX
+do. Modes are complex arrays [x, y, n] here, without symmetry made use of. It reports no progress, nobody cancels it.
 """
 
 from __future__ import annotations
@@ -52,11 +52,12 @@ class ArrayEngine:
         x, y = (xp.asarray(j % n) for j, n in zip(self._numbers, lateral.grid, strict=True))
         parts = []
         for start in range(0, values.shape[1], _BATCH):
-            part = values[:, start : start + _BATCH]
+            part = values[:, start : min(start + _BATCH, values.shape[1])]
             grid = xp.zeros((lateral.grid[0] * lateral.grid[1], part.shape[1]), dtype=self._real)
             for cells, senders, weights in self._spread(which):
                 grid = _added(grid, cells, xp.take(part, senders, axis=0) * weights[:, None])
-            spectrum = xp.fft.fftn(xp.reshape(grid, (*lateral.grid, -1)), axes=(0, 1))
+            grid = xp.asarray(xp.reshape(grid, (*lateral.grid, -1)), dtype=self._complex)
+            spectrum = xp.fft.fftn(grid, axes=(0, 1))
             parts.append(xp.take(xp.take(spectrum, x, axis=0), y, axis=1) * self._factor)
         modes = xp.concat(parts, axis=2)
         return modes if onto is None else onto + modes
@@ -73,7 +74,7 @@ class ArrayEngine:
         first, last = self.tables.geometry.depth
         rows = []
         for i in range(rising.shape[0]):  # row by row: less memory
-            both = xp.concat([rising[i], gap[i], xp.flip(falling[i, :, 1:], axis=1)], axis=1)
+            both = xp.concat([rising[i, ...], gap[i, ...], xp.flip(falling[i, :, 1:], axis=1)], axis=1)
             rows.append(xp.fft.ifft(both, axis=1)[None, :, first:last])
         return xp.concat(rows, axis=0)
 
@@ -108,7 +109,7 @@ class ArrayEngine:
         right = xp.zeros((*modes.shape[1:2], time.record - last), dtype=self._complex)
         rows = []
         for i in range(modes.shape[0]):
-            spectrum = xp.fft.fft(xp.concat([left, modes[i], right], axis=1), axis=1) / time.record
+            spectrum = xp.fft.fft(xp.concat([left, modes[i, ...], right], axis=1), axis=1) / time.record
             cells, taps, factor = self._stencils(i)
             count = factor.shape[1]
             opposite = xp.flip(spectrum[:, time.record - count + 1 :], axis=1)
@@ -132,7 +133,8 @@ class ArrayEngine:
             before, after = first, self.tables.image_modes[axis] - first - n
             ends = [xp.zeros([*shape[:axis], m, *shape[axis + 1 :]], dtype=self._real) for m in (before, after)]
             values = xp.concat([ends[0], values, ends[1]], axis=axis)
-        return xp.fft.fftn(values, axes=(0, 1)) / (values.shape[0] * values.shape[1])
+        spectrum = xp.fft.fftn(xp.asarray(values, dtype=self._complex), axes=(0, 1))
+        return spectrum / (values.shape[0] * values.shape[1])
 
     def _array(self, values: Any, complex: bool = False) -> Any:
         return self._xp.asarray(np.asarray(values), dtype=self._complex if complex else self._real)
@@ -157,7 +159,7 @@ class ArrayEngine:
     def _interpolated(self, modes: Any, i: int) -> Any:
         """Depth frequencies l ≥ 0 of the modes [i, y] from κ > 0."""
         xp, time = self._xp, self.tables.time
-        line = modes[i] * self._array(time.divided)
+        line = modes[i, ...] * self._array(time.divided)
         gap = xp.zeros((line.shape[0], time.length - time.samples), dtype=self._complex)
         line = xp.fft.fft(xp.concat([line[:, time.centre :], gap, line[:, : time.centre]], axis=1), axis=1)
         cells, taps, factor = self._stencils(i)

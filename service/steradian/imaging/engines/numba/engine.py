@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 _BLOCKS = 32  # most blocks of columns a piece of work has
 _SMALL = 1 << 21  # numbers below which waiting for a second thread costs more than it saves
+_MOST = ((127 + 80) << 23, (1023 + 960) << 52)  # exponents of 2^80 and 2^960, beyond which sums may overflow
 _NONE = np.empty(0)
 Work = Callable[[int, Any, NDArray[np.uint8]], None]
 
@@ -77,7 +78,8 @@ class NumbaEngine:
         """See :class:`steradian.imaging.engines.Engine`; traces of float32, float64, int16 or int32."""
         target = np.empty(self.room.source_size, self.tables.dtype) if onto is None else onto
         chosen = self._sensors if sensors is None else part(self._sensors, sensors)
-        chosen = chosen._replace(scale=(chosen.scale * scale).astype(self.tables.dtype))
+        with np.errstate(over="ignore"):  # such traces are refused
+            chosen = chosen._replace(scale=(chosen.scale * scale).astype(self.tables.dtype))
         plane = self._plane(self.tables.lateral.grid)
         self._type1("lateral transform", traces, chosen, plane, self._stored, target, watch, add=onto is not None)
         return target
@@ -161,13 +163,14 @@ class NumbaEngine:
     ) -> None:  # fmt: skip
         from steradian.imaging.engines.numba.type1 import pack, type1
 
-        integer, mask = (np.int32, 0x7F800000) if self.tables.dtype == "float32" else (np.int64, 0x7FF0000000000000)
+        single = self.tables.dtype == "float32"
+        integer, mask, most = (np.int32, 0xFF << 23, _MOST[0]) if single else (np.int64, 0x7FF << 52, _MOST[1])
         flat, samples = np.ascontiguousarray(traces).reshape(-1), traces.shape[1]
 
         def work(piece: int, space: Workspace, flag: NDArray[np.uint8]) -> None:
             start = piece * BATCH
             batch = Batch(start, min(BATCH, samples - start), self.room.source_stride)
-            if not pack(flat, samples, sensors, batch, space.packed, space.packed.view(integer), mask):
+            if not pack(flat, samples, sensors, batch, space.packed, space.packed.view(integer), mask, most):
                 raise InvalidInput("traces", _first_bad(traces), "finite numbers")
             type1(sensors, plane, stored, target, batch, add, space, flag)
 

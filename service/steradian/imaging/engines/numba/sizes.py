@@ -1,8 +1,10 @@
 """Numbers that kernels and their callers share."""
 
+from steradian.imaging.transforms.windows import MOST_TAPS
+
 BATCH = 32
 """Samples or depths of a cell."""
-PAD = 24
+PAD = MOST_TAPS // 2
 """Cells repeated at either end of a spectrum, so that no stencil has to wrap: half of the widest window."""
 PIECE = 64
 """Values of l interpolated for all groups of a block in turn: what they read then stays in the first cache."""

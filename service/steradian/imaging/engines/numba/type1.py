@@ -20,11 +20,13 @@ from steradian.imaging.engines.numba.simd import load16, splat16, store
 
 
 @partial(compiled, fast=False)
-def pack(traces: Any, samples: int, sensors: Sensors, batch: Batch, packed: Any, bits: Any, mask: int) -> bool:
-    """Copy up to 32 samples of each trace, in the sensors' order and scaled; False if one is not finite.
+def pack(
+    traces: Any, samples: int, sensors: Sensors, batch: Batch, packed: Any, bits: Any, mask: int, most: int
+) -> bool:
+    """Copy up to 32 samples of each trace, in the sensors' order and scaled; False if one is too large or no number.
 
-    ``traces`` is flat, ``samples`` a row; ``bits`` is ``packed`` seen as integers and ``mask`` the exponent's bits,
-    which are all set in numbers that are not finite.
+    ``traces`` is flat, ``samples`` a row; ``bits`` is ``packed`` seen as integers, ``mask`` the exponent's bits, which
+    are all set in numbers that are not finite, and ``most`` the exponent that is too large for sums of many.
     """
     order, scale, start, count = sensors.order, sensors.scale, batch.start, batch.number
     for i in range(order.size):
@@ -40,7 +42,7 @@ def pack(traces: Any, samples: int, sensors: Sensors, batch: Batch, packed: Any,
     largest = bits.dtype.type(0)
     for i in range(np.uint64(order.size * 32)):
         largest = max(largest, bits[i] & mask)
-    return bool(largest != mask)
+    return bool(largest < most)
 
 
 @compiled
