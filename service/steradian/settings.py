@@ -77,7 +77,7 @@ class Settings(BaseSettings):
     max_mask_points: int = Field(default=200_000, ge=1, description="Largest mask accepted over HTTP (points)")
     max_upload_bytes: int = Field(default=64 * 2**20, ge=1024, description="Largest request body (bytes)")
     max_import_bytes: int = Field(default=4 * 2**30, ge=1024, description="Largest file that can be imported (bytes)")
-    max_connections: int = Field(default=1000, ge=10, le=100_000, description="HTTP connections at a time")
+    max_connections: int = Field(default=2000, ge=10, le=100_000, description="HTTP connections at a time")
     client_timeout: float = Field(
         default=20.0, gt=0, le=3600, description="Seconds for which a client may send nothing of a request it began (s)"
     )

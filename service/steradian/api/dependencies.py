@@ -5,13 +5,14 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import re
-import time
 from collections.abc import Callable
+from contextlib import aclosing, suppress
 from typing import Annotated, TypeAlias, TypeVar
 
 from fastapi import Depends, Header, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
+from steradian.api.feed import Feed
 from steradian.api.services import Services
 from steradian.errors import InvalidInput
 from steradian.security.keys import Principal
@@ -19,7 +20,6 @@ from steradian.storage.idempotency import Answer, Key
 
 MAX_WAIT = 120.0
 """Longest that a request is held (s); the client asks again."""
-LOOK = 0.1
 _WAIT_HELP = f"'wait=SECONDS' (RFC 7240) holds the answer until the work is over, {MAX_WAIT:g} s at most"
 
 T = TypeVar("T")
@@ -40,16 +40,23 @@ class Patience:
 
     def __init__(self, request: Request, seconds: float) -> None:
         self._request, self.seconds = request, seconds
+        self._feed: Feed = request.app.state.feed
 
     async def until(self, look: Callable[[], T], is_over: Callable[[T], bool]) -> T:
-        """Look, in a thread, until what is seen is over, the time is up or the client has left."""
-        deadline = time.monotonic() + self.seconds
-        while True:
-            seen = await run_in_threadpool(look)
-            left = deadline - time.monotonic()
-            if left <= 0 or is_over(seen) or await self._request.is_disconnected():
-                return seen
-            await asyncio.sleep(min(LOOK, left))
+        """Look, in a thread, until what is seen is over, the time is up or the client has left.
+
+        It is looked again when the event log has grown, which one task watches for all, and now and then anyway.
+        """
+        seen = await run_in_threadpool(look)
+        if not self.seconds or is_over(seen):
+            return seen
+        with suppress(TimeoutError):
+            async with asyncio.timeout(self.seconds), aclosing(self._feed.listen(progress=False)) as changes:
+                async for _ in changes:
+                    seen = await run_in_threadpool(look)
+                    if is_over(seen) or await self._request.is_disconnected():
+                        return seen
+        return await run_in_threadpool(look)
 
 
 async def _wait(

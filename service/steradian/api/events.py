@@ -12,7 +12,6 @@ from fastapi import APIRouter, Depends, Header, Query, Request
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
-from starlette.exceptions import HTTPException
 
 from steradian.api.dependencies import ServicesNeeded, Who
 from steradian.api.feed import Feed, Progress
@@ -24,7 +23,6 @@ from steradian.storage.events import Bounds
 from steradian.storage.tables import EventRow
 
 router = APIRouter(prefix=V1, tags=["events"], route_class=GuardedRoute)
-MAX_LISTENERS = 200
 BATCH = 200
 """Events that one listener holds at a time."""
 RETRY_MS = 1000
@@ -71,29 +69,23 @@ class Filter:
         return self.kind in {None, event.kind} and self.scan_id in {None, event.scan_id}
 
 
-async def _place(
+async def _feed(
     request: Request, services: ServicesNeeded, wanted: Annotated[Filter, Depends()]
 ) -> AsyncIterator[Feed]:
-    """Take a place among the listeners before the stream begins, until it ends; refuse one too many.
-
-    A ticket is used only when there is a place. It opens the stream again for a client that shows an event of it.
-    """
+    """Open the stream of a ticket, which opens it again for a client that shows an event of it."""
     feed: Feed = request.app.state.feed
     ticket: str | None = getattr(request.state, "ticket", None)
-    with feed.place(MAX_LISTENERS) as is_free:
-        if not is_free:
-            raise HTTPException(503, f"{MAX_LISTENERS} clients listen already", {"Retry-After": "5"})
-        if ticket is None:
-            yield feed
-            return
-        bounds = await run_in_threadpool(services.log.bounds)
-        goes_on = wanted.last_event_id is not None and _begin(bounds, wanted.last_event_id)[1] is None
-        await run_in_threadpool(services.keys.open_stream, ticket, goes_on=goes_on)
-        try:
-            yield feed
-        finally:
-            with CancelScope(shield=True):  # also when the client has left
-                await run_in_threadpool(services.keys.close_stream, ticket)
+    if ticket is None:
+        yield feed
+        return
+    bounds = await run_in_threadpool(services.log.bounds)
+    goes_on = wanted.last_event_id is not None and _begin(bounds, wanted.last_event_id)[1] is None
+    await run_in_threadpool(services.keys.open_stream, ticket, goes_on=goes_on)
+    try:
+        yield feed
+    finally:
+        with CancelScope(shield=True):  # also when the client has left
+            await run_in_threadpool(services.keys.close_stream, ticket)
 
 
 @router.post("/tickets", status_code=201, summary="Get a ticket for one event stream")
@@ -109,7 +101,7 @@ def create_ticket(services: ServicesNeeded, who: Who) -> TicketView:
     responses={200: {"description": "A stream that ends only when one side leaves"}},
 )
 async def stream(
-    services: ServicesNeeded, who: Who, feed: Annotated[Feed, Depends(_place)], wanted: Annotated[Filter, Depends()]
+    services: ServicesNeeded, who: Who, feed: Annotated[Feed, Depends(_feed)], wanted: Annotated[Filter, Depends()]
 ) -> AsyncIterator[ServerSentEvent]:
     """Follow changes of state (events named scan, reconstruction, job, batch, scanner) and progress.
 

@@ -9,8 +9,8 @@ import asyncio
 import logging
 import time
 from collections import deque
-from collections.abc import AsyncGenerator, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import AsyncGenerator
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -50,34 +50,23 @@ class Feed:
 
     def __init__(self, services: Services) -> None:
         self._services = services
-        self._changed = asyncio.Event()
+        self._moved, self._changed = asyncio.Event(), asyncio.Event()
+        """Set, and replaced, when there is something new at all, and when an event is."""
         self._task: asyncio.Task[None] | None = None
-        self._places = self._listeners = 0
+        self._listeners = 0
         self._events: deque[EventRow] = deque(maxlen=KEPT)
         self._since = self.last = 0
         self.progress: dict[str, Progress] = {}
         self._stages: dict[str, tuple[str | None, float, int]] = {}
 
-    @contextmanager
-    def place(self, most: int) -> Iterator[bool]:
-        """Take one of ``most`` places for the length of the block; yields whether there was one left."""
-        if self._places >= most:
-            yield False
-            return
-        self._places += 1
-        try:
-            yield True
-        finally:
-            self._places -= 1
-
-    async def listen(self) -> AsyncGenerator[None, None]:
-        """Yield whenever there may be something new, and now and then anyway."""
+    async def listen(self, *, progress: bool = True) -> AsyncGenerator[None, None]:
+        """Yield whenever there may be an event or, unless that does not matter, progress, and now and then anyway."""
         self._listeners += 1
         if self._task is None:
             self._task = asyncio.create_task(self._look())
         try:
             while True:
-                changed = self._changed
+                changed = self._moved if progress else self._changed
                 yield
                 with suppress(TimeoutError):
                     await asyncio.wait_for(changed.wait(), ANYWAY)
@@ -99,17 +88,20 @@ class Feed:
         self._since, self.last = 0, -1
         while True:
             try:
-                if self.last < 0:
+                if is_first := self.last < 0:
                     self._since = self.last = (await run_in_threadpool(self._services.log.bounds)).last
                 news = await run_in_threadpool(self._services.log.after, self.last, KEPT)
                 before = self.progress
                 if time.monotonic() - looked >= PROGRESS:
                     looked = time.monotonic()
                     self.progress = await run_in_threadpool(self._find_progress)
-                if news or self.progress != before:
-                    self._take(news)
+                self._take(news)
+                if news or is_first:
                     self._changed.set()
                     self._changed = asyncio.Event()
+                if news or is_first or self.progress != before:
+                    self._moved.set()
+                    self._moved = asyncio.Event()
             except DBAPIError as error:
                 _log.warning("the log cannot be read: %s", error.orig)
             await asyncio.sleep(LOOK)

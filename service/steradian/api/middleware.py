@@ -19,7 +19,8 @@ from steradian.runtime.logs import request_id
 from steradian.settings import Settings
 
 _log = logging.getLogger(__name__)
-UPLOADS = "/api/v1/uploads"
+UPLOADS, STREAMS = "/api/v1/uploads", "/api/v1/events"
+MAX_STREAMS = 200
 LISTS = frozenset({"/api/v1/masks", "/api/v1/plans", "/api/v1/plans/preview"})
 """Paths whose bodies may hold numbers for each point of a mask."""
 JSON_BYTES, POINT_BYTES = 2**20, 128
@@ -90,6 +91,28 @@ class Observe:
             about = {"method": scope["method"], "path": scope["path"], "status": status, "who": principal}
             text = f"{scope['method']} {scope['path']} {status} {1e3 * seconds:.1f} ms"
             _log.debug("%s", text, extra=about | {"milliseconds": round(1e3 * seconds, 1)})
+
+
+class StreamLimit:
+    """Counts event streams before they are accepted; one too many is refused before anything is looked at."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app, self._open = app, 0
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve."""
+        if scope["type"] != "http" or scope["path"] != STREAMS:
+            return await self.app(scope, receive, send)
+        if self._open >= MAX_STREAMS:
+            headers, text = {"Retry-After": "5", "Connection": "close"}, f"{MAX_STREAMS} clients listen already"
+            return await problem(scope["state"]["request_id"], 503, "refused", text, headers=headers)(
+                scope, receive, send
+            )
+        self._open += 1
+        try:
+            return await self.app(scope, receive, send)
+        finally:
+            self._open -= 1
 
 
 class BodyLimit:

@@ -1,4 +1,4 @@
-"""A sign of life: a file that a running process touches every two seconds."""
+"""A sign of life: a file that a running process touches every second."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-INTERVAL = 2.0
-STALE_AFTER = 10.0
+INTERVAL = 1.0
+STALE_AFTER = 4.0
 """Seconds without a sign after which a process counts as stuck."""
 
 

@@ -19,14 +19,13 @@ import subprocess
 import sys
 import threading
 import time
-import urllib.error
-import urllib.request
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import IO
 
 from steradian.errors import Conflict, InvalidInput
+from steradian.runtime.watch import Watch, answers
 from steradian.security.admission import require_key
 from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url, use_write_ahead_log
@@ -140,14 +139,16 @@ def serve(
         children = _children(settings, listener)
         stack.callback(_forget, data)
         stack.callback(_end_all, children)
-        announced = False
+        announced, watch = False, Watch(data, f"{url}/healthz", stop)
         while not stop.is_set():
             for child in children:
                 child.tend(time.monotonic())
-            if not announced and _answers(f"{url}/healthz"):
+            if not announced and answers(f"{url}/healthz"):
                 announced = True
                 (data.root / "run" / "service.json").write_text(json.dumps({"url": url, "pid": os.getpid()}))
                 announce(f"{on_ready} at {url}/api/v1/ (data in {settings.data}); Ctrl-C ends it")
+            if announced:
+                watch.look(children, time.monotonic())
             owner()
             stop.wait(TICK)
 
@@ -296,11 +297,3 @@ def _url(host: str, port: int) -> str:
     """Address for a browser on this machine; a wildcard address is reached through the loopback."""
     name = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)  # noqa: S104 - compared, not bound
     return f"http://[{name}]:{port}" if ":" in name else f"http://{name}:{port}"
-
-
-def _answers(url: str) -> bool:
-    try:
-        with urllib.request.urlopen(url, timeout=1.0) as answer:  # noqa: S310 - our own address
-            return bool(answer.status == 200)
-    except (urllib.error.URLError, OSError):
-        return False

@@ -1,7 +1,12 @@
 import itertools
 import json
+import os
+import signal
+import subprocess
 import sys
 import time
+import urllib.error
+import urllib.request
 from pathlib import Path
 
 import pytest
@@ -43,3 +48,54 @@ def test_a_worker_alone_owns_the_data_directory_while_its_block_lasts(tmp_path, 
             assert "Umask:\t0077" in (process / "status").read_text(), "what it writes is for its user alone"
     with DataDirectory(tmp_path).lock():
         pass
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a process is stopped by a signal")
+@pytest.mark.timeout(400)
+def test_processes_that_are_stopped_are_named_and_a_stopped_api_is_replaced(tmp_path):
+    command = [sys.executable, "-c", "from steradian.cli import main; main()", "serve", "--port", "0"]
+    with (tmp_path / "log").open("wb") as log:
+        service = subprocess.Popen(
+            [*command, "--data", str(tmp_path / "data")], stdout=subprocess.PIPE, stderr=log, text=True
+        )
+    said = lambda: (tmp_path / "log").read_text()  # noqa: E731
+    try:
+        url = service.stdout.readline().partition(" at ")[2].split("/api/")[0]
+        data = DataDirectory(tmp_path / "data")
+        pid = lambda name: json.loads(data.heartbeat(name).read_text())["pid"]  # noqa: E731
+        until(lambda: get(f"{url}/readyz") == 200)
+
+        acquisition = pid("acquisition")
+        os.kill(acquisition, signal.SIGSTOP)
+        until(lambda: "acquisition runs but has shown no sign of life" in said())
+        assert get(f"{url}/readyz") == 503
+        os.kill(acquisition, signal.SIGCONT)
+        until(lambda: "acquisition shows signs of life again" in said())
+
+        api = pid("api")
+        os.kill(api, signal.SIGSTOP)
+        until(lambda: "api runs but has shown no sign of life" in said())
+        until(lambda: pid("api") != api and get(f"{url}/healthz") == 200)
+        assert "and is replaced" in said()
+        assert pid("acquisition") == acquisition
+    finally:
+        service.terminate()
+        service.wait(60)
+        service.stdout.close()
+
+
+def get(url):
+    try:
+        with urllib.request.urlopen(url, timeout=5) as answer:  # noqa: S310
+            return answer.status
+    except urllib.error.HTTPError as error:
+        return error.code
+    except OSError:
+        return 0
+
+
+def until(condition):
+    deadline = time.monotonic() + 120
+    while not condition():
+        assert time.monotonic() < deadline, "it did not happen"
+        time.sleep(0.1)

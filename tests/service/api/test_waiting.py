@@ -1,0 +1,55 @@
+"""Those who wait for a job share one look at the event log, and hear of its end at once."""
+
+import asyncio
+import time
+from types import SimpleNamespace
+
+from steradian.api.dependencies import Patience
+from steradian.api.feed import Feed
+from steradian.api.services import Services
+from steradian.jobs.model import JobRequest
+from steradian.settings import Settings
+
+
+class Present:
+    """A request whose client stays."""
+
+    def __init__(self, feed):
+        self.app = SimpleNamespace(state=SimpleNamespace(feed=feed))
+
+    async def is_disconnected(self):
+        return False
+
+
+def test_forty_waiters_look_seldom_and_hear_of_the_end(tmp_path):
+    services = Services(Settings.create(data=tmp_path))
+    services.data.create()
+    services.database.migrate()
+    with services.database.write() as session:
+        services.ledger.add(session, JobRequest("j1", "export", {}))
+    looks = []
+
+    def look():
+        looks.append(time.monotonic())
+        return services.ledger.status("j1")
+
+    async def run():
+        request = Present(Feed(services))
+        waiting = [Patience(request, 120).until(look, lambda job: job.is_over) for _ in range(40)]
+        waiting = asyncio.gather(*waiting)
+        await asyncio.sleep(4)
+        assert not waiting.done()
+        idle = len(looks)
+        await asyncio.to_thread(services.ledger.want_cancelled, "j1", "test", None)
+        await asyncio.to_thread(services.ledger.cancelled, "j1", "test")
+        seen = await waiting
+        assert {job.state for job in seen} == {"cancelled"}
+        seen = await Patience(request, 0.5).until(look, lambda job: False)
+        assert seen.state == "cancelled", "whose time is up gets what is there"
+        return idle
+
+    try:
+        idle = asyncio.run(run())
+    finally:
+        services.close()
+    assert idle <= 40 * 6, "four seconds of nothing cost each at most six looks, not one every tenth of a second"
