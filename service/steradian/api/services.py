@@ -20,7 +20,7 @@ from steradian.jobs.model import JobStatus, QueueUnavailable
 from steradian.security.keys import KeyStore
 from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url
-from steradian.storage.deletion import Deletion, Resource, remove_files
+from steradian.storage.deletion import Deletion, Resource, remove_files, waiting_import
 from steradian.storage.disk import Disk
 from steradian.storage.emergency import EmergencyLatch
 from steradian.storage.events import EventLog
@@ -147,9 +147,8 @@ class Services:
         """Forget what is too old: events, idempotency keys, uploads, shared images and, if settings say so, jobs."""
         now = self.clock()
         oldest = (now - UPLOADS_KEPT).timestamp()
-        awaited = {row.payload.get(name) for row in self.ledger.unfinished() for name in ("upload_id", "companion_id")}
         for path in (*self.data.uploads.glob("*"), *self.data.references.glob("*")):
-            if path.name not in awaited and path.stat().st_mtime < oldest:
+            if path.stat().st_mtime < oldest and waiting_import(self.database, path.name) is None:
                 path.unlink(missing_ok=True)
         self.log.prune(now - timedelta(days=self.settings.event_days))
         self.answers.prune()

@@ -29,7 +29,7 @@ from steradian.reconstructions.near_field import from_depth, near_field
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.preview import Preview, preview_of
 from steradian.reconstructions.projections import Projections, project, project_from
-from steradian.reconstructions.revision import Revision, judge
+from steradian.reconstructions.revision import Revision, quality_of
 from steradian.reconstructions.shots import even_out_new
 from steradian.scans.following import NewAlines, ScanFollower, has_alines
 from steradian.scans.recording import Recording
@@ -182,7 +182,7 @@ class LiveView:
     def revise(self, *, cancelled: IsCancelled | None = None) -> Revision | None:
         """Make a revision of what is stored now; ``None`` if nothing new is."""
         clock = _Clock()
-        if not self._take_in(clock, cancelled):
+        if not self._add_new(clock, cancelled):
             return None
         with clock("reconstruct"):
             volume = self._growing.volume(cancelled=cancelled)
@@ -192,7 +192,7 @@ class LiveView:
         write_json(self.output / "revision.json", revision)
         return revision
 
-    def _take_in(self, clock: _Clock, cancelled: IsCancelled | None) -> int:
+    def _add_new(self, clock: _Clock, cancelled: IsCancelled | None) -> int:
         """Add what is new to the sum and return how many A-lines that is."""
         # what all A-lines have in common changes with each of them: then they are taken anew, and all at once
         common = self.parameters.conditioning.remove_common is not None
@@ -228,7 +228,7 @@ class LiveView:
         growing, whole = self._growing, self.whole
         self.number += 1
         image = views.get("z", views["y"])  # of a line there is the image only
-        quality = judge(image, self.latest)
+        quality = quality_of(image, self.latest)
         self.latest = image
         points = int(growing.measured.sum())
         coverage = {
@@ -251,7 +251,7 @@ class LiveView:
     def quality_against_previous(self, image: NDArray[Any]) -> dict[str, float | None]:
         """Judge a further image of the same lateral pixels."""
         same = self.latest is not None and self.latest.shape == image.shape
-        return judge(image, self.latest if same else None)
+        return quality_of(image, self.latest if same else None)
 
 
 def _final_revision(output: Path, report: Report, view: LiveView | None, seconds: float) -> Revision:
@@ -269,7 +269,7 @@ def _final_revision(output: Path, report: Report, view: LiveView | None, seconds
         seconds=report.seconds | {"total": round(seconds, 4)},
     )
     image = read_projection(output / "volume.h5", "z" if len(report.shape) == 3 else "y")
-    revision.quality = view.quality_against_previous(image) if view else judge(image, None)
+    revision.quality = view.quality_against_previous(image) if view else quality_of(image, None)
     write_json(output / "revision.json", revision)
     return revision
 

@@ -33,7 +33,7 @@ class Revision:
     """Wall time of each stage and ``total``."""
 
 
-def judge(image: NDArray[Any], previous: NDArray[Any] | None) -> dict[str, float | None]:
+def quality_of(image: NDArray[Any], previous: NDArray[Any] | None) -> dict[str, float | None]:
     """Return :attr:`Revision.quality` of a projection; ``previous`` has the same pixels."""
     peak = float(image.max())
     varies = peak > float(image.min())

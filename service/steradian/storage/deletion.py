@@ -114,11 +114,9 @@ class Deletion:
 
 def waiting_import(database: Database, upload_id: str) -> str | None:
     """Name an import that has still to read an upload, if there is one."""
+    named = [JobRow.payload[name].as_string() == upload_id for name in ("upload_id", "companion_id")]
     with database.read() as session:
-        rows = session.scalars(select(JobRow).where(JobRow.kind == "import", JobRow.ended.is_(None)))
-        return next(
-            (row.id for row in rows if upload_id in {row.payload["upload_id"], row.payload.get("companion_id")}), None
-        )
+        return session.scalars(select(JobRow.id).where(or_(*named), JobRow.ended.is_(None))).first()
 
 
 def remove_files(
@@ -150,6 +148,8 @@ def _remove(data: DataDirectory, note: RemovalRow, forget_jobs: Callable[[Sequen
             data.picture(note.resource_id).unlink(missing_ok=True)
         case "scan":
             data.scan_file(note.resource_id).unlink(missing_ok=True)
+            for image in data.references.glob(f"{note.resource_id}-*"):
+                image.unlink(missing_ok=True)
         case "job" | "reconstruction":
             folder = data.job(note.resource_id)
             if folder.is_running:  # its process is still dying

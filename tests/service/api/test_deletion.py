@@ -118,6 +118,16 @@ def test_all_that_depends_on_a_mask_goes_with_it_when_asked_for_and_events_say_s
     assert bench.http.post("/masks", json=GRID | {"count": 5}).status_code in {200, 201}, "it can be made again"
 
 
+def test_the_images_that_jobs_shared_go_with_their_scan(bench):
+    image = bench.server.data.reference(f"{bench.scan}-0123")
+    other = bench.server.data.reference("sother-0123")
+    for path in (image, other):
+        path.write_bytes(b"volume")
+    assert bench.delete(f"/scans/{bench.scan}", dependents=True).status_code == 204
+    bench.server.until(lambda: not image.exists())
+    assert other.exists()
+
+
 def test_one_thing_goes_alone(bench):
     for path in (f"/jobs/{bench.export}", f"/reconstructions/{bench.first}", f"/jobs/{bench.second}"):
         assert bench.delete(path).status_code == 204
