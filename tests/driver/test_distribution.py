@@ -43,3 +43,7 @@ def test_no_file_belongs_to_two_distributions_and_one_brings_the_other():
     assert [[Path(name).name for name in wheel["packages"]] for wheel in wheels] == [["steradian"], ["fabry_perot"]]
     assert project(ROOT / "driver")["project"]["name"] in requirements(ROOT)
     assert not set(project(ROOT)["project"]["scripts"]) & set(project(ROOT / "driver")["project"]["scripts"])
+
+
+def test_the_tested_set_of_packages_names_no_folder_of_a_machine():
+    assert "file:" not in (ROOT / "constraints.txt").read_text(encoding="utf-8")
