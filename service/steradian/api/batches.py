@@ -15,7 +15,7 @@ from starlette.concurrency import run_in_threadpool
 
 from steradian.api.dependencies import Before, Limit, OptionalKey, ServicesNeeded, Who, link_next, replay
 from steradian.api.identifiers import BATCH_ID
-from steradian.api.job_checks import check_parts, check_reconstruction, frames_of
+from steradian.api.job_checks import check_parts, check_reconstruction, check_room, frames_of
 from steradian.api.reconstructions import JobWish, note_reconstruction
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
@@ -162,6 +162,7 @@ async def create_batch(services: ServicesNeeded, who: Who, wanted: BatchRequest,
         scan = await run_in_threadpool(check_reconstruction, services, chosen[0])
         for one in chosen:
             await run_in_threadpool(check_parts, services, scan, one)
+        await run_in_threadpool(check_room, services, scan, chosen)
         answer = await run_in_threadpool(services.answers.once, key, make)
     return replay(answer)
 

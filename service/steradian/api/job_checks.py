@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,26 @@ def check_reconstruction(services: Services, wanted: ReconstructionRequest) -> S
     if scan.state in SETTLED_SCAN_STATES:
         _check_alines(services, scan)
     check_parts(services, scan, wanted)
+    check_room(services, scan, [wanted])
     return scan
+
+
+def check_room(services: Services, scan: ScanRow, wanted: Sequence[ReconstructionRequest]) -> None:
+    """Refuse reconstructions whose volumes do not fit on the disk, all of them together.
+
+    Each leaves its values and three projections (float32); one that follows a scan holds the last image beside the one
+    that it writes.
+
+    Raises
+    ------
+    DiskFull
+        With what is needed and what is there.
+    """
+    need = 0
+    for one in wanted:
+        across, deep = _shape(services, scan, one.parameters)
+        need += 4 * (across**2 * deep + across**2 + 2 * across * deep) * (2 if one.follow else 1)
+    services.disk.require(need, "the volume" if len(wanted) == 1 else f"the batch of {len(wanted)} volumes")
 
 
 def check_parts(services: Services, scan: ScanRow, wanted: ReconstructionRequest) -> None:
@@ -66,8 +86,10 @@ def check_work(services: Services, wanted: WorkRequest) -> None:
             _check_pair(services, wanted)
         case ExportRequest(scan_id=str(scan_id)):
             _measured(services, scan_id)
+            services.disk.require(services.data.scan_file(scan_id).stat().st_size, "the export")
         case ExportRequest(reconstruction_id=str(reconstruction_id)):
-            existing_volume(services, reconstruction_id, "reconstruction_id")
+            volume = existing_volume(services, reconstruction_id, "reconstruction_id")
+            services.disk.require(volume.stat().st_size, "the export")
         case ImportRequest():
             for identifier in (wanted.upload_id, wanted.companion_id):
                 if identifier is not None and not services.data.upload(identifier).is_file():
@@ -113,12 +135,18 @@ def _check_alines(services: Services, scan: ScanRow) -> None:
 
 def _check_size(services: Services, scan: ScanRow, parameters: ReconstructionParameters) -> None:
     """Refuse a volume that is too large; raises :class:`InvalidInput`."""
-    plan, mask = services.plans.get(scan.plan_id), services.masks.get(scan.mask_id)
-    modes = parameters.modes or max(2, round(mask.aperture / DEFAULT_SPACING))
-    size = 4 * (modes * parameters.upsampling) ** 2 * plan.parameters["samples"] * parameters.upsampling
-    limit = services.settings.max_volume_bytes
+    across, deep = _shape(services, scan, parameters)
+    size, limit = 4 * across**2 * deep, services.settings.max_volume_bytes
     if size > limit:
+        modes = across // parameters.upsampling
         raise InvalidInput("parameters.modes", modes, f"a volume of at most {limit} bytes, not {size}")
+
+
+def _shape(services: Services, scan: ScanRow, parameters: ReconstructionParameters) -> tuple[int, int]:
+    """Return how many voxels a volume has across and in depth."""
+    modes = parameters.modes or max(2, round(services.masks.get(scan.mask_id).aperture / DEFAULT_SPACING))
+    samples: int = services.plans.get(scan.plan_id).parameters["samples"]
+    return modes * parameters.upsampling, samples * parameters.upsampling
 
 
 def _measured(services: Services, scan_id: str) -> ScanRow:

@@ -9,6 +9,11 @@ import subprocess
 import httpx
 import pytest
 
+from steradian.storage.scans import ScanRepository
+from steradian.storage.states import ScanState
+
+from .conftest import make_scan
+
 MIB = 2**20
 
 
@@ -94,3 +99,36 @@ def test_a_client_that_leaves_in_the_middle_of_an_upload_leaves_nothing(tmp_path
         server.until(lambda: not any(server.data.uploads.iterdir()))
         assert http.get("/").status_code == 200
     assert "Traceback" not in server.log
+
+
+def scan_of(server, http, samples):
+    """A complete scan; its file is not read before a job runs."""
+    mask = http.post("/masks", json={"arrangement": "grid", "aperture": 0.01, "count": 3, "interval": 1e-3}).json()
+    plan = http.post("/plans", json={"mask_id": mask["id"], "samples": samples}).json()
+    scan = make_scan(http, plan["id"]).json()["id"]
+    scans = ScanRepository(server.database)
+    for state in (ScanState.ARMING, ScanState.RUNNING, ScanState.COMPLETING, ScanState.COMPLETE):
+        scans.transition(scan, state, why="test", summary={"points": 9, "stored": 9, "fired": 9})
+    server.data.scan_file(scan).write_bytes(b"not read here")
+    return scan
+
+
+def test_jobs_whose_volumes_do_not_fit_are_refused_with_what_they_need(small, start_server):
+    more = {"disk_reserve_bytes": 20 * MIB, "max_volume_bytes": 2**27}
+    with serving(start_server, small / "data", **more) as (server, http):
+        scan, samples = scan_of(server, http, samples=512), 512
+        volume = {"scan_id": scan, "parameters": {"modes": 128}}
+        one = 4 * (128**2 * samples)
+        assert http.post("/reconstructions", json=volume).status_code == 202
+        sweep = volume | {"vary": {"sound_speed": [1480, 1490, 1500]}}
+        for path, body, count in (
+            ("/batches", sweep, 3),
+            ("/reconstructions", volume | {"follow": True}, 2),
+            ("/reconstructions", volume | {"parameters": {"modes": 256}}, 4),
+        ):
+            answer = http.post(path, json=body)
+            assert (answer.status_code, answer.json()["code"]) == (507, "disk-full"), answer.text
+            assert count * one < answer.json()["needed_bytes"] < 1.1 * count * one
+            assert one < answer.json()["available_bytes"] < 2 * one
+        assert len(http.get("/jobs").json()["items"]) == 1
+        assert http.get("/batches").json()["items"] == []
