@@ -66,7 +66,7 @@ async def queue_job(
     """Check what is wanted, note it, hand it to the queue and, where the client waits, wait."""
 
     def make(session: Session) -> Answer:
-        row = services.ledger.add(session, job_of(new_id("j"), wanted, principal=who.name))
+        row = services.submit(session, job_of(new_id("j"), wanted, principal=who.name))
         session.flush()
         view = JobView.of(to_status(row))
         return Answer(202, view.links["self"], view.model_dump_json())
@@ -76,7 +76,6 @@ async def queue_job(
         await run_in_threadpool(check_work, services, wanted)
         answer = await run_in_threadpool(services.answers.once, key, make)
     identifier = answer.location.rpartition("/")[2]
-    await run_in_threadpool(services.enqueue, identifier)
     if not wait.seconds or answer.replayed:
         return replay(answer)
     view = await _view(services, identifier, wait)

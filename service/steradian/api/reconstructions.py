@@ -78,7 +78,6 @@ async def create_reconstruction(
         scan = await run_in_threadpool(check_reconstruction, services, wanted)
         answer = await run_in_threadpool(services.answers.once, key, make)
     identifier = answer.location.rpartition("/")[2]
-    await run_in_threadpool(services.enqueue, identifier)
     if not wait.seconds or answer.replayed:
         return replay(answer)
     view = await view_of(services, identifier, wait)
@@ -167,6 +166,6 @@ def note_reconstruction(
 ) -> tuple[ReconstructionRow, JobRow]:
     """Note a reconstruction and its job in the present transaction."""
     row = services.reconstructions.add(session, scan, wanted.parameters.model_dump(mode="json"), batch)
-    job = services.ledger.add(session, job_of(row.id, wanted, principal=who.name, batch_id=row.batch_id))
+    job = services.submit(session, job_of(row.id, wanted, principal=who.name, batch_id=row.batch_id))
     session.flush()
     return row, job

@@ -6,17 +6,17 @@ import asyncio
 import logging
 import threading
 import time
-from concurrent.futures import Future
 from datetime import timedelta
 from typing import TYPE_CHECKING
 
 from sqlalchemy import select
+from sqlalchemy.orm import Session
 
 from steradian.api.emergency import EmergencyDesk
 from steradian.api.workshop import Workshop
 from steradian.jobs.kinds import resource_of
 from steradian.jobs.ledger import JobLedger
-from steradian.jobs.model import JobStatus, QueueUnavailable
+from steradian.jobs.model import JobRequest, JobStatus, QueueUnavailable
 from steradian.security.keys import KeyStore
 from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 QUEUE_PATIENCE = 30.0
 UPLOADS_KEPT = timedelta(days=1)
-RECONCILE_EVERY, TIDY_EVERY = 1.0, 600.0
+RECONCILE_EVERY, TIDY_EVERY, REOPEN_EVERY = 1.0, 600.0, 5.0
 
 
 class Services:
@@ -69,8 +69,9 @@ class Services:
         self.log = EventLog(self.database)
         self.emergency = EmergencyDesk(EmergencyLatch(self.data.emergency), self.scanner, self.keys)
         self.drawing = asyncio.Lock()
-        self._queue: Future[JobQueue] = Future()
         self.workshop = Workshop()
+        self._queue: JobQueue | None = None
+        self._opened = threading.Event()
         self._over = threading.Event()
 
     def open(self) -> None:
@@ -84,8 +85,8 @@ class Services:
         self._over.set()
         self.workshop.close()
         self.emergency.close()
-        if self.queue_is_open:
-            self._queue.result().close()
+        if self._queue is not None:
+            self._queue.close()
         self.database.close()
 
     @property
@@ -97,23 +98,18 @@ class Services:
         QueueUnavailable
             When it does not open.
         """
-        try:
-            return self._queue.result(QUEUE_PATIENCE)
-        except TimeoutError:
-            raise QueueUnavailable("the job queue is still being opened") from None
+        if not self._opened.wait(QUEUE_PATIENCE) or self._queue is None:
+            raise QueueUnavailable("the job queue is not open yet; the service goes on trying")
+        return self._queue
 
     @property
     def queue_is_open(self) -> bool:
         """Whether jobs can be taken at once."""
-        return self._queue.done() and self._queue.exception() is None
+        return self._opened.is_set()
 
-    def enqueue(self, job_id: str) -> None:
-        """Hand a job of the ledger to the queue now; if that fails it is done within a moment."""
-        if self.queue_is_open:
-            try:
-                self.queue.enqueue(self.ledger.get(job_id))
-            except Exception:
-                _log.exception("job %s is kept and queued later", job_id)
+    def submit(self, session: Session, request: JobRequest) -> JobRow:
+        """Note a job and queue it in the present transaction; one that is noted before the queue is open waits."""
+        return self.queue.add(session, request) if self.queue_is_open else self.ledger.add(session, request)
 
     def cancel(self, job_id: str, who: str, reason: str | None) -> JobStatus:
         """Cancel a job that waits or runs; see :meth:`JobQueue.cancel`."""
@@ -122,15 +118,21 @@ class Services:
             return self.ledger.status(job_id)
         return self.queue.cancel(job_id, who, reason)
 
-    def _look_after(self) -> None:
-        try:
-            from steradian.jobs.engine import JobQueue
+    def _open_queue(self) -> None:
+        """Open the queue, however often that fails; readiness tells that it is not open."""
+        from steradian.jobs.engine import JobQueue
 
-            self._queue.set_result(JobQueue(self.settings))
-        except Exception as error:
-            _log.exception("the job queue cannot be opened")
-            self._queue.set_exception(QueueUnavailable(f"the job queue cannot be opened: {error}"))
-            return
+        while not self._over.is_set():
+            try:
+                self._queue = JobQueue(self.settings)
+                self._opened.set()
+                return
+            except QueueUnavailable:
+                _log.exception("trying again in %g s", REOPEN_EVERY)
+            self._over.wait(REOPEN_EVERY)
+
+    def _look_after(self) -> None:
+        self._open_queue()
         tidied = float("-inf")
         while not self._over.is_set():
             try:

@@ -12,7 +12,6 @@ import os
 import signal
 import threading
 import time
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import Final
@@ -20,16 +19,21 @@ from typing import Final
 from dbos import DBOS, DBOSClient, DBOSConfig, WorkflowSerializationFormat
 from dbos import error as engine_errors
 from dbos._dbos import _get_dbos_instance
+from sqlalchemy import make_url, text
+from sqlalchemy.orm import Session
 from ulid import ULID
 
-from steradian.errors import Conflict
+from steradian.errors import Superseded
+from steradian.jobs.joining import ENGINE, engine_version, join
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.liveness import claim, watch_others
-from steradian.jobs.model import Failed, JobRequest, JobStatus, QueueUnavailable
+from steradian.jobs.model import Died, JobRequest, JobStatus, QueueUnavailable
 from steradian.jobs.runner import POLL, JobRunner, hurried
 from steradian.progress import Progress
 from steradian.settings import Settings
-from steradian.storage.database import Database, metadata_url, use_write_ahead_log
+from steradian.storage.advisory import TIMEOUTS
+from steradian.storage.database import Database, metadata_url
+from steradian.storage.folder import bind
 from steradian.storage.paths import DataDirectory
 from steradian.storage.states import ReconstructionState, is_terminal
 from steradian.storage.subseconds import with_subseconds
@@ -40,6 +44,8 @@ APPLICATION_VERSION: Final = "1"
 """Constant, or the engine leaves jobs of another build alone."""
 QUEUE: Final = "jobs"
 WORKFLOW: Final = "job"
+WAITING_OR_RUNNING: Final = frozenset({"ENQUEUED", "PENDING", "DELAYED"})
+"""The engine's states of jobs that are not over."""
 QUEUE_POLL: Final = 0.1
 """Seconds between looks at the queue of a worker that has nothing to do."""
 PUT_BACK_PATIENCE: Final = 7.0
@@ -72,20 +78,26 @@ class JobQueue:
         except Exception as error:
             raise QueueUnavailable(f"the job queue cannot be opened: {error}") from error
         self.ledger = JobLedger(self._database)
-        self._doubted: Counter[str] = Counter()
+        self._doubted: frozenset[str] = frozenset()
 
     def submit(self, request: JobRequest) -> str:
         """Queue a job and return its identifier; one that is queued already is left as it is."""
         with self._database.write() as session:
-            row = self.ledger.add(session, request)
-        self.enqueue(row)
+            self.add(session, request)
         return request.id
 
-    def enqueue(self, row: JobRow) -> None:
-        """Hand a job of the ledger to the engine; doing it twice does it once, and one that follows a scan waits."""
-        if row.submitted or is_terminal(row.state) or self.ledger.waits_for_scan(row):
+    def add(self, session: Session, request: JobRequest) -> JobRow:
+        """Note a job and queue it in the present transaction: both happen or neither does."""
+        row = self.ledger.add(session, request)
+        self._enqueue(session, row)
+        return row
+
+    def _enqueue(self, session: Session, row: JobRow) -> None:
+        """Hand a job to the engine; doing it twice does it once, and one that follows a scan waits."""
+        if is_terminal(row.state) or self.ledger.waits_for_scan(session, row):
             return
-        self._client.enqueue(
+        self._client.enqueue_in_transaction(
+            session,
             {
                 "workflow_name": WORKFLOW,
                 "queue_name": QUEUE,
@@ -96,7 +108,6 @@ class JobQueue:
             },
             row.id,
         )
-        self.ledger.mark_submitted(row.id)
 
     def status(self, job_id: str) -> JobStatus:
         """Tell how a job stands; raises :class:`NotFound`."""
@@ -121,13 +132,13 @@ class JobQueue:
 
     def set_priority(self, job_id: str, priority: int, revision: int | None = None) -> JobStatus:
         """Move a waiting job in the queue; see :meth:`JobLedger.set_priority`."""
-        self.ledger.set_priority(job_id, priority, revision)
-        table = self._client._sys_db.tables.workflow_status  # private, so the engine's minor version is pinned
-        waiting = table.c.status.in_(["ENQUEUED", "DELAYED"])
-        with self._client._sys_db.engine.begin() as connection:
-            connection.execute(
-                table.update().where(table.c.workflow_uuid == job_id, waiting).values(priority=priority + 1)
-            )
+        move = text(
+            f"UPDATE {_engine_table(self._database)} SET priority = :priority"  # noqa: S608 - one of two names
+            " WHERE workflow_uuid = :job AND status IN ('ENQUEUED', 'DELAYED')"
+        )
+        with self._database.write() as session:
+            self.ledger.set_priority(session, job_id, priority, revision)
+            session.execute(move, {"job": job_id, "priority": priority + 1})
         return self.status(job_id)
 
     def wait(
@@ -150,21 +161,21 @@ class JobQueue:
             sleep(POLL / 2)
 
     def reconcile(self) -> None:
-        """Finish what a crash left half done between ledger and engine; call it about once a second.
+        """Settle with the engine what a death, a full disk or an earlier release left; call it about once a second.
 
-        A disagreement counts when it is seen twice in a row: a single one may be an operation under way.
+        A disagreement counts when it is seen twice in a row: a single one may be an operation under way. What waits
+        and is unknown to the engine, because it followed a scan that waited too, for example, it is given at once.
         """
-        for row in self.ledger.unsubmitted():
-            self.enqueue(row)
-        rows = {row.id: row for row in self.ledger.unfinished() if row.submitted}
+        rows = {row.id: row for row in self.ledger.unfinished()}
         found = (
             self._client.list_workflows(workflow_ids=list(rows), load_input=False, load_output=False) if rows else []
         )
-        doubtful = {job.workflow_id: job.status for job in found if _disagree(rows[job.workflow_id].state, job.status)}
-        self._doubted = Counter({job_id: self._doubted[job_id] + 1 for job_id in doubtful})
-        for job_id, times in self._doubted.items():
-            if times >= 2:
-                self._settle(rows[job_id], doubtful[job_id])
+        states = {job.workflow_id: job.status for job in found}
+        doubted = {row.id for row in rows.values() if _disagree(row.state, states.get(row.id))}
+        unknown = {row.id for row in rows.values() if row.state is _R.QUEUED and row.id not in states}
+        for job_id in unknown | (doubted & self._doubted):
+            self._settle(rows[job_id], states.get(job_id))
+        self._doubted = frozenset(doubted)
 
     def forget(self, job_ids: Sequence[str]) -> None:
         """Let the engine forget jobs that are over."""
@@ -176,40 +187,57 @@ class JobQueue:
         self._client.destroy()
         self._database.close()
 
-    def _settle(self, row: JobRow, engine_state: str) -> None:
-        if self._data.job(row.id).is_running:
-            return
-        with suppress(Conflict):
-            if engine_state in {"ENQUEUED", "PENDING", "DELAYED"} or engine_state == "CANCELLED":
-                self.cancel(row.id, "service")
+    def _settle(self, row: JobRow, engine_state: str | None) -> None:
+        if row.state is _R.CANCELLING:
+            if engine_state in WAITING_OR_RUNNING:
+                self._client.cancel_workflow(row.id)
+            if not self._data.job(row.id).is_running:
                 self.ledger.cancelled(row.id, "service")
-            else:
-                started = self.ledger.start(row.id, "service")
-                failed = Failed("internal", f"the queue's engine gave it up: {engine_state}")
-                self.ledger.settle(row.id, started.fence, failed, "service")
+            return
+        with suppress(Superseded):
+            if engine_state is not None:
+                died = Died(f"its worker could not go on; the queue's engine calls it {engine_state}")
+                self.ledger.settle(row.id, row.fence, died, "service")
+                self.forget([row.id])
+            with self._database.write() as session:
+                self._enqueue(session, self.ledger.reread(session, row.id))
 
 
-def _disagree(state: ReconstructionState, engine_state: str) -> bool:
-    return (state is _R.CANCELLING) if engine_state in {"ENQUEUED", "PENDING", "DELAYED"} else not is_terminal(state)
+def _disagree(state: ReconstructionState, engine_state: str | None) -> bool:
+    return state is _R.CANCELLING or engine_state not in WAITING_OR_RUNNING
+
+
+def _engine_table(database: Database) -> str:
+    return "workflow_status" if database.is_file else "dbos.workflow_status"
 
 
 def queue_url(settings: Settings) -> str:
-    """Tell where the engine keeps the queue."""
-    return settings.database_url or with_subseconds(f"sqlite:///{DataDirectory(settings.data).queue_file}")
+    """Tell where the engine keeps the queue: beside the metadata."""
+    if settings.database_url is None:
+        return with_subseconds(metadata_url(settings))
+    timeouts = {name: str(value) for name, value in TIMEOUTS.items()}
+    return make_url(settings.database_url).update_query_dict(timeouts).render_as_string(hide_password=False)
 
 
 def prepare(settings: Settings) -> str:
-    """Make the tables of ledger and engine, bring them to the newest version and return the engine's URL."""
+    """Bring the tables of ledger and engine to the newest version and return the engine's URL; workers never do this.
+
+    Raises
+    ------
+    InvalidInput
+        When the database belongs to another data folder.
+    """
     data = DataDirectory(settings.data)
     data.create()
     logging.getLogger("dbos").setLevel(logging.WARNING)
-    if not settings.database_url:
-        use_write_ahead_log(data.queue_file)
     database = Database(metadata_url(settings))
     try:
         database.migrate()
+        bind(database, data)
         with database.migrating():
             DBOS.migrate(queue_url(settings))
+        with database.write() as session:
+            database.note(session, ENGINE, engine_version())
     finally:
         database.close()
     return queue_url(settings)
@@ -233,11 +261,14 @@ def run_worker(settings: Settings, slot: int, commands: Mapping[str, Sequence[st
     Raises
     ------
     Conflict
-        When another worker of that name and number runs.
+        When another worker of that name and number runs, or the database is of another version.
+    InvalidInput
+        When the data folder is not the database's.
     """
     name = settings.executor(slot)
-    url = prepare(settings)
-    lock = claim(url, name) if settings.database_url else None
+    join(settings)
+    url = queue_url(settings)
+    lock = claim(settings.database_url, name) if settings.database_url else None
     database = Database(metadata_url(settings))
     runner = JobRunner(settings, JobLedger(database), commands, name)
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -249,6 +280,7 @@ def run_worker(settings: Settings, slot: int, commands: Mapping[str, Sequence[st
         "executor_id": name,
         "log_level": "WARNING",
         "use_listen_notify": False,
+        "run_migrations": False,
     }
     DBOS(config=config)
     logging.getLogger("dbos").addFilter(_is_no_cancellation)

@@ -52,7 +52,6 @@ class JobLedger(Repository[JobRow]):
             batch_id=request.batch_id,
             priority=request.priority,
             timeout=request.timeout,
-            submitted=False,
             state=_R.QUEUED,
             fence=0,
             desired_state=DesiredJobState.SUCCEEDED,
@@ -104,28 +103,22 @@ class JobLedger(Repository[JobRow]):
             rows = list(session.scalars(query))
         return Page(rows[:limit], rows[limit - 1].sequence if len(rows) > limit else None)
 
-    def mark_submitted(self, job_id: str) -> None:
-        """Note that the engine has it."""
-        self._change(job_id, lambda row: setattr(row, "submitted", True))
-
-    def unsubmitted(self) -> list[JobRow]:
-        """Return those that the engine does not have but should, oldest first: a crash kept them, or their scan."""
-        query = select(JobRow).where(JobRow.submitted.is_(False), JobRow.state == _R.QUEUED, ~_WAITS_FOR_SCAN)
-        with self.database.read() as session:
-            return list(session.scalars(query.order_by(JobRow.sequence)))
-
-    def waits_for_scan(self, row: JobRow) -> bool:
+    def waits_for_scan(self, session: Session, row: JobRow) -> bool:
         """Whether a job follows a scan that waits itself: it would hold a worker for nothing."""
         if row.kind not in FOLLOWING:
             return False
-        with self.database.read() as session:
-            return session.scalar(select(JobRow.id).where(JobRow.id == row.id, _WAITS_FOR_SCAN)) is not None
+        return session.scalar(select(JobRow.id).where(JobRow.id == row.id, _WAITS_FOR_SCAN)) is not None
 
     def unfinished(self) -> list[JobRow]:
-        """Return all that are not over, oldest first."""
-        query = select(JobRow).where(JobRow.state.in_(_UNFINISHED)).order_by(JobRow.sequence)
+        """Return all that are not over and do not wait for their scan, oldest first."""
+        waits = (JobRow.state == _R.QUEUED) & _WAITS_FOR_SCAN
+        query = select(JobRow).where(JobRow.state.in_(_UNFINISHED), ~waits).order_by(JobRow.sequence)
         with self.database.read() as session:
             return list(session.scalars(query))
+
+    def reread(self, session: Session, job_id: str) -> JobRow:
+        """Find a job in the present transaction, held until it ends; raises :class:`NotFound`."""
+        return self._find(session, job_id, lock=True)
 
     def counts(self) -> dict[str, int]:
         """Count the jobs in each state."""
@@ -219,7 +212,7 @@ class JobLedger(Repository[JobRow]):
 
         return self._transact(job_id, change) if fence is None else self._fenced(job_id, fence, change)
 
-    def set_priority(self, job_id: str, priority: int, revision: int | None = None) -> JobRow:
+    def set_priority(self, session: Session, job_id: str, priority: int, revision: int | None = None) -> None:
         """Note another priority; with ``revision``, only if the job has not changed since.
 
         Raises
@@ -227,15 +220,12 @@ class JobLedger(Repository[JobRow]):
         Conflict
             When the job waits no more; of the kind :class:`Outdated` when it has changed.
         """
-
-        def change(session: Session, row: JobRow) -> None:
-            if revision is not None and row.revision != revision:
-                raise Outdated(f"job {job_id} has changed since; read it again")
-            if row.state is not _R.QUEUED:
-                raise Conflict(f"job {job_id} is {row.state}; only a queued one has a place in the queue")
-            row.priority = priority
-
-        return self._transact(job_id, change)
+        row = self._find(session, job_id, lock=True)
+        if revision is not None and row.revision != revision:
+            raise Outdated(f"job {job_id} has changed since; read it again")
+        if row.state is not _R.QUEUED:
+            raise Conflict(f"job {job_id} is {row.state}; only a queued one has a place in the queue")
+        row.priority = priority
 
     def report(self, job_id: str, fence: int, stage: str, done: int, total: int) -> None:
         """Note how far a start has come; raises :class:`Superseded` like :meth:`settle`."""
@@ -253,9 +243,6 @@ class JobLedger(Repository[JobRow]):
             change(session, row)
 
         return self._transact(job_id, checked)
-
-    def _change(self, job_id: str, change: Callable[[JobRow], object]) -> JobRow:
-        return self._transact(job_id, lambda _session, row: change(row))
 
     def _transact(self, job_id: str, change: Callable[[Session, JobRow], object]) -> JobRow:
         with self.database.write() as session:

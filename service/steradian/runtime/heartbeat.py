@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import threading
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -22,8 +23,8 @@ class Heartbeat:
         self._thread = threading.Thread(target=self._beat, daemon=True)
 
     def __enter__(self) -> Self:
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        self._path.write_text(json.dumps({"pid": os.getpid()}))
+        self._path.parent.mkdir(exist_ok=True)
+        self._write()
         self._thread.start()
         return self
 
@@ -35,7 +36,14 @@ class Heartbeat:
 
     def _beat(self) -> None:
         while not self._over.wait(INTERVAL):
-            os.utime(self._path)
+            with suppress(OSError):  # a folder that is away comes back, or the process ends
+                try:
+                    os.utime(self._path)
+                except FileNotFoundError:
+                    self._write()
+
+    def _write(self) -> None:
+        self._path.write_text(json.dumps({"pid": os.getpid()}))
 
 
 def is_alive(path: Path, now: float) -> bool:

@@ -24,11 +24,14 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import IO
 
+from sqlalchemy.exc import SQLAlchemyError
+
 from steradian.errors import Conflict, InvalidInput
 from steradian.runtime.watch import Watch, answers
 from steradian.security.admission import require_key
 from steradian.settings import Settings
-from steradian.storage.database import Database, metadata_url, use_write_ahead_log
+from steradian.storage import folder
+from steradian.storage.database import Database, metadata_url
 from steradian.storage.integrity import MANY, check_before_start
 from steradian.storage.paths import UMASK, DataDirectory
 
@@ -137,7 +140,7 @@ def serve(
         _migrate(settings, announce)
         url = _url(settings.host, listener.getsockname()[1])
         children = _children(settings, listener)
-        stack.callback(_forget, data)
+        stack.callback(_forget, data, children)
         stack.callback(_end_all, children)
         announced, watch = False, Watch(data, f"{url}/healthz", stop)
         while not stop.is_set():
@@ -164,7 +167,7 @@ def work(settings: Settings, announce: Callable[[str], None], stop: threading.Ev
     if settings.database_url is None:
         allowed = "postgresql://…, the database of the service; without one, `steradian serve` has its own workers"
         raise InvalidInput("STERADIAN_DATABASE_URL", "missing", allowed)
-    DataDirectory(settings.data).create()
+    _refuse_foreign_folder(settings)
     children = [_worker(settings, slot, None) for slot in range(settings.workers)]
     try:
         announce(f"{settings.workers} workers {settings.executor(0)} … on {settings.data}; Ctrl-C ends them")
@@ -175,31 +178,48 @@ def work(settings: Settings, announce: Callable[[str], None], stop: threading.Ev
         _end_all(children)
 
 
+def _refuse_foreign_folder(settings: Settings) -> None:
+    """Say at once what each worker would say; a database that does not answer yet is left to them."""
+    database = Database(metadata_url(settings))
+    try:
+        folder.check(database, DataDirectory(settings.data))
+    except SQLAlchemyError as error:
+        _log.warning("the database does not answer yet: %s", error)
+    finally:
+        database.close()
+
+
 @contextmanager
 def _owning_database(settings: Settings) -> Iterator[Callable[[], None]]:
-    """Be the one service on a PostgreSQL database; yields what must be called now and then to stay it."""
+    """Be the one service on a PostgreSQL database; yields what raises :class:`Conflict` when it is that no more."""
     if settings.database_url is None:
         yield lambda: None
         return
     from steradian.storage.advisory import Hold, SessionLock
 
-    lock, due = SessionLock(settings.database_url, "service"), time.monotonic()
+    lock, over, taken = SessionLock(settings.database_url, "service"), threading.Event(), threading.Event()
 
-    def renew() -> None:
-        nonlocal due
-        if time.monotonic() >= due:
-            due = time.monotonic() + OWNER_INTERVAL
+    def stay() -> None:  # a thread's work: a connection that is cut off answers late, and the children are tended
+        while not over.wait(OWNER_INTERVAL):
             if lock.renew() is Hold.TAKEN:
-                raise Conflict("another service took over the database; this one ends")
+                taken.set()
+
+    def check() -> None:
+        if taken.is_set():
+            raise Conflict("another service took over the database; this one ends")
 
     hold = lock.acquire(seconds=10.0)
     if hold is Hold.UNREACHABLE:
         raise InvalidInput("STERADIAN_DATABASE_URL", "set", "a PostgreSQL database that answers")
     if hold is Hold.TAKEN:
         raise Conflict("another service runs on this database; stop it or choose another database")
+    keeper = threading.Thread(target=stay, daemon=True)
+    keeper.start()
     try:
-        yield renew
+        yield check
     finally:
+        over.set()
+        keeper.join()
         lock.release()
 
 
@@ -257,11 +277,10 @@ def _end_all(children: Sequence[Child]) -> None:
         child.end(deadline)
 
 
-def _forget(data: DataDirectory) -> None:
-    """Remove the signs of life of processes that have ended."""
-    for sign in (data.root / "run").glob("*.json"):
-        if sign.name != "owner.json":
-            sign.unlink(missing_ok=True)
+def _forget(data: DataDirectory, children: Sequence[Child]) -> None:
+    """Remove the signs of life of the service's own processes, which have ended; those of other hosts are theirs."""
+    for name in ("service", *(child.name for child in children)):
+        data.heartbeat(name).unlink(missing_ok=True)
 
 
 def _check(settings: Settings) -> None:
@@ -276,12 +295,11 @@ def _migrate(settings: Settings, announce: Callable[[str], None]) -> None:
     database = Database(metadata_url(settings))
     try:
         database.migrate()
+        folder.bind(database, DataDirectory(settings.data))
         if made := require_key(settings, database):
             announce(f"An admin key was made; it is in {made}")
     finally:
         database.close()
-    if settings.database_url is None:
-        use_write_ahead_log(DataDirectory(settings.data).queue_file)
 
 
 def _listen(settings: Settings) -> socket.socket:

@@ -7,6 +7,7 @@ import signal
 import sys
 import threading
 
+from steradian.jobs.joining import join
 from steradian.jobs.kinds import KINDS
 from steradian.runtime.heartbeat import Heartbeat
 from steradian.runtime.lifeline import end_with_stdin
@@ -22,8 +23,9 @@ def main(slot: int) -> None:
     settings = Settings.create()
     configure_logging(settings, settings.executor(slot))
     stop = threading.Thread(target=end_with_stdin, args=(lambda: os.kill(os.getpid(), signal.SIGTERM),), daemon=True)
+    stop.start()
+    join(settings)
     with Heartbeat(DataDirectory(settings.data).heartbeat(settings.executor(slot))):
-        stop.start()
         from steradian.jobs.engine import run_worker
 
         run_worker(settings, slot, dict.fromkeys(KINDS, CHILD))

@@ -1,21 +1,34 @@
 """Advisory locks of PostgreSQL that say who is alive: held by a session, gone with it.
 
-The keepalives are set on the server's side of the session, so that a host that loses its power is noticed after
-seven seconds and not after hours.
+The server ends a session that has asked nothing for ten seconds of its own clock: that of a host without power or
+network, and that of a process that is stopped. Neither side waits for ever: who holds a lock asks with a deadline.
 """
 
 from __future__ import annotations
 
 import hashlib
+import os
+import socket
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from enum import Enum
+from typing import Final, LiteralString
 
 import psycopg
 
-KEEPALIVE = "-c tcp_keepalives_idle=5 -c tcp_keepalives_interval=1 -c tcp_keepalives_count=2"
-CONNECT_TIMEOUT_S = 5
+TIMEOUTS: Final[dict[str, int]] = {
+    "connect_timeout": 5,
+    "keepalives_idle": 5,
+    "keepalives_interval": 1,
+    "keepalives_count": 3,
+    "tcp_user_timeout": 8000,
+}
+"""How soon the client's side of a connection to a host that is gone fails (s, s, s, probes, ms)."""
+LEASE: Final = "-c idle_session_timeout=10s -c tcp_keepalives_idle=5 -c tcp_keepalives_interval=1"
+ANSWER_WITHIN: Final = 5.0
+"""Seconds for which an answer is waited for."""
 
 
 class Hold(Enum):
@@ -45,15 +58,15 @@ class SessionLock:
         """Make sure that the lock is held, over a new session if need be."""
         try:
             if self._session is not None:
-                self._session.execute("SELECT 1")
+                _ask(self._session, "SELECT 1")
                 return Hold.HELD
-            session = psycopg.connect(self._url, autocommit=True, options=KEEPALIVE, connect_timeout=CONNECT_TIMEOUT_S)
+            session = psycopg.connect(self._url, autocommit=True, options=LEASE, **TIMEOUTS)  # type: ignore[arg-type]
+            if not _try(session, self.name):
+                session.close()
+                return Hold.TAKEN
         except psycopg.Error:
             self.release()
             return Hold.UNREACHABLE
-        if not _try(session, self.name):
-            session.close()
-            return Hold.TAKEN
         self._session = session
         return Hold.HELD
 
@@ -77,7 +90,7 @@ class SessionLock:
         finally:
             if free and session is not None:
                 with suppress(psycopg.Error):
-                    session.execute("SELECT pg_advisory_unlock(%s)", [_key(other)])
+                    _ask(session, "SELECT pg_advisory_unlock(%s)", _key(other))
 
     def release(self) -> None:
         """Let go; the session ends."""
@@ -88,8 +101,26 @@ class SessionLock:
 
 
 def _try(session: psycopg.Connection[tuple[bool]], name: str) -> bool:
-    row = session.execute("SELECT pg_try_advisory_lock(%s)", [_key(name)]).fetchone()
+    return _ask(session, "SELECT pg_try_advisory_lock(%s)", _key(name))
+
+
+def _ask(session: psycopg.Connection[tuple[bool]], question: LiteralString, *values: int) -> bool:
+    """Ask the server; when it does not answer in time the connection is cut, and that is an error of psycopg's."""
+    own = socket.socket(fileno=os.dup(session.fileno()))
+    cut = threading.Timer(ANSWER_WITHIN, _cut, [own])
+    cut.daemon = True
+    cut.start()
+    try:
+        row = session.execute(question, values or None).fetchone()
+    finally:
+        cut.cancel()
+        own.close()
     return bool(row and row[0])
+
+
+def _cut(connection: socket.socket) -> None:
+    with suppress(OSError):  # it has just answered
+        connection.shutdown(socket.SHUT_RDWR)
 
 
 def _key(name: str) -> int:

@@ -9,17 +9,19 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Engine, create_engine, event, text
+from sqlalchemy import Connection, Engine, create_engine, event, select, text
 from sqlalchemy.exc import DatabaseError
 from sqlalchemy.orm import Session, sessionmaker
 
 from steradian.errors import DamagedFile
 from steradian.settings import Settings
+from steradian.storage.advisory import TIMEOUTS
 from steradian.storage.paths import DataDirectory
+from steradian.storage.subseconds import add_subseconds
+from steradian.storage.tables import LogRow
 
 MIGRATIONS = Path(__file__).parent / "migrations"
 BUSY_TIMEOUT_MS = 15_000
-CONNECT_TIMEOUT_S = 5
 MIGRATION_LOCK = 0x57E2AD1B
 """Number of the PostgreSQL advisory lock under which tables are changed."""
 
@@ -85,6 +87,26 @@ class Database:
                 raise
             raise DamagedFile(f"the database {self.name} cannot be used: {error.orig}") from error
 
+    def fact(self, session: Session, name: str) -> str | None:
+        """Look up what is known of the database as a whole."""
+        return session.scalar(select(LogRow.value).where(LogRow.name == name))
+
+    def note(self, session: Session, name: str, value: str) -> None:
+        """Write down what is known of the database as a whole."""
+        session.merge(LogRow(name=name, value=value))
+
+    @property
+    def is_file(self) -> bool:
+        """Whether it is a file in the data folder."""
+        return self.engine.dialect.name == "sqlite"
+
+    def revision(self) -> str | None:
+        """Tell which version the tables have; ``None`` while there are none."""
+        from alembic.migration import MigrationContext
+
+        with self.engine.connect() as connection:
+            return MigrationContext.configure(connection).get_current_revision()
+
     @contextmanager
     def migrating(self) -> Iterator[None]:
         """Keep every other process from changing tables until the block ends (PostgreSQL only)."""
@@ -114,25 +136,22 @@ def metadata_url(settings: Settings) -> str:
     return "postgresql+psycopg" + settings.database_url[settings.database_url.index("://") :]
 
 
-def use_write_ahead_log(path: Path) -> None:
-    """Switch a SQLite file, made if missing, to write-ahead logging: readers then never wait for a writer."""
-    import sqlite3
+def known_revisions() -> list[str]:
+    """Name all versions that the tables had, the newest first."""
+    from alembic.script import ScriptDirectory
 
-    connection = sqlite3.connect(path, timeout=BUSY_TIMEOUT_MS / 1000)
-    try:
-        connection.execute("PRAGMA journal_mode=WAL")
-    finally:
-        connection.close()
+    return [script.revision for script in ScriptDirectory(str(MIGRATIONS)).walk_revisions()]
 
 
 def _engine(url: str) -> Engine:
     if not url.startswith("sqlite"):
-        connect = {"connect_timeout": CONNECT_TIMEOUT_S, "application_name": "steradian"}
+        connect = TIMEOUTS | {"application_name": "steradian"}
         return create_engine(url, pool_pre_ping=True, pool_size=10, max_overflow=20, connect_args=connect)
     engine = create_engine(url, connect_args={"check_same_thread": False})
 
     @event.listens_for(engine, "connect")
     def configure(connection: Any, _record: Any) -> None:
+        add_subseconds(connection)
         connection.isolation_level = None  # the driver must not begin transactions behind our back
         # FULL: what was answered is on the disk. With NORMAL a power cut takes back the last commits.
         for pragma in ("journal_mode=WAL", f"busy_timeout={BUSY_TIMEOUT_MS}", "foreign_keys=ON", "synchronous=FULL"):

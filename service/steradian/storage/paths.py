@@ -1,7 +1,7 @@
 """Where things lie in the data directory, and who may use it.
 
-DATA/steradian.sqlite          metadata
-DATA/queue.sqlite              the job queue
+DATA/steradian.sqlite          metadata and job queue
+DATA/identity                  says which database the folder belongs to
 DATA/scans/<id>.h5             A-lines
 DATA/uploads/<id>              files that came over HTTP and wait to be imported
 DATA/pictures/<mask id>.png    pictures of masks, once they have been asked for
@@ -64,9 +64,17 @@ class DataDirectory:
         return f"sqlite:///{self.metadata_file}"
 
     @property
-    def queue_file(self) -> Path:
-        """File of the embedded job queue."""
-        return self.root.absolute() / "queue.sqlite"
+    def identity_file(self) -> Path:
+        """File that says which database the folder belongs to."""
+        return self.root.absolute() / "identity"
+
+    @property
+    def identity(self) -> str | None:
+        """What it says; ``None`` without one, also when the folder is gone."""
+        try:
+            return self.identity_file.read_text().strip() or None
+        except OSError:
+            return None
 
     def scan_file(self, scan_id: str) -> Path:
         """HDF5 file with the A-lines of a scan."""

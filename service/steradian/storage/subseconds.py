@@ -35,12 +35,13 @@ class Subseconds(CreateEnginePlugin):
 
     def engine_created(self, engine: Engine) -> None:
         """Have each new connection of the engine prepared."""
-        if sqlite3.sqlite_version_info < (3, 42):
-            event.listen(engine, "connect", _prepare)
+        event.listen(engine, "connect", lambda connection, _record: add_subseconds(connection))
 
 
-def _prepare(connection: sqlite3.Connection, _record: object) -> None:
-    connection.create_function("unixepoch", 1, _unixepoch)
+def add_subseconds(connection: sqlite3.Connection) -> None:
+    """Teach one connection the function, where its SQLite has none of its own."""
+    if sqlite3.sqlite_version_info < (3, 42):
+        connection.create_function("unixepoch", 1, _unixepoch)
 
 
 def _unixepoch(text: str) -> float:

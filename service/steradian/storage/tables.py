@@ -141,7 +141,6 @@ class JobRow(Table):
     batch_id: Mapped[str | None] = mapped_column(String(40))
     priority: Mapped[int]
     timeout: Mapped[float | None]
-    submitted: Mapped[bool]
     state: Mapped[ReconstructionState] = mapped_column(Name(ReconstructionState), index=True)
     desired_state: Mapped[DesiredJobState] = mapped_column(Name(DesiredJobState))
     reason: Mapped[str | None] = mapped_column(Text)
@@ -235,7 +234,11 @@ class EventRow(Table):
 
 
 class LogRow(Table):
-    """Facts about the event log: its epoch (another one means another database)."""
+    """Facts about the database.
+
+    They are the event log's epoch (another one means another database), the data folder that the database belongs to,
+    and the version of the queue's engine that made its tables.
+    """
 
     __tablename__ = "event_log"
     name: Mapped[str] = mapped_column(String(40), primary_key=True)

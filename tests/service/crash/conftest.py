@@ -143,3 +143,9 @@ def distributed(postgres, tmp_path):
     service = Service(tmp_path, workers=1, database_url=postgres.database())
     yield service
     service.close()
+
+
+@pytest.fixture
+def load_proxy():
+    """Makes a proxy in front of a PostgreSQL database."""
+    return _load("crash/proxy").Proxy

@@ -7,6 +7,7 @@ import threading
 from pathlib import Path
 
 from steradian.jobs.engine import run_worker
+from steradian.jobs.joining import join
 from steradian.runtime.heartbeat import Heartbeat
 from steradian.runtime.lifeline import end_with_stdin
 from steradian.runtime.logs import configure_logging
@@ -18,6 +19,7 @@ if __name__ == "__main__":
     configure_logging(settings, settings.executor(slot))
     threading.Thread(target=end_with_stdin, args=(lambda: os.kill(os.getpid(), signal.SIGTERM),), daemon=True).start()
     echo = Path(__file__).parents[1] / "jobs" / "echo_job.py"
+    join(settings)
     with Heartbeat(DataDirectory(settings.data).heartbeat(settings.executor(slot))):
         run_worker(
             settings,

@@ -168,7 +168,7 @@ def test_a_worker_that_is_asked_to_end_puts_its_job_back_without_counting_it(ben
 def test_a_queue_made_by_any_python_is_used_by_this_one(tmp_path, make_bench, expression):
     """The engine writes the one from Python 3.12 on and the other before; SQLite knows the first from 3.42 on."""
     bench = make_bench(tmp_path)
-    with closing(sqlite3.connect(bench.settings.data / "queue.sqlite")) as file, file:
+    with closing(sqlite3.connect(bench.settings.data / "steradian.sqlite")) as file, file:
         file.execute("PRAGMA writable_schema = ON")
         for usual in ("unixepoch('subsec') * 1000", "strftime('%s','now') * 1000"):
             file.execute("UPDATE sqlite_master SET sql = replace(sql, ?, ?)", (usual, expression))
@@ -182,7 +182,7 @@ def test_a_queue_made_by_any_python_is_used_by_this_one(tmp_path, make_bench, ex
         after = time.time()
     finally:
         bench.close()
-    with closing(sqlite3.connect(bench.settings.data / "queue.sqlite")) as plain:
+    with closing(sqlite3.connect(bench.settings.data / "steradian.sqlite")) as plain:
         ((schema,),) = plain.execute("SELECT sql FROM sqlite_master WHERE name = 'workflow_status'")
         assert schema.count(expression) == 2
         assert plain.execute("PRAGMA integrity_check").fetchall() == [("ok",)]

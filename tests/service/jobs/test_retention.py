@@ -45,7 +45,8 @@ def services(tmp_path):
     services.data.create()
     database.migrate()
     database.close()
-    services._queue.set_result(Engine())
+    services._queue = Engine()
+    services._opened.set()
     yield services
     services.close()
 

@@ -1,0 +1,55 @@
+"""Which data folder a database belongs to: a file in the one and a row in the other say the same.
+
+A worker on another host finds the folder where somebody mounted it. Where nothing is mounted lies an empty folder, in
+which every job would fail for good.
+"""
+
+from __future__ import annotations
+
+import uuid
+from typing import Final
+
+from steradian.errors import InvalidInput
+from steradian.storage.database import Database
+from steradian.storage.paths import DataDirectory
+
+FACT: Final = "folder"
+
+
+def bind(database: Database, data: DataDirectory) -> None:
+    """Make folder and database belong together, unless one of them belongs elsewhere already; for the service.
+
+    Raises
+    ------
+    InvalidInput
+        When it does.
+    """
+    with database.write() as session:
+        known, found = database.fact(session, FACT), data.identity
+        if known is not None and found != known and not (found is None and database.is_file):
+            raise _foreign(data, known)
+        identity = known or found or uuid.uuid4().hex
+        if found is None:
+            data.identity_file.write_text(identity)
+        if known is None:
+            database.note(session, FACT, identity)
+
+
+def check(database: Database, data: DataDirectory) -> bool:
+    """Tell whether the folder is the database's, ``False`` while no service has bound them; changes nothing.
+
+    Raises
+    ------
+    InvalidInput
+        When the database belongs to another folder.
+    """
+    with database.read() as session:
+        known = database.fact(session, FACT)
+    if known is not None and data.identity != known:
+        raise _foreign(data, known)
+    return known is not None
+
+
+def _foreign(data: DataDirectory, known: str) -> InvalidInput:
+    which = f"the data folder of this database, in which the file {data.identity_file.name} says {known}"
+    return InvalidInput("data", data.root, f"{which}; is it mounted there?")
