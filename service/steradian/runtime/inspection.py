@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import select, update
+from sqlalchemy import select
 
 from steradian.errors import DamagedFile, InvalidInput
 from steradian.jobs.kinds import resource_of
@@ -21,7 +21,6 @@ from steradian.storage.states import ReconstructionState, is_terminal
 from steradian.storage.tables import JobRow, ScanRow
 
 LONGEST_ID = 40
-_UNFINISHED = [state for state in ReconstructionState if not is_terminal(state)]
 
 
 @dataclass(frozen=True)
@@ -74,13 +73,6 @@ def repair(settings: Settings) -> Iterator[str]:
                 about: dict[str, Any] = {"simulated": said.simulated, "summary": said.summary, "labels": {}}
                 register_import(database, said.plan, finding.subject, who="steradian check", **about)
                 yield f"scan {finding.subject} is registered: {_alines(said.summary)}"
-        if settings.database_url is None and is_absent(data.queue_file):
-            with database.write() as session:
-                lost = session.execute(
-                    update(JobRow).where(JobRow.state.in_(_UNFINISHED)).values(submitted=False).returning(JobRow.id)
-                ).all()
-            if lost:
-                yield f"{len(lost)} jobs will be queued again at the next start"
     finally:
         database.close()
 
@@ -89,10 +81,9 @@ def _databases(settings: Settings, data: DataDirectory) -> Iterator[Finding]:
     if settings.database_url is not None:
         return
     holds = bool(data.scan_files() or data.job_folders())
-    for path in (data.metadata_file, data.queue_file):
-        fault = fault_of(path)
-        if fault is not None and (holds or not is_absent(path)):
-            yield Finding("damaged-database", path.name, f"{fault}; --repair makes a new one")
+    fault = fault_of(data.metadata_file)
+    if fault is not None and (holds or not is_absent(data.metadata_file)):
+        yield Finding("damaged-database", data.metadata_file.name, f"{fault}; --repair makes a new one")
 
 
 def _scans(settings: Settings, data: DataDirectory) -> Iterator[Finding]:

@@ -81,10 +81,9 @@ def check_before_start(settings: Settings) -> list[str]:
     advice = f"`steradian check {settings.data}` tells what can be got back"
     metadata = None
     if settings.database_url is None:
-        for path in (data.metadata_file, data.queue_file):
-            if not is_absent(path) and (fault := fault_of(path)) is not None:
-                raise DamagedFile(f"the database {path} {fault}; {advice}")
         metadata = fault_of(data.metadata_file)
+        if metadata is not None and not is_absent(data.metadata_file):
+            raise DamagedFile(f"the database {data.metadata_file} {metadata}; {advice}")
     files = {path.stem for path in data.scan_files()}
     known = {row.id for row in rows_of(settings, select(ScanRow.id))} | removals(settings)
     jobs = [path.name for path in data.job_folders()] if metadata else []

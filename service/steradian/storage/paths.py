@@ -28,7 +28,7 @@ from steradian.drafts import sweep
 from steradian.errors import Conflict, InvalidInput, Superseded
 
 FOLDERS: Final = ("scans", "uploads", "pictures", "references", "jobs", "run")
-NAMES: Final = frozenset({*FOLDERS, "reconstructions", "emergency-stop", "lock"})
+NAMES: Final = frozenset({*FOLDERS, "reconstructions", "emergency-stop", "identity", "lock"})
 DATABASES: Final = ("steradian.sqlite", "queue.sqlite")
 PRIVATE: Final = 0o700
 """Mode of folders, and with :data:`UMASK` of all files: for this user alone."""

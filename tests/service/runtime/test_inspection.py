@@ -21,7 +21,7 @@ from steradian.runtime.inspection import inspect, repair
 from steradian.runtime.supervisor import serve
 from steradian.scans.store import create_scan_file
 from steradian.settings import Settings
-from steradian.storage.database import Database, metadata_url, use_write_ahead_log
+from steradian.storage.database import Database, metadata_url
 from steradian.storage.masks import MaskRepository
 from steradian.storage.paths import DataDirectory
 from steradian.storage.plans import PlanRepository
@@ -40,7 +40,6 @@ class Kept:
         self.folder, self.data = folder, DataDirectory(folder)
         self.data.create()
         self.file = folder / "steradian.sqlite"
-        use_write_ahead_log(self.data.queue_file)
         database = Database(metadata_url(self.settings))
         database.migrate()
         plan = ScanPlan.create(mask=grid_mask(0.01, 3, 1e-3), samples=64)
@@ -127,10 +126,6 @@ def another(kept):
     database.close()
 
 
-def damaged_queue(kept):
-    kept.data.queue_file.write_bytes(b"no database at all " * 5000)
-
-
 @pytest.mark.parametrize(
     ("damage", "said"),
     [
@@ -141,7 +136,6 @@ def damaged_queue(kept):
         (missing, "missing"),
         (newer, "newer"),
         (another, "knows none of"),
-        (damaged_queue, "queue.sqlite"),
     ],
 )
 def test_a_start_on_a_damaged_folder_is_one_clear_sentence(kept, damage, said):
