@@ -102,6 +102,7 @@ class Database:
 
     def revision(self) -> str | None:
         """Tell which version the tables have; ``None`` while there are none."""
+        logging.getLogger("alembic").setLevel(logging.WARNING)
         from alembic.migration import MigrationContext
 
         with self.engine.connect() as connection:
