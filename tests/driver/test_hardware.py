@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import select
 import threading
 import time
 from functools import partial
@@ -16,6 +18,7 @@ from fabry_perot.errors import DeviceFault, PortUnavailable, Refused
 from fabry_perot.hardware import Apparatus, InstrumentError, Sampling
 from fabry_perot.hardware.apparatus import FAULT_DIGITISER, FAULT_EXCITATION, FAULT_GALVO, FAULT_GUARD, FAULT_LASER
 from fabry_perot.host import Plan
+from fabry_perot.host.scanner import Scanner
 from fabry_perot.simulator import phantoms
 from fabry_perot.simulator.film import Response
 from fabry_perot.simulator.instrument import PhantomInstrument
@@ -301,6 +304,45 @@ def test_an_instrument_that_is_served_is_a_scanner_to_its_host_and_rests_when_th
     assert not instrument.shutter.is_open()
     with pytest.raises(PortUnavailable):
         fabry_perot.connect(url, recovery=None)
+
+
+class Wire:
+    """The host's end of a serial line whose other end is a port that somebody serves."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        os.set_blocking(descriptor, False)
+
+    def read(self) -> bytes:
+        select.select([self._descriptor], [], [], 0.02)
+        try:
+            return os.read(self._descriptor, 65536)
+        except BlockingIOError:
+            return b""
+
+    def write(self, data: bytes) -> None:
+        while data:
+            select.select([], [self._descriptor], [], 5)
+            data = data[os.write(self._descriptor, data) :]
+
+    def close(self) -> None: ...
+
+
+def test_a_serial_port_is_served_as_a_socket_is_in_frames_that_suit_a_uart():
+    instrument = PhantomInstrument(phantoms.yarn(0))
+    near, far = os.openpty()
+    try:
+        over, thread, url = served(instrument, os.ttyname(far))
+        assert url == os.ttyname(far)
+        with Scanner(Wire(near), recovery=fabry_perot.Recovery()) as scanner:
+            check(scanner, instrument)
+            assert scanner.statistics()["payload"] == 641
+        over.set()
+        thread.join(30)
+        assert not thread.is_alive()
+    finally:
+        os.close(near)
+        os.close(far)
 
 
 def test_an_instrument_in_the_same_process_is_connected_to_as_any_scanner():
