@@ -36,7 +36,7 @@ def work(job, progress):
         case "lock":
             with JobDirectory(Path(job["job"])).running(timeout=0.5):
                 return {"answer": payload["answer"]}
-        case "lose":
+        case "stale":
             if job["start"] == 1:
                 raise OSError(errno.ESTALE, os.strerror(errno.ESTALE))
             return {"answer": payload["answer"]}

@@ -132,7 +132,7 @@ def test_a_job_whose_log_cannot_be_written_is_not_left_running(bench):
 
 
 def test_a_lost_file_system_interrupts_a_job(bench):
-    bench.submit("lost", "lose", answer=1)
+    bench.submit("lost", "stale", answer=1)
     status = bench.queue.wait("lost", timeout=60)
     assert (status.state, status.attempt) == (R.SUCCEEDED, 1)
     assert [a["outcome"] for a in status.attempts] == ["interrupted", "succeeded"]
