@@ -18,8 +18,9 @@ from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.progress import Progress
 from steradian.quality import correlation, of_interest
-from steradian.reconstructions.job import plan_options, reconstruct_recording
+from steradian.reconstructions.job import reconstruct_recording
 from steradian.reconstructions.live import Detail, LiveView, draw
+from steradian.reconstructions.options import plan_options
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.scans.importing.writing import ImportedAline
 from steradian.scans.reading import read_scan

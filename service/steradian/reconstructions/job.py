@@ -8,24 +8,21 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steradian.drafts import draft
-from steradian.errors import InvalidInput
 from steradian.imaging import Volume, outlines, reconstruct
-from steradian.imaging.cells import cell_areas
-from steradian.imaging.conditioning import Conditioning
 from steradian.imaging.weights import sensed_outline
 from steradian.plain import plain
 from steradian.progress import IsCancelled, Progress
-from steradian.ranges import SOUND_SPEED
 from steradian.reconstructions.kept_plans import KeptPlans
 from steradian.reconstructions.missing import Missing, missing_points
 from steradian.reconstructions.near_field import from_depth, near_field
-from steradian.reconstructions.parameters import DEFAULT_SPACING, ReconstructionParameters
+from steradian.reconstructions.options import conditioned, plan_options, sound_speed_of, used, weights_of
+from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.projections import project, project_from
 from steradian.reconstructions.shots import Unevenness, even_out
 from steradian.reconstructions.volume_file import write_volume
@@ -183,9 +180,9 @@ def write_reconstruction(
     report.shape, report.spacing_m = volume.values.shape, tuple(map(float, volume.spacing))
     report.origin_m = tuple(map(float, volume.origin))
     report.sensors, report.planned = len(recording.positions), recording.planned
-    report.sound_speed_m_s = _sound_speed(recording, chosen)
+    report.sound_speed_m_s = sound_speed_of(recording, chosen)
     if chosen.method not in WITHOUT_WEIGHTS:
-        _note_area(report, recording, _weights(recording, chosen))
+        _note_area(report, recording, weights_of(recording, chosen))
     elif chosen.method == "iterative" and chosen.iterative.regularisation != "none":
         report.notes.append(LOWERED)
     report.provenance = recording.provenance
@@ -252,79 +249,6 @@ def reconstruct_recording(
     volume = plan.run(traces, progress=progress, cancelled=cancelled)
     assert isinstance(volume, Volume)  # noqa: S101 - one set of traces
     return volume
-
-
-def used(recording: Recording, parameters: ReconstructionParameters) -> dict[str, Any]:
-    """Return the parameters as they take effect: also those of which the recording decides."""
-    decided = {"sound_speed": _sound_speed(recording, parameters), "modes": _modes(recording, parameters)}
-    return parameters.model_dump(mode="json") | decided
-
-
-def conditioned(recording: Recording, parameters: ReconstructionParameters) -> NDArray[np.float32]:
-    """Return A-lines (M, N_t) in units of pressure, treated as the parameters say."""
-    scale = np.asarray(recording.scale, np.float32).reshape(-1, 1)
-    traces: NDArray[np.float32] = np.multiply(recording.traces, scale, dtype=np.float32)
-    if parameters.conditioning == Conditioning():
-        return traces
-    return parameters.conditioning.apply(
-        traces, recording.positions, sampling_interval=recording.sampling_interval, aperture=recording.aperture
-    )
-
-
-def plan_options(recording: Recording, parameters: ReconstructionParameters) -> dict[str, Any]:
-    """Return what :func:`steradian.imaging.reconstruct` and a plan take, but positions and traces.
-
-    Raises
-    ------
-    InvalidInput
-        When a parameter does not fit the recording.
-    """
-    return {
-        "sampling_interval": recording.sampling_interval,
-        "sound_speed": _sound_speed(recording, parameters),
-        "aperture": recording.aperture,
-        "modes": _modes(recording, parameters),
-        "weights": _weights(recording, parameters),
-        "upsampling": parameters.upsampling,
-        "depth_range": _depth_range(recording, parameters),
-        "method": parameters.method,
-        "tolerance": parameters.tolerance,
-        "window": parameters.window,
-        "time_zero": recording.time_zero + parameters.conditioning.delay,
-        "time_padding": parameters.time_padding,
-        "lateral_padding": parameters.lateral_padding,
-    }
-
-
-def _sound_speed(recording: Recording, parameters: ReconstructionParameters) -> float:
-    speed = parameters.sound_speed or recording.sound_speed
-    if speed is None:
-        raise InvalidInput("sound_speed", "missing", f"{SOUND_SPEED}; the recording states none")
-    return speed
-
-
-def _modes(recording: Recording, parameters: ReconstructionParameters) -> int:
-    return parameters.modes or recording.grid or max(2, round(recording.aperture / DEFAULT_SPACING))
-
-
-def _depth_range(recording: Recording, parameters: ReconstructionParameters) -> tuple[float, float] | None:
-    if parameters.depth_range is None:
-        return None
-    first, last = parameters.depth_range
-    end = (recording.traces.shape[1] - 1) * recording.sampling_interval * _sound_speed(recording, parameters)
-    return first or 0.0, end if last is None else last
-
-
-def _weights(recording: Recording, parameters: ReconstructionParameters) -> NDArray[np.float64]:
-    """Areas of the sensors' cells; all three choices sum to the same sensed area where the recording knows it."""
-    positions, outline, own = recording.positions, recording.outline, recording.weights
-    if parameters.weights == "mask" and own is not None:
-        return own
-    if outline is None:
-        outline = sensed_outline(positions, recording.aperture)
-    if parameters.weights == "uniform":
-        return np.full(len(positions), outlines.area(outline) / len(positions))
-    return cell_areas(positions, outline)
 
 
 def _note_area(report: Report, recording: Recording, weights: NDArray[np.float64]) -> None:

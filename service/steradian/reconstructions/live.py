@@ -24,8 +24,9 @@ from steradian.imaging.conditioning import Conditioning, Display
 from steradian.imaging.growing import GrowingReconstruction
 from steradian.progress import IsCancelled, Progress
 from steradian.reconstructions.coverage import largest_gap
-from steradian.reconstructions.job import Report, plan_options, reconstruct_scan, write_json
+from steradian.reconstructions.job import Report, reconstruct_scan, write_json
 from steradian.reconstructions.near_field import from_depth, near_field
+from steradian.reconstructions.options import plan_options
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.preview import Preview, preview_of
 from steradian.reconstructions.projections import Projections, project, project_from

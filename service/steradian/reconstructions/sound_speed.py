@@ -22,7 +22,8 @@ from steradian.imaging.band import signal_band, thinned, thinning
 from steradian.progress import IsCancelled, Progress
 from steradian.quality import tenenbaum
 from steradian.ranges import SOUND_SPEED
-from steradian.reconstructions.job import conditioned, plan_options, write_json
+from steradian.reconstructions.job import write_json
+from steradian.reconstructions.options import conditioned, plan_options
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.shots import even_out
 from steradian.scans.opening import open_recording

@@ -21,8 +21,9 @@ from steradian.imaging import Volume
 from steradian.masks import Mask
 from steradian.progress import IsCancelled, Progress
 from steradian.quality import compare, correlation, disc, of_interest
-from steradian.reconstructions.job import reconstruct_recording, used, write_json
+from steradian.reconstructions.job import reconstruct_recording, write_json
 from steradian.reconstructions.near_field import from_depth, near_field
+from steradian.reconstructions.options import used
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.shots import even_out
 from steradian.scans.opening import open_recording

@@ -21,8 +21,9 @@ from steradian.masks import equi_steradian_mask, equiangular_mask
 from steradian.plans import ScanPlan
 from steradian.quality import correlation, of_interest
 from steradian.reconstructions import live
-from steradian.reconstructions.job import plan_options, reconstruct_scan
+from steradian.reconstructions.job import reconstruct_scan
 from steradian.reconstructions.live import LiveView, follow_scan
+from steradian.reconstructions.options import plan_options
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.preview import Preview, preview_of
 from steradian.reconstructions.volume_file import read_volume

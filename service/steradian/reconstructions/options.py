@@ -1,0 +1,91 @@
+"""What a recording and the parameters chosen for it come to: A-lines as they are used, and the options of a plan."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.errors import InvalidInput
+from steradian.imaging import outlines
+from steradian.imaging.cells import cell_areas
+from steradian.imaging.conditioning import Conditioning
+from steradian.imaging.weights import sensed_outline
+from steradian.ranges import SOUND_SPEED
+from steradian.reconstructions.parameters import DEFAULT_SPACING, ReconstructionParameters
+from steradian.scans.recording import Recording
+
+
+def used(recording: Recording, parameters: ReconstructionParameters) -> dict[str, Any]:
+    """Return the parameters as they take effect: also those of which the recording decides."""
+    decided = {"sound_speed": sound_speed_of(recording, parameters), "modes": _modes(recording, parameters)}
+    return parameters.model_dump(mode="json") | decided
+
+
+def conditioned(recording: Recording, parameters: ReconstructionParameters) -> NDArray[np.float32]:
+    """Return A-lines (M, N_t) in units of pressure, treated as the parameters say."""
+    scale = np.asarray(recording.scale, np.float32).reshape(-1, 1)
+    traces: NDArray[np.float32] = np.multiply(recording.traces, scale, dtype=np.float32)
+    if parameters.conditioning == Conditioning():
+        return traces
+    return parameters.conditioning.apply(
+        traces, recording.positions, sampling_interval=recording.sampling_interval, aperture=recording.aperture
+    )
+
+
+def plan_options(recording: Recording, parameters: ReconstructionParameters) -> dict[str, Any]:
+    """Return what :func:`steradian.imaging.reconstruct` and a plan take, but positions and traces.
+
+    Raises
+    ------
+    InvalidInput
+        When a parameter does not fit the recording.
+    """
+    return {
+        "sampling_interval": recording.sampling_interval,
+        "sound_speed": sound_speed_of(recording, parameters),
+        "aperture": recording.aperture,
+        "modes": _modes(recording, parameters),
+        "weights": weights_of(recording, parameters),
+        "upsampling": parameters.upsampling,
+        "depth_range": _depth_range(recording, parameters),
+        "method": parameters.method,
+        "tolerance": parameters.tolerance,
+        "window": parameters.window,
+        "time_zero": recording.time_zero + parameters.conditioning.delay,
+        "time_padding": parameters.time_padding,
+        "lateral_padding": parameters.lateral_padding,
+    }
+
+
+def sound_speed_of(recording: Recording, parameters: ReconstructionParameters) -> float:
+    """Return the speed of sound in m/s that takes effect; raises :class:`InvalidInput` when nobody states one."""
+    speed = parameters.sound_speed or recording.sound_speed
+    if speed is None:
+        raise InvalidInput("sound_speed", "missing", f"{SOUND_SPEED}; the recording states none")
+    return speed
+
+
+def _modes(recording: Recording, parameters: ReconstructionParameters) -> int:
+    return parameters.modes or recording.grid or max(2, round(recording.aperture / DEFAULT_SPACING))
+
+
+def _depth_range(recording: Recording, parameters: ReconstructionParameters) -> tuple[float, float] | None:
+    if parameters.depth_range is None:
+        return None
+    first, last = parameters.depth_range
+    end = (recording.traces.shape[1] - 1) * recording.sampling_interval * sound_speed_of(recording, parameters)
+    return first or 0.0, end if last is None else last
+
+
+def weights_of(recording: Recording, parameters: ReconstructionParameters) -> NDArray[np.float64]:
+    """Areas of the sensors' cells; all three choices sum to the same sensed area where the recording knows it."""
+    positions, outline, own = recording.positions, recording.outline, recording.weights
+    if parameters.weights == "mask" and own is not None:
+        return own
+    if outline is None:
+        outline = sensed_outline(positions, recording.aperture)
+    if parameters.weights == "uniform":
+        return np.full(len(positions), outlines.area(outline) / len(positions))
+    return cell_areas(positions, outline)
