@@ -188,6 +188,12 @@ class Scanner(Panel):
             return self._keeper.engaged and self._keeper.minding
 
     @property
+    def silence(self) -> float:
+        """Seconds since the scanner was last heard; one that works says something many times a second."""
+        with self._session.changed:
+            return self._host.silent_for(self._session.now()) / 1e6
+
+    @property
     def holds(self) -> bool:
         """Whether :meth:`alines` has, or may have, more to deliver of what was fired already."""
         with self._session.changed:

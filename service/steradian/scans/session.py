@@ -32,6 +32,8 @@ _log = logging.getLogger(__name__)
 DEFAULT = fabry_perot.Recovery()
 LOOK = 0.1
 """Seconds between two looks at what is wished, while nothing is fired."""
+SILENCE = 3.0
+"""Seconds without a word from a scanner after which its scan does not count as running."""
 TRIES = 30
 """A request whose link is lost is made so often before the scan is given up."""
 AGAIN = 1.0
@@ -172,7 +174,7 @@ class ScanSession:
                         f"the laser rested {self._rested:.0f} s for a full disk; what it fired is stored, resume when"
                         " it may fire again"
                     )
-                recovering = self._scanner.recovering
+                recovering = self._scanner.recovering or self._scanner.silence > SILENCE
                 if recovering:
                     self._enter(Phase.RECOVERING)
                 elif self._phase is Phase.RECOVERING or batch:

@@ -23,7 +23,7 @@ _log = logging.getLogger(__name__)
 _S = ScanState
 _STATES = {
     Phase.RUNNING: (_S.RUNNING, "A-lines are stored"),
-    Phase.RECOVERING: (_S.RECOVERING, "the link is lost; it is being taken up again"),
+    Phase.RECOVERING: (_S.RECOVERING, "the scanner is silent or its link lost; it is being taken up again"),
     Phase.PAUSING: (_S.PAUSING, ""),
     Phase.PAUSED: (_S.PAUSED, "the laser is off; what was fired is stored"),
     Phase.ARMING: (_S.ARMING, ""),
