@@ -273,3 +273,22 @@ def test_the_readmes_example_runs_as_it_stands():
     readme = (Path(__file__).parents[2] / "driver" / "README.md").read_text()
     code = re.search(r"```python\n(.*?)```", readme, re.DOTALL).group(1)
     exec(compile(code, "README.md", "exec"), {})  # noqa: S102
+
+
+def test_a_simulator_whose_starter_is_gone_takes_its_folder_along(tmp_path):
+    """Whoever leaves at once, or is killed, removes nothing any more."""
+    code = """if True:
+        import os
+        from fabry_perot.simulator import launch
+        held = launch()
+        held.__enter__()
+        print(*os.listdir('.'), flush=True)
+        os._exit(1)
+    """
+    where = {"cwd": tmp_path, "env": os.environ | {"TMPDIR": str(tmp_path)}}
+    said = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, timeout=100, **where).stdout
+    assert said.startswith("fabry-perot-")
+    deadline = time.monotonic() + 60
+    while list(tmp_path.iterdir()):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)

@@ -7,10 +7,13 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from fabry_perot.simulator.commands import Commands
 from fabry_perot.simulator.machine import Machine
-from fabry_perot.simulator.options import parse
+from fabry_perot.simulator.options import Options, parse
 from fabry_perot.simulator.server import Server, open_endpoint
 
 
@@ -18,6 +21,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run until SIGTERM, Ctrl-C or, if asked, the end of standard input."""
     options, exit_with_stdin = parse(arguments)
     signal.signal(signal.SIGTERM, _leave)
+    if options.tcp or options.link or not exit_with_stdin:
+        return _run(options, exit_with_stdin)
+    with TemporaryDirectory(prefix="fabry-perot-") as folder:  # ours, so that it goes also where our starter is gone
+        return _run(replace(options, link=str(Path(folder) / "port")), exit_with_stdin)
+
+
+def _run(options: Options, exit_with_stdin: bool) -> int:
     machine = Machine(options)
     endpoint = open_endpoint(options)
     try:

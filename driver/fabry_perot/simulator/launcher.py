@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 import select
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from fabry_perot.errors import PortUnavailable
@@ -71,18 +70,18 @@ def launch(*, timeout: float = 30.0, **settings: Any) -> Iterator[Simulator]:
         It did not get ready.
     """
     options = Options(**settings)
-    with TemporaryDirectory(prefix="fabry-perot-") as folder:
-        if not options.tcp and not options.link:
-            options = replace(options, link=str(Path(folder) / "port"))
-        command = [sys.executable, "-P", "-m", "fabry_perot.simulator", *options.arguments(), "--exit-with-stdin"]
-        process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, start_new_session=True
-        )
-        try:
-            ready = json.loads(_line(process, timeout))
-            yield Simulator(process, options.link or ready["url"], ready["pid"])
-        finally:
-            _stop(process)
+    command = [sys.executable, "-P", "-m", "fabry_perot.simulator", *options.arguments(), "--exit-with-stdin"]
+    process = subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, start_new_session=True
+    )
+    ready: dict[str, Any] = {}
+    try:
+        ready = json.loads(_line(process, timeout))
+        yield Simulator(process, ready["link"] or ready["url"], ready["pid"])
+    finally:
+        _stop(process)
+        if ready and not options.tcp and not options.link:  # it removes its folder itself, unless it was killed
+            shutil.rmtree(Path(ready["link"]).parent, ignore_errors=True)
 
 
 def _line(process: subprocess.Popen[bytes], timeout: float) -> bytes:

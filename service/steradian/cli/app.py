@@ -103,9 +103,10 @@ def main() -> None:
     except SteradianError as error:
         complain(str(error))
         sys.exit(next((code for kind, code in EXIT_CODES.items() if isinstance(error, kind)), 1))
-    except KeyboardInterrupt:
-        complain("stopped")
-        sys.exit(130)
+    except SystemExit as end:
+        if isinstance(getattr(end.__context__, "__cause__", None), KeyboardInterrupt):  # typer says nothing of it
+            complain("stopped")
+        raise
     except OSError as error:
         complain(f"{error.filename or 'input/output'}: {error.strerror or error}")
         sys.exit(1)

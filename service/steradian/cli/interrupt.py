@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from steradian.cli import STOPPED
 from steradian.cli.console import ProgressBar, located, say
 from steradian.errors import ScanFailed
 from steradian.scans.control import Control, End, Phase, Wish
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
 
 PATIENCE = 0.2
 """Seconds after which a Ctrl-C is told what is waited for."""
-STOPPED = 130
-"""Exit code of a command that was stopped."""
 _SHOW_CURSOR = "\x1b[?25h"
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from steradian.cli.console import console
+from steradian.cli.console import console, say
 
 if TYPE_CHECKING:
     from steradian.security.keys import KeyStore
@@ -36,30 +36,43 @@ def create(
     except ValueError:
         raise InvalidInput("scope", ", ".join(scope or []), ", ".join(Scope)) from None
     lifetime = None if days is None else timedelta(days=days)
-    typer.echo(_store(data).create(name, scopes, lifetime))
+    folder = _folder(data)
+    typer.echo(_store(folder).create(name, scopes, lifetime))
+    until = "for ever" if days is None else f"for {days:g} days"
+    say(f"{name} may {', '.join(scopes)}, {until}; only a hash of the key is kept, by the service in {folder}")
 
 
 @app.command("list")
 def list_keys(data: Data = None) -> None:
     """List the keys, without their secrets."""
-    for row in _store(data).list():
+    folder = _folder(data)
+    rows = _store(folder).list()
+    for row in rows:
         state = "revoked" if row.revoked else f"until {row.expires:%Y-%m-%d %H:%M}" if row.expires else "valid"
         console().print(f"{row.id}  {row.name}  {' '.join(row.scopes)}  {state}", soft_wrap=True)
+    say(f"{len(rows)} key{'' if len(rows) == 1 else 's'} of the service in {folder}")
 
 
 @app.command()
 def revoke(identifier: Annotated[str, typer.Argument(help="As listed.")], data: Data = None) -> None:
     """Make a key worthless at once."""
-    _store(data).revoke(identifier)
+    folder = _folder(data)
+    _store(folder).revoke(identifier)
+    say(f"{identifier} opens nothing any more in the service in {folder}")
 
 
-def _store(data: Path | None) -> KeyStore:
-    from steradian.security.keys import KeyStore
+def _folder(data: Path | None) -> Path:
     from steradian.settings import PREFIX, Settings
+
+    return Settings.create(data=data if data is not None or f"{PREFIX}DATA" in os.environ else Path("data")).data
+
+
+def _store(folder: Path) -> KeyStore:
+    from steradian.security.keys import KeyStore
+    from steradian.settings import Settings
     from steradian.storage.database import Database, metadata_url
     from steradian.storage.paths import DataDirectory
 
-    folder = data if data is not None or f"{PREFIX}DATA" in os.environ else Path("data")
     settings = Settings.create(data=folder)
     DataDirectory(settings.data).create()
     database = Database(metadata_url(settings))

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from steradian.cli.console import console
+from steradian.cli.console import console, show_end
 
 DATA = Path("data")
 
@@ -54,3 +54,4 @@ def serve(
     supervisor.serve(
         settings, lambda line: console().print(line, soft_wrap=True), stop, on_ready=f"Steradian with {mode}"
     )
+    show_end(("stopped; everything is kept", settings.data))

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from steradian.cli.console import console
+from steradian.cli.console import console, show_end
 
 
 def worker(
@@ -44,3 +44,4 @@ def worker(
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: stop.set())
     supervisor.work(settings, lambda line: console().print(line, soft_wrap=True), stop)
+    show_end(("stopped; results, and what goes back to the queue,", settings.data))

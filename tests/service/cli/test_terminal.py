@@ -1,8 +1,10 @@
 """A person at a terminal: a scan, Ctrl-C, and going on with it, over a real pseudo-terminal."""
 
+import contextlib
 import os
 import re
 import signal
+import subprocess
 import sys
 import time
 
@@ -21,6 +23,11 @@ POINTS = 2116
 ANSWER = r"laser off; ([\d,]+) of 2,116 stored in scan\.h5 \([^)]*\); go on with: steradian scan resume scan\.h5"
 EXACT = {"noise_db": float("inf"), "energy_jitter": 0.0}
 """A simulated scanner whose A-lines depend on the point alone."""
+
+
+def hears():
+    """A terminal's job hears Ctrl-C; in the background of a shell, where tests may run, children ignore it."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 @pytest.fixture(scope="module")
@@ -46,8 +53,7 @@ def terminal(tmp_path):
             dimensions=(24, 100),
             timeout=100,
             encoding="utf-8",
-            # a terminal hears Ctrl-C; where tests run in the background of a shell, children inherit that it is ignored
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+            preexec_fn=hears,
         )
         running.append(process)
         return process
@@ -148,6 +154,23 @@ def test_a_second_ctrl_c_leaves_at_once_with_the_file_whole(plan, terminal, tmp_
     check.expect(pexpect.EOF)
     check.close()
     assert check.exitstatus == 0
+
+
+@pytest.mark.parametrize("after", [0.3, 0.8, 1.6])
+def test_ctrl_c_while_the_program_is_still_being_read_is_one_line(plan, tmp_path, after):
+    """It takes some seconds on a busy machine until a command has all its libraries; whenever it comes, one line."""
+    command = [sys.executable, "-m", "steradian", "plan", "--help"], [sys.executable, "-m", "steradian", "plan", plan]
+    for words in command:
+        process = subprocess.Popen(
+            words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, cwd=tmp_path, preexec_fn=hears
+        )
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(after)
+        process.send_signal(signal.SIGINT)
+        said = process.communicate(timeout=100)[1]
+        assert "Traceback" not in said
+        if process.returncode:
+            assert (process.returncode, said) == (130, "error: stopped\n")
 
 
 def test_ctrl_c_before_the_scan_begins_leaves_nothing_behind(plan, terminal, tmp_path):
