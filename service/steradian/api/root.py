@@ -24,7 +24,10 @@ class RootView(BaseModel):
     version: str = Field(description="Version of the software")
     api: Literal["v1"] = "v1"
     mode: Literal["simulated", "real"] = Field(description="Whether scans run on a simulated scanner")
-    limits: dict[str, float] = Field(description="Largest mask (points), body, upload, volume (bytes), wait (s)")
+    limits: dict[str, float] = Field(
+        description="Largest mask (points), body, upload, volume (bytes), wait (s); bytes of the disk that stay free,"
+        " and that uploads and jobs may take now"
+    )
     formats: dict[str, list[str]] = Field(description="In what formats things can be had")
     links: dict[str, str]
 
@@ -51,6 +54,8 @@ def read_root(services: ServicesNeeded) -> RootView:
             "body_bytes": settings.max_upload_bytes,
             "upload_bytes": settings.max_import_bytes,
             "volume_bytes": settings.max_volume_bytes,
+            "disk_reserve_bytes": settings.disk_reserve_bytes,
+            "disk_available_bytes": services.disk.available,
             "wait_seconds": MAX_WAIT,
         },
         formats=_FORMATS,

@@ -14,6 +14,7 @@ from sqlalchemy.orm import Session
 
 from steradian.api.emergency import EmergencyDesk
 from steradian.api.workshop import Workshop
+from steradian.drafts import sweep
 from steradian.jobs.kinds import resource_of
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import JobRequest, JobStatus, QueueUnavailable
@@ -157,6 +158,15 @@ class Services:
         if self.settings.retention_days is not None:
             self._forget_before(timedelta(days=self.settings.retention_days))
         self.remove_files()
+        self._sweep_drafts()
+
+    def _sweep_drafts(self) -> None:
+        """Remove what killed jobs were writing; one that is not over sweeps its folder itself when it starts again."""
+        with self.database.read() as session:
+            over = set(session.scalars(select(JobRow.id).where(JobRow.ended.is_not(None))))
+        for folder in self.data.job_folders():
+            if folder.name in over and not self.data.job(folder.name).is_running:
+                sweep(folder)
 
     def _forget_before(self, age: timedelta) -> None:
         query = select(JobRow.id, JobRow.kind).where(JobRow.ended.is_not(None), JobRow.ended < self.clock() - age)

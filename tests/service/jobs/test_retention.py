@@ -134,3 +134,20 @@ def test_events_can_be_replayed_for_as_long_as_was_chosen(services):
         left = {row.resource_id for row in session.query(EventRow)}
     assert left == {"second"}
     assert services.log.bounds().before > 0
+
+
+def test_drafts_of_jobs_that_were_killed_go_and_those_of_a_running_one_stay(services):
+    over, running, dying = (
+        job(services, "over", over=True),
+        job(services, "running", over=False),
+        job(services, "dying", over=True),
+    )
+    for folder in (over, running, dying):
+        (folder / "volume.h5.1.new").write_bytes(b"half")
+    with services.data.job("dying").running():
+        (dying / "volume.h5.1.new").write_bytes(b"half")
+        services.tidy()
+        assert [len(list(folder.glob("*.new"))) for folder in (over, running, dying)] == [0, 1, 1]
+    services.tidy()
+    assert [len(list(folder.glob("*.new"))) for folder in (over, running, dying)] == [0, 1, 0]
+    assert [(folder / "volume.h5").exists() for folder in (over, running, dying)] == [True] * 3
