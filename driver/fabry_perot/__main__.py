@@ -247,7 +247,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--averages", type=int, default=1, help="pulses averaged into one A-line")
     add("--frames", action="store_true", help="show every frame on standard error")
     add = command("conformance", _conformance)
-    add("--fire", action="store_true", help="also what opens the shutter, on a device that is not simulated")
+    add("--fire", action="store_true", help="also what may open the shutter, on a device that is not simulated")
     add("--ask", action="store_true", help="also what a person has to do something for: power, interlock")
     add("--only", nargs="+", metavar="NAME", help="scenarios; default: all")
     add("--junit", type=Path, metavar="FILE", help="keep the outcome as JUnit XML")

@@ -101,6 +101,15 @@ def test_nothing_opens_the_shutter_of_real_hardware_and_nobody_is_asked_unless_w
     assert not any(each.failure for each in found)
 
 
+@pytest.mark.parametrize("name", ["lease kept over a new session", "lease by arrival time", "echoes of the future"])
+def test_firmware_that_starts_when_it_must_not_does_not_fire_real_hardware_unless_wanted(name, monkeypatch):
+    MUTANTS[name].apply(monkeypatch)
+    monkeypatch.setitem(CAPABILITIES, "simulated", False)
+    line = VirtualLine(ring=16)
+    run(Peer(line, line.clock))
+    assert "open" not in line.instrument.shutter
+
+
 def test_a_silent_line_fails_every_scenario_and_ends():
     class Silent(VirtualLine):
         def read(self) -> bytes:

@@ -73,7 +73,7 @@ def _run(scenario: Scenario, peer: Peer, fire: bool, ask: Asking | None) -> Outc
         try:
             peer.prepare()
             if scenario.fires and not (fire or peer.limits.get("simulated")):
-                return Outcome(scenario, "", "opens the shutter (--fire)", 0.0)
+                return Outcome(scenario, "", "may open the shutter (--fire)", 0.0)
             scenario.run(peer, ask or (lambda wish: None))
         except Failed as error:
             failure = str(error)

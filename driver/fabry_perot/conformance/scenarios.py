@@ -24,7 +24,7 @@ class Scenario:
     run
         Tries it on a device in a new session.
     fires
-        Whether the shutter is opened.
+        Whether the shutter is opened, by a device that does what it should or by one that does not.
     asks
         Whether a person has to do something.
     """
