@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import os
 import select
+import subprocess
+import sys
 import threading
 import time
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -14,6 +17,8 @@ from driver_bench import Bench
 
 import fabry_perot
 from fabry_perot.device import Device
+from fabry_perot.device.endpoints import TcpEndpoint
+from fabry_perot.device.serving import Service
 from fabry_perot.errors import DeviceFault, PortUnavailable, Refused
 from fabry_perot.hardware import Apparatus, InstrumentError, Sampling
 from fabry_perot.hardware.apparatus import FAULT_DIGITISER, FAULT_EXCITATION, FAULT_GALVO, FAULT_GUARD, FAULT_LASER
@@ -175,6 +180,21 @@ def test_a_digitiser_that_misses_a_trigger_is_a_fault_and_no_shot_is_counted_to_
     assert caught.value.fault == FAULT_DIGITISER
 
 
+@pytest.mark.parametrize("averages", [1, 2])
+def test_a_record_of_another_length_than_was_asked_for_is_a_fault_of_the_digitiser(averages, monkeypatch):
+    instrument = ready()
+    records, cut = instrument.digitiser.records, iter(range(1_000))
+
+    def short(now: int) -> list:
+        return [replace(each, samples=each.samples[: 32 if next(cut) == 1 else None]) for each in records(now)]
+
+    monkeypatch.setattr(instrument.digitiser, "records", short)
+    instrument.queue(0, points(4, averages=averages), 0)
+    with pytest.raises(InstrumentError, match="32 samples") as caught:
+        run(instrument, 400_000)
+    assert caught.value.fault == FAULT_DIGITISER
+
+
 class Real(Bench):
     """A bench whose hardware is the simulator's apparatus."""
 
@@ -304,6 +324,43 @@ def test_an_instrument_that_is_served_is_a_scanner_to_its_host_and_rests_when_th
     assert not instrument.shutter.is_open()
     with pytest.raises(PortUnavailable):
         fabry_perot.connect(url, recovery=None)
+
+
+def test_the_laser_is_halted_at_the_end_of_the_program_even_if_the_shutter_does_not_answer(monkeypatch):
+    instrument = PhantomInstrument(phantoms.yarn(0))
+    halted = calls(monkeypatch, instrument.excitation, "halt")
+    service = Service(instrument, TcpEndpoint("127.0.0.1:0"), ring=8, plan_points=8, max_payload=641)
+    halted.clear()
+    monkeypatch.setattr(instrument.shutter, "close", lambda: 1 // 0)
+    with pytest.raises(InstrumentError):
+        service.run(lambda: True)
+    assert halted
+
+
+FORGETFUL = """
+import fabry_perot, numpy as np
+from fabry_perot.simulator import phantoms
+from fabry_perot.simulator.instrument import PhantomInstrument
+
+instrument = PhantomInstrument(phantoms.yarn(0))
+close, halt = instrument.shutter.close, instrument.excitation.halt
+instrument.shutter.close = lambda: (print("closed", flush=True), close())
+instrument.excitation.halt = lambda now: (print("halted", flush=True), halt(now))
+scanner = fabry_perot.connect(instrument)
+scanner.upload(np.zeros((5_000, 2)), samples=64, sampling_interval=8e-9, pulse_rate=500.0)
+scanner.start(scanner.arm())
+next(iter(scanner.alines()))
+print("the end", flush=True)
+"""
+
+
+@pytest.mark.parametrize("last", ["", "raise RuntimeError('a bug of the application')"])
+def test_a_program_that_ends_without_close_leaves_no_shutter_open(last):
+    """The device of this process is what closes it: nobody else is left to have the lease lapse."""
+    done = subprocess.run([sys.executable, "-c", FORGETFUL + last], capture_output=True, text=True, timeout=100)
+    after = done.stdout.partition("the end")[2]
+    assert "closed" in after, done.stderr
+    assert "halted" in after
 
 
 class Wire:

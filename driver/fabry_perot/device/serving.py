@@ -6,6 +6,7 @@ import secrets
 import select
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 
 from fabry_perot.clock import RealClock
 from fabry_perot.device.core import Device
@@ -52,11 +53,10 @@ class Service:
                 self.turn()
                 self._wait()
         finally:
-            try:
-                self._instrument.close()
-                self._instrument.stop(self.now())
-            finally:
-                self._endpoint.close()
+            with ExitStack() as ending:  # each of them whatever becomes of those before it
+                ending.callback(self._endpoint.close)
+                ending.callback(self._instrument.stop, self.now())
+                ending.callback(self._instrument.close)
 
     def turn(self) -> None:
         """Take in what arrived, let the device do what is due, send what the line takes."""

@@ -53,6 +53,7 @@ class Apparatus(Instrument):
         self.galvo, self.laser, self.digitiser = galvo, laser, digitiser
         self.excitation, self.shutter = excitation, shutter
         self._identity = {"model": model, "serial": serial}
+        self._samples = 0
         self._queue: deque[tuple[int, np.void]] = deque()
         self._block: deque[tuple[int, np.void]] = deque()
         self._firing = False
@@ -85,6 +86,7 @@ class Apparatus(Instrument):
 
     def begin(self, sampling: Sampling) -> None:
         """Set up for a plan."""
+        self._samples = sampling.samples
         self._queue.clear()
         self._done.clear()
         self._ask(FAULT_DIGITISER, self.digitiser.begin, sampling)
@@ -229,6 +231,9 @@ class Apparatus(Instrument):
         for record in self._ask(FAULT_DIGITISER, self.digitiser.records, now):
             if not self._block:
                 raise InstrumentError(FAULT_DIGITISER, "more records than triggers were armed")
+            if record.samples.shape != (self._samples,):
+                got = f"a record of {record.samples.size} samples, {self._samples} asked for"
+                raise InstrumentError(FAULT_DIGITISER, got)
             index, point = self._block[0]
             self._records.append(record)
             if len(self._records) >= max(1, int(point["averages"])):

@@ -44,7 +44,8 @@ class Record:
     Parameters
     ----------
     samples
-        (N_t,) counts in the range of int16; a digitiser with more bits, or that averages itself, may give fractions.
+        (N_t,) counts in the range of int16, N_t as asked for; a digitiser with more bits, or that averages itself, may
+        give fractions.
     scale
         Pressure unit per count.
     time

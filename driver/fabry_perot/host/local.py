@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import socket
 import threading
 
@@ -16,7 +17,7 @@ READ_WAIT = 0.004
 
 
 class LocalTransport:
-    """Bytes to and from a device of this process, which ends with the transport, its shutter closed.
+    """Bytes to and from a device of this process, which ends with the transport or the program, its shutter closed.
 
     Parameters
     ----------
@@ -38,6 +39,7 @@ class LocalTransport:
             target=service.run, args=(self._over.is_set,), name="fabry-perot-device", daemon=True
         )
         self._thread.start()
+        atexit.register(self.close)
 
     def read(self) -> bytes:
         """Return what has arrived; raises LinkLost."""
@@ -60,6 +62,7 @@ class LocalTransport:
 
     def close(self) -> None:
         """End the device."""
+        atexit.unregister(self.close)
         self._over.set()
         self._thread.join(10.0)
         self._end.close()
