@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import select
+import signal
 import subprocess
 import sys
 import threading
@@ -361,6 +362,28 @@ def test_a_program_that_ends_without_close_leaves_no_shutter_open(last):
     after = done.stdout.partition("the end")[2]
     assert "closed" in after, done.stderr
     assert "halted" in after
+
+
+SERVING = """
+import fabry_perot
+from fabry_perot.simulator import phantoms
+from fabry_perot.simulator.instrument import PhantomInstrument
+
+instrument = PhantomInstrument(phantoms.yarn(0))
+close = instrument.shutter.close
+instrument.shutter.close = lambda: (print("closed", flush=True), close())
+fabry_perot.serve(instrument, "socket://127.0.0.1:0", ready=lambda url: print("ready", flush=True))
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a program without telling it")
+def test_a_service_that_is_told_to_end_closes_the_shutter():
+    with subprocess.Popen([sys.executable, "-c", SERVING], stdout=subprocess.PIPE, text=True) as program:
+        assert program.stdout is not None
+        assert "ready\n" in iter(program.stdout.readline, "")
+        program.terminate()
+        assert "closed" in program.stdout.read()
+    assert program.returncode == 128 + signal.SIGTERM
 
 
 class Wire:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import secrets
 import select
+import signal
+import sys
+import threading
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 
 from fabry_perot.clock import RealClock
 from fabry_perot.device.core import Device
@@ -88,7 +91,7 @@ def serve(
     plan_points: int = 8192,
     max_payload: int | None = None,
 ) -> None:
-    """Make this computer a scanner: speak the protocol on a port until Ctrl-C, with ``instrument`` as the hardware.
+    """Make this computer a scanner: speak the protocol on a port until Ctrl-C or SIGTERM, with ``instrument`` under it.
 
     What a host asks for is done by the very device that the simulator runs: lease, arming, exactly-once A-lines,
     latched faults. The laser's lease is also the limit of :meth:`~fabry_perot.hardware.Instrument.permit`, which a
@@ -129,5 +132,23 @@ def serve(
     except BaseException:
         endpoint.close()
         raise
-    ready(endpoint.url)
-    service.run(stopping)
+    with _leaving_on_sigterm():
+        ready(endpoint.url)
+        service.run(stopping)
+
+
+@contextmanager
+def _leaving_on_sigterm() -> Iterator[None]:
+    """Have SIGTERM end the program as Ctrl-C does, unless the program has said otherwise: it would end at once."""
+    mine = threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+    if mine:
+        signal.signal(signal.SIGTERM, _leave)
+    try:
+        yield
+    finally:
+        if mine:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _leave(*_: object) -> None:
+    sys.exit(128 + signal.SIGTERM)
