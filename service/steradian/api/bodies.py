@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -15,6 +17,8 @@ SMALL = 64 * 2**10
 """Bytes that are parsed at once; what is larger is parsed in another process."""
 LONG = 1000
 """Items up to which any list is taken from there."""
+_ODD = re.compile("[\0\ud800-\udfff]")
+"""What no database keeps as text: PostgreSQL fails at every later look into a document that holds it."""
 
 
 class JsonRequest(Request):
@@ -38,7 +42,11 @@ class JsonRequest(Request):
 
 def _parse(body: bytes) -> Any:
     try:
-        return json.loads(body.decode("utf-8", "replace"), object_pairs_hook=_object)
+        text = body.decode("utf-8", "replace")
+        found = json.loads(text, object_pairs_hook=_object)
+        if "\\u" in text:
+            _check_texts(found)
+        return found
     except json.JSONDecodeError:
         raise
     except (ValueError, RecursionError) as error:
@@ -66,10 +74,22 @@ def _packed(name: str, value: Any) -> Any:
     return value if array.ndim == 1 else array
 
 
+def _check_texts(found: Any) -> None:
+    left = [found]
+    while left:
+        match left.pop():
+            case str(text) if odd := _ODD.search(text):
+                raise ValueError(f"a text in it holds U+{ord(odd[0]):04X}, which is no character")
+            case list(items):
+                left += items
+            case dict(members):
+                left += [*members, *members.values()]
+
+
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) != len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
+        counts = Counter(name for name, _ in pairs)
+        twice = next(name for name, count in counts.items() if count > 1)
         raise ValueError(f"the key {twice[:80]!r} stands twice in an object")
     return found

@@ -46,6 +46,8 @@ SCORE = 500
 """By how much sooner the kernel ends a job than the service when memory runs out; a stranger's file goes first."""
 IDLE = 600.0
 """Seconds after which a child without work ends."""
+_NO_CHARACTERS = dict.fromkeys([0, *range(0xD800, 0xE000)], "\N{REPLACEMENT CHARACTER}")
+"""NUL and halves of surrogate pairs, which names in a stranger's file may hold."""
 
 
 class JobProcess:
@@ -216,8 +218,8 @@ def _do(
 
 
 def _for_clients(message: str, payload: dict[str, Any]) -> str:
-    """Leave out where the data folder lies; the log has the whole."""
-    return message.replace(f"{payload.get('data')}/", "")
+    """Leave out where the data folder lies, and what a database does not take as text; the log has the whole."""
+    return message.replace(f"{payload.get('data')}/", "").translate(_NO_CHARACTERS)
 
 
 def _is_interruption(error: Exception) -> bool:

@@ -18,13 +18,28 @@ HUGE = "1" + 400 * "0"
         ('{"arrangement":"grid","aperture":0.011,"count":%s,"interval":1e-3}' % ("9" * 5000), 400, "malformed-json"),
         ("[" * 100_000, 413, "too-large"),
         ("[" * 10_000, 400, "malformed-json"),
+        ('{"arrangement":"grid","aperture":0.011,"count":3,"interval":1e-3,"a":"\\u0000"}', 400, "malformed-json"),
     ],
-    ids=["position 1e400", "aperture 1e400", "a key twice", "5,000 digits", "too deep and long", "too deep"],
+    ids=["position 1e400", "aperture 1e400", "a key twice", "5,000 digits", "too deep and long", "too deep", "nul"],
 )
 def test_bodies(http, body, status, code):
     answer = http.post("/masks", content=body, headers={"Content-Type": "application/json"})
     assert (answer.status_code, answer.json()["code"]) == (status, code), answer.text
     assert answer.headers["content-type"] == "application/problem+json"
+
+
+@pytest.mark.parametrize("text", ["\\u0000", "\\ud800", "\\udc00\\ud800"], ids=["nul", "half", "wrong way round"])
+def test_an_import_whose_description_no_database_can_look_into_is_refused(http, text):
+    about = f'{{"kind":"import","upload_id":"u1","description":{{"a":[{{"b{text}":1}}]}}}}'
+    answer = http.post("/jobs", content=about, headers={"Content-Type": "application/json"})
+    assert (answer.status_code, answer.json()["code"]) == (400, "malformed-json"), answer.text
+    assert "U+" in answer.json()["detail"]
+
+
+def test_a_pair_of_surrogates_and_a_backslash_before_u_are_characters(http):
+    about = '{"kind":"import","upload_id":"u1","description":{"a":"\\ud83d\\ude00","b":"\\\\u0000"}}'
+    answer = http.post("/jobs", content=about, headers={"Content-Type": "application/json"})
+    assert (answer.status_code, answer.json()["detail"]) == (404, "there is no upload 'u1'"), answer.text
 
 
 def test_a_key_that_stands_twice_is_named(http):

@@ -29,6 +29,8 @@ def work(job, progress):
             raise InvalidInput("depth", -1, "> 0 (m)")
         case "crash":
             raise ZeroDivisionError("oh")
+        case "garble":
+            raise InvalidInput("dataset", "a\0b\ud800", "a name")
         case "lose":
             raise PermissionError(13, "Permission denied", f"{job['data']}/uploads/u1")
         case "die":

@@ -64,3 +64,14 @@ def test_an_error_that_clients_read_names_no_place_on_the_server(tmp_path):
     outcome = asyncio.run(run)
     assert outcome.message == "PermissionError: [Errno 13] Permission denied: 'uploads/u1'"
     assert str(tmp_path) in (tmp_path / "log.txt").read_text()
+
+
+def test_an_error_with_what_no_database_keeps_as_text_can_be_noted(tmp_path):
+    """A worker tries to note a job's end until the database takes it."""
+    request = {"do": "garble", "diary": str(tmp_path / "diary")}
+    run = JobProcess([sys.executable, ECHO], {}).run(
+        {"request": request, "data": str(tmp_path)}, log=tmp_path / "log.txt", report=_nothing, timeout=60
+    )
+    message = asyncio.run(run).message
+    assert message.encode() and "\0" not in message
+    assert "a\N{REPLACEMENT CHARACTER}b\N{REPLACEMENT CHARACTER}" in message
