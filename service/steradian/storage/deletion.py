@@ -138,8 +138,10 @@ def remove_files(
         except OSError as error:
             _log.warning("files of %s %s cannot be removed yet: %s", note.kind, note.resource_id, error)
             continue
+        # Its number may be another note's by now: SQLite gives that of the last row again when the row is gone.
+        same = RemovalRow.sequence == note.sequence, RemovalRow.resource_id == note.resource_id
         with database.write() as session:
-            session.execute(delete(RemovalRow).where(RemovalRow.sequence == note.sequence))
+            session.execute(delete(RemovalRow).where(*same))
 
 
 def _remove(data: DataDirectory, note: RemovalRow, forget_jobs: Callable[[Sequence[str]], object] | None) -> bool:

@@ -11,6 +11,7 @@ from sqlalchemy import func, select
 
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import JobRequest, Succeeded
+from steradian.storage.deletion import remove_files
 from steradian.storage.events import EventLog
 from steradian.storage.scans import ScanRepository
 from steradian.storage.states import ScanState
@@ -230,3 +231,25 @@ def test_a_deletion_cut_at_any_point_leaves_no_row_without_its_file(tmp_path, st
                 assert again.data.scan_file(scan).exists() == there
     finally:
         again.close()
+
+
+def test_two_who_remove_at_once_do_not_forget_what_a_third_deletes(server):
+    """SQLite gives the number of the last note that is gone to the next one."""
+    data, database = server.data, server.database
+    first, second = (f"j{uuid.uuid4().hex[:26]}" for _ in range(2))
+    remove_files(database, data, lambda _jobs: None)  # what earlier tests left
+
+    def note(job):
+        data.job(job).root.mkdir(parents=True)
+        with database.write() as session:
+            session.add(RemovalRow(kind="job", resource_id=job))
+
+    def meanwhile(_jobs):
+        remove_files(database, data, lambda _jobs: None)
+        note(second)
+
+    note(first)
+    remove_files(database, data, meanwhile)
+    remove_files(database, data, lambda _jobs: None)
+    assert not data.job(first).root.exists()
+    assert not data.job(second).root.exists()
