@@ -61,7 +61,8 @@ class GuardedConfig(uvicorn.Config):
 
     def __init__(self, app: Any, door: Door, **options: Any) -> None:
         self.door = door
-        super().__init__(app, http=GuardedConnection, **options)
+        # A connection that becomes a websocket, where a library for those is installed, would never leave the door.
+        super().__init__(app, http=GuardedConnection, ws="none", **options)
 
 
 class GuardedConnection(HttpToolsProtocol):

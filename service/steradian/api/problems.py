@@ -22,6 +22,7 @@ from starlette.routing import Match
 from steradian.api.conditions import NotModified
 from steradian.api.findings import Finding, findings_of, header_or_body
 from steradian.api.headers import NOT_KEPT, SAFE
+from steradian.api.workshop import OutOfReach
 from steradian.errors import (
     Cancelled,
     Conflict,
@@ -61,6 +62,7 @@ STATUS_OF: dict[type[SteradianError], int] = {
     Cancelled: 409,
     ScanFailed: 502,
     QueueUnavailable: 503,
+    OutOfReach: 503,
     Outdated: 412,
     Unauthorized: 401,
     Forbidden: 403,

@@ -137,6 +137,7 @@ class Services:
         tidied = float("-inf")
         while not self._over.is_set():
             try:
+                self.workshop.rest()
                 self.queue.reconcile()
                 if time.monotonic() - tidied > TIDY_EVERY:
                     tidied = time.monotonic()

@@ -12,6 +12,8 @@ import httpx
 import numpy as np
 import pytest
 
+from steradian.api.problems import STATUS_OF
+from steradian.api.services import Services
 from steradian.api.workshop import OutOfReach, Workshop
 
 from .conftest import Server
@@ -110,6 +112,7 @@ def test_a_workshop_outlives_the_death_of_its_processes():
             assert await double(workshop, 21) == 42
             with pytest.raises(OutOfReach):
                 await workshop.work(signal.raise_signal, signal.SIGKILL)
+            assert STATUS_OF[OutOfReach] == 503, "its code is told, and no failure of the service's"
             assert await double(workshop, 4) == 8
             with pytest.raises(ZeroDivisionError):
                 await workshop.work(divmod, 1, 0)
@@ -117,6 +120,20 @@ def test_a_workshop_outlives_the_death_of_its_processes():
             workshop.close()
 
     asyncio.run(run())
+
+
+def test_the_processes_of_a_service_without_work_end(server, monkeypatch):
+    from steradian.api import workshop
+
+    monkeypatch.setattr(workshop, "IDLE", 0.0)
+    services = Services(server.settings)
+    services.open()
+    try:
+        child = workshop._Child()
+        services.workshop._idle.append(child)
+        child._process.wait(60)
+    finally:
+        services.close()
 
 
 def resident(server):

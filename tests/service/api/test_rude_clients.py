@@ -153,3 +153,13 @@ def test_a_stream_ends_when_its_key_is_revoked(tmp_path):
     finally:
         server.close()
     assert "Traceback" not in server.log
+
+
+def test_who_asks_for_a_websocket_gives_the_place_back(serve, connect):
+    """Also where a library for websockets is installed, of which the service makes no use."""
+    server = serve(max_connections=10)
+    upgrade = b"Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: "
+    for _ in range(12):
+        with connect(server, STREAM[:-2] + upgrade + b"dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n") as connection:
+            connection.recv(1)
+    server.until(lambda: httpx.get(f"{server.url}/healthz", timeout=WAIT).status_code == 200)
