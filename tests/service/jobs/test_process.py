@@ -73,5 +73,6 @@ def test_an_error_with_what_no_database_keeps_as_text_can_be_noted(tmp_path):
         {"request": request, "data": str(tmp_path)}, log=tmp_path / "log.txt", report=_nothing, timeout=60
     )
     message = asyncio.run(run).message
-    assert message.encode() and "\0" not in message
+    assert message.encode()
+    assert "\0" not in message
     assert "a\N{REPLACEMENT CHARACTER}b\N{REPLACEMENT CHARACTER}" in message
