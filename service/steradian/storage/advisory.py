@@ -27,6 +27,11 @@ TIMEOUTS: Final[dict[str, int]] = {
 }
 """How soon the client's side of a connection to a host that is gone fails (s, s, s, probes, ms)."""
 LEASE: Final = "-c idle_session_timeout=10s -c tcp_keepalives_idle=5 -c tcp_keepalives_interval=1"
+HOLDS: Final = (
+    "SELECT EXISTS (SELECT FROM pg_locks WHERE locktype = 'advisory' AND granted AND pid = %s"
+    " AND (classid::bigint << 32) | objid::bigint = %s)"
+)
+"""Whether the server's process of a session has a lock."""
 ANSWER_WITHIN: Final = 5.0
 """Seconds for which an answer is waited for."""
 
@@ -53,6 +58,7 @@ class SessionLock:
     def __init__(self, url: str, name: str) -> None:
         self._url, self.name = url, name
         self._session: psycopg.Connection[tuple[bool]] | None = None
+        self._held_by = 0
 
     def renew(self) -> Hold:
         """Make sure that the lock is held, over a new session if need be."""
@@ -62,12 +68,14 @@ class SessionLock:
                 return Hold.HELD
             session = psycopg.connect(self._url, autocommit=True, options=LEASE, **TIMEOUTS)  # type: ignore[arg-type]
             if not _try(session, self.name):
+                # A server that has not heard yet that the session before was cut keeps the lock for that one.
+                own = _ask(session, HOLDS, self._held_by, _key(self.name))
                 session.close()
-                return Hold.TAKEN
+                return Hold.UNREACHABLE if own else Hold.TAKEN
         except psycopg.Error:
             self.release()
             return Hold.UNREACHABLE
-        self._session = session
+        self._session, self._held_by = session, session.info.backend_pid
         return Hold.HELD
 
     def acquire(self, seconds: float) -> Hold:

@@ -25,12 +25,6 @@ def _load(name):
     return module
 
 
-@pytest.fixture(scope="session")
-def postgres():
-    with _load("postgres").running_postgres() as server:
-        yield server
-
-
 class Service:
     """The real service in processes of its own, its job queue's client, and a diary of every start of a job."""
 

@@ -1,0 +1,70 @@
+"""The lock that says who is alive, and a server that hangs: nobody waits for ever or takes itself for another."""
+
+import contextlib
+import os
+import signal
+import threading
+
+import pytest
+
+from steradian.storage import advisory
+from steradian.storage.advisory import Hold, SessionLock
+
+
+@pytest.fixture
+def url(postgres):
+    return postgres.database()
+
+
+@pytest.fixture
+def lock(url):
+    lock = SessionLock(url, "me")
+    assert lock.acquire(30) is Hold.HELD
+    yield lock
+    lock.release()
+
+
+@pytest.fixture
+def stopped(lock):
+    """The server's process of the lock's session, stopped; yields what lets it go on."""
+    pid = lock._session.info.backend_pid
+    os.kill(pid, signal.SIGSTOP)
+    yield lambda: os.kill(pid, signal.SIGCONT)
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(pid, signal.SIGCONT)
+
+
+def in_time(ask):
+    """Return what ``ask`` does; a failure when it has not come back after a minute."""
+    answers = []
+    thread = threading.Thread(target=lambda: answers.append(ask()), daemon=True)
+    thread.start()
+    thread.join(60)
+    assert answers, "it waits for a server that does not answer"
+    return answers[0]
+
+
+def test_one_holds_a_name_and_the_next_when_its_session_is_gone(url, lock):
+    other = SessionLock(url, "me")
+    assert other.renew() is Hold.TAKEN
+    with lock.borrowed("another") as free:
+        assert free
+    lock.release()
+    assert other.acquire(30) is Hold.HELD
+    assert lock.renew() is Hold.TAKEN
+    other.release()
+
+
+def test_a_server_that_hangs_is_not_waited_for(lock, stopped, monkeypatch):
+    monkeypatch.setattr(advisory, "ANSWER_WITHIN", 0.5)
+    assert in_time(lock.renew) is Hold.UNREACHABLE
+
+
+def test_who_lost_its_session_does_not_take_itself_for_another(lock, stopped, monkeypatch):
+    """The server still holds the lock for the session that was cut: it has not heard that yet."""
+    monkeypatch.setattr(advisory, "ANSWER_WITHIN", 0.5)
+    assert in_time(lock.renew) is Hold.UNREACHABLE
+    monkeypatch.undo()
+    assert lock.renew() is Hold.UNREACHABLE
+    stopped()
+    assert lock.acquire(30) is Hold.HELD
