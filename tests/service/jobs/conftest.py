@@ -28,8 +28,12 @@ class Bench:
         self.worker = None
 
     def start(self):
+        self.worker = self.start_worker(self.settings)
+
+    @staticmethod
+    def start_worker(settings):
         command = [sys.executable, "-c", WORKER, str(Path(__file__).with_name("echo_job.py"))]
-        self.worker = subprocess.Popen(command, env=self.settings.environment())
+        return subprocess.Popen(command, env=settings.environment())
 
     def submit(self, name, do, **more):
         payload = {"do": do, "diary": str(self.settings.data / name), **more}
