@@ -84,6 +84,22 @@ def test_processes_that_are_stopped_are_named_and_a_stopped_api_is_replaced(tmp_
         service.stdout.close()
 
 
+def test_a_service_that_ends_removes_its_own_signs_of_life_and_leaves_those_of_other_hosts(tmp_path):
+    data = DataDirectory(tmp_path / "data")
+    command = [sys.executable, "-m", "steradian", "serve", "--port", "0", "--data", str(data.root)]
+    with (tmp_path / "log").open("wb") as log:
+        service = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
+    try:
+        service.stdout.readline()
+        until(lambda: data.heartbeat("worker-0").exists() and data.heartbeat("acquisition").exists())
+        data.heartbeat("elsewhere-0").write_text('{"pid": 1}')
+    finally:
+        service.terminate()
+        service.wait(60)
+        service.stdout.close()
+    assert [path.name for path in (data.root / "run").glob("*.json")] == ["elsewhere-0.json"]
+
+
 def get(url):
     try:
         with urllib.request.urlopen(url, timeout=5) as answer:  # noqa: S310
