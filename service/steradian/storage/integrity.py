@@ -15,7 +15,7 @@ from steradian.errors import DamagedFile
 from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url
 from steradian.storage.paths import DataDirectory
-from steradian.storage.tables import RemovalRow, ScanRow
+from steradian.storage.tables import JobRow, RemovalRow, ScanRow
 
 MANY = 5
 """Of so many names at most a sentence is made."""
@@ -86,8 +86,10 @@ def check_before_start(settings: Settings) -> list[str]:
             raise DamagedFile(f"the database {data.metadata_file} {metadata}; {advice}")
     files = {path.stem for path in data.scan_files()}
     known = {row.id for row in rows_of(settings, select(ScanRow.id))} | removals(settings)
+    # An import that was cut off has left its scan, named after it, before the row.
+    imports = rows_of(settings, select(JobRow.id).where(JobRow.kind == "import"))
     jobs = [path.name for path in data.job_folders()] if metadata else []
-    if (files and not files & known) or jobs:
+    if (files and not files & (known | {f"s{row.id[1:]}" for row in imports})) or jobs:
         what = f"{len(files)} scan(s)" if files else f"results of {len(jobs)} job(s)"
         where = data.metadata_file if settings.database_url is None else "STERADIAN_DATABASE_URL"
         wrong = f"{metadata}, but there are" if metadata else "knows none of the"

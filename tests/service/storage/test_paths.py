@@ -95,3 +95,22 @@ def test_a_folder_of_the_earlier_layout_is_opened_with_all_that_its_jobs_left(tm
             found = {name: DataDirectory(tmp_path).job(name).volume.read_text() for name in ("r0", "r1", "j1")}
         assert found == {"r0": "r0", "r1": "r1", "j1": "j1"}
     assert not (tmp_path / "reconstructions").exists()
+
+
+def test_an_import_that_was_cut_off_before_its_row_keeps_no_service_from_starting(tmp_path):
+    """It was the first scan of the folder; its job goes on with the file."""
+    from steradian.jobs.ledger import JobLedger
+    from steradian.jobs.model import JobRequest
+    from steradian.settings import Settings
+    from steradian.storage.database import Database, metadata_url
+    from steradian.storage.integrity import check_before_start
+
+    settings, data = Settings.create(data=tmp_path), DataDirectory(tmp_path)
+    data.create()
+    database = Database(metadata_url(settings))
+    database.migrate()
+    with database.write() as session:
+        JobLedger(database).add(session, JobRequest("j1", "import", {"upload_id": "u1"}))
+    database.close()
+    data.scan_file("s1").write_bytes(b"A-lines")
+    assert check_before_start(settings) == ["s1"]
