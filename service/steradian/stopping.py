@@ -1,10 +1,13 @@
-"""An event that signal handlers may set."""
+"""What is stopped: an event that signal handlers may set, and the exit code."""
 
 from __future__ import annotations
 
 import select
 import socket
 import threading
+
+STOPPED = 130
+"""Exit code of a command that was stopped."""
 
 
 class StopEvent(threading.Event):

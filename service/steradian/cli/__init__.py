@@ -5,8 +5,7 @@ from __future__ import annotations
 import os
 import signal
 
-STOPPED = 130
-"""Exit code of a command that was stopped."""
+from steradian.stopping import STOPPED
 
 
 def main() -> None:
@@ -16,9 +15,12 @@ def main() -> None:
         signal.signal(signal.SIGINT, _leave)
     from steradian.cli.app import main as run
 
-    if heard:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-    run()
+    try:
+        if heard:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+        run()
+    except KeyboardInterrupt:  # just before or after the command, which answers itself
+        _leave()
 
 
 def _leave(*_: object) -> None:

@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from steradian.cli import STOPPED
 from steradian.cli.console import ProgressBar, located, say
 from steradian.errors import ScanFailed
 from steradian.scans.control import Control, End, Phase, Wish
-from steradian.stopping import StopEvent
+from steradian.stopping import STOPPED, StopEvent
 
 if TYPE_CHECKING:
     from steradian.scans.run import ScanSummary

@@ -234,8 +234,11 @@ def running_worker(settings: Settings) -> Iterator[None]:
     DataDirectoryInUse
         When a service owns the data directory; submit the job to it instead.
     """
+    from steradian.jobs.engine import prepare  # takes seconds to load
+
     data = DataDirectory(settings.data)
     with data.lock(), (data.root / "run" / "worker.log").open("ab") as log:
+        prepare(settings)  # workers make no tables
         child = _worker(settings, 0, log)
         over = threading.Event()
         keeper = threading.Thread(target=_keep, args=(child, over), daemon=True)

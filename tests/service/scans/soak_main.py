@@ -8,7 +8,8 @@ from pathlib import Path
 import google_crc32c
 
 import fabry_perot
-from steradian.scans import acquisition, session
+from steradian.runtime import acquisition
+from steradian.scans import session
 from steradian.scans.store import AlineStore
 
 DATA = Path(os.environ["STERADIAN_DATA"])
