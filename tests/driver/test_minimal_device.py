@@ -73,6 +73,7 @@ def test_a_device_that_shares_no_code_with_ours_conforms(program):
     assert conform(program) == dict.fromkeys(NAMES, "")
 
 
+@pytest.mark.long
 @pytest.mark.mutants
 @pytest.mark.parametrize("name", DEFECTS)
 def test_a_defect_of_that_device_fails_the_scenario_made_for_it(name, tmp_path):

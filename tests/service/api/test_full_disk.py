@@ -14,6 +14,8 @@ from steradian.storage.states import ScanState
 
 from .conftest import make_scan
 
+pytestmark = pytest.mark.long
+
 MIB = 2**20
 
 

@@ -12,6 +12,8 @@ from steradian.security.keys import KeyStore, Scope
 
 from .conftest import Server
 
+pytestmark = pytest.mark.long
+
 WAIT = 30
 HALF_HEAD = b"GET /api/v1/masks HTTP/1.1\r\nHost: 127.0.0.1\r\nX-More: "
 HALF_BODY = b"POST /api/v1/masks HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 999\r\n\r\n{"

@@ -90,6 +90,7 @@ def test_some_sensors_are_added_to_what_is_there() -> None:
         np.testing.assert_allclose(again, plan.run(traces).values, atol=1e-9 * np.abs(again).max())  # type: ignore[union-attr]
 
 
+@pytest.mark.long
 @pytest.mark.timeout(900)
 def test_at_full_size_they_agree_within_the_tolerance() -> None:
     """The paper's: 1,605 sensors, 226 × 226 modes, 1,024 samples, in the usual precision."""

@@ -17,6 +17,8 @@ from steradian.storage.folder import bind
 from steradian.storage.paths import DataDirectory
 from steradian.storage.states import ReconstructionState
 
+pytestmark = pytest.mark.long
+
 R = ReconstructionState
 
 

@@ -51,6 +51,7 @@ def test_a_worker_alone_owns_the_data_directory_while_its_block_lasts(tmp_path, 
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a process is stopped by a signal")
+@pytest.mark.long
 @pytest.mark.timeout(400)
 def test_processes_that_are_stopped_are_named_and_a_stopped_api_is_replaced(tmp_path):
     command = [sys.executable, "-c", "from steradian.cli import main; main()", "serve", "--port", "0"]

@@ -34,6 +34,8 @@ from steradian.storage.scans import ScanRepository
 from steradian.storage.states import ScanState
 from steradian.storage.tables import Table
 
+pytestmark = pytest.mark.long
+
 SECTOR = 512
 CUTS = 40
 MAIN = Path(__file__).with_name("recorded_api.py")
