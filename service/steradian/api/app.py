@@ -29,7 +29,7 @@ from steradian.api import (
     uploads,
 )
 from steradian.api.feed import Feed
-from steradian.api.middleware import BodyLimit, Observe, RequestId, StreamLimit
+from steradian.api.middleware import BodyLimit, Observe, OnlyText, RequestId, StreamLimit
 from steradian.api.security import Authenticate
 from steradian.api.services import Services
 from steradian.api.together import Together
@@ -71,6 +71,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_middleware(Together)
     app.add_middleware(BodyLimit, settings=settings)
     app.add_middleware(Authenticate, keeper=services)
+    app.add_middleware(OnlyText)
     app.add_middleware(StreamLimit)
     app.add_middleware(Observe, metrics=app.state.metrics)
     app.add_middleware(RequestId)

@@ -93,6 +93,20 @@ class Observe:
             _log.debug("%s", text, extra=about | {"milliseconds": round(1e3 * seconds, 1)})
 
 
+class OnlyText:
+    """Refuses addresses that hold U+0000, which PostgreSQL keeps nowhere, so that nothing can be called so."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve."""
+        if scope["type"] != "http" or not ("\0" in scope["path"] or b"%00" in scope["query_string"]):
+            return await self.app(scope, receive, send)
+        identifier, text = scope["state"]["request_id"], "an address with U+0000 names nothing"
+        return await problem(identifier, 404, "not-found", text)(scope, receive, send)
+
+
 class StreamLimit:
     """Counts event streams before they are accepted; one too many is refused before anything is looked at."""
 
