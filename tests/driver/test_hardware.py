@@ -365,6 +365,7 @@ def test_a_program_that_ends_without_close_leaves_no_shutter_open(last):
 
 
 SERVING = """
+import os, signal, sys
 import fabry_perot
 from fabry_perot.simulator import phantoms
 from fabry_perot.simulator.instrument import PhantomInstrument
@@ -372,7 +373,13 @@ from fabry_perot.simulator.instrument import PhantomInstrument
 instrument = PhantomInstrument(phantoms.yarn(0))
 close = instrument.shutter.close
 instrument.shutter.close = lambda: (print("closed", flush=True), close())
-fabry_perot.serve(instrument, "socket://127.0.0.1:0", ready=lambda url: print("ready", flush=True))
+
+def ready(url):
+    print("ready", flush=True)
+    if "at once" in sys.argv:
+        os.kill(os.getpid(), signal.SIGTERM)
+
+fabry_perot.serve(instrument, "socket://127.0.0.1:0", ready=ready)
 """
 
 
@@ -383,6 +390,13 @@ def test_a_service_that_is_told_to_end_closes_the_shutter():
         assert "ready\n" in iter(program.stdout.readline, "")
         program.terminate()
         assert "closed" in program.stdout.read()
+    assert program.returncode == 128 + signal.SIGTERM
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a program without telling it")
+def test_a_service_that_is_told_to_end_before_its_first_turn_closes_the_shutter():
+    program = subprocess.run([sys.executable, "-c", SERVING, "at once"], capture_output=True, text=True, timeout=100)
+    assert "closed" in program.stdout.partition("ready")[2], program.stderr
     assert program.returncode == 128 + signal.SIGTERM
 
 

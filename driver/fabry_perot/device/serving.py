@@ -44,15 +44,17 @@ class Service:
         self._out = b""
         boot = 1 + secrets.randbelow(0xFFFFFFFE)
         self.device = Device(instrument, boot=boot, ring=ring, plan_points=plan_points, max_payload=max_payload)
+        self.told_to_end = False
 
     def now(self) -> int:
         """Return the device's time in µs."""
         return self._clock.now() - self._start
 
-    def run(self, stopping: Callable[[], bool]) -> None:
-        """Serve until ``stopping()``; however that ends, the shutter is closed and the hardware stopped."""
+    def run(self, stopping: Callable[[], bool], ready: Callable[[str], None] = lambda url: None) -> None:
+        """Serve until ``stopping()`` or told to end; however that ends, the shutter closes and the hardware stops."""
         try:
-            while not stopping():
+            ready(self._endpoint.url)
+            while not (self.told_to_end or stopping()):
                 self.turn()
                 self._wait()
         finally:
@@ -132,23 +134,27 @@ def serve(
     except BaseException:
         endpoint.close()
         raise
-    with _leaving_on_sigterm():
-        ready(endpoint.url)
-        service.run(stopping)
+    with _told_by_sigterm(service):
+        service.run(stopping, ready)
+    if service.told_to_end:
+        sys.exit(128 + signal.SIGTERM)
 
 
 @contextmanager
-def _leaving_on_sigterm() -> Iterator[None]:
-    """Have SIGTERM end the program as Ctrl-C does, unless the program has said otherwise: it would end at once."""
+def _told_by_sigterm(service: Service) -> Iterator[None]:
+    """Have SIGTERM tell the service to end, unless the program has said otherwise: it would end the program at once.
+
+    The handler raises nothing, so that it cannot come between the service and the closing of the shutter.
+    """
     mine = threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+
+    def tell(*_: object) -> None:
+        service.told_to_end = True
+
     if mine:
-        signal.signal(signal.SIGTERM, _leave)
+        signal.signal(signal.SIGTERM, tell)
     try:
         yield
     finally:
         if mine:
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
-
-
-def _leave(*_: object) -> None:
-    sys.exit(128 + signal.SIGTERM)
