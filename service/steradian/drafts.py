@@ -6,6 +6,7 @@ drafts, so that two of them never write into one, and asks before a draft takes 
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -57,6 +58,26 @@ def sweep(folder: Path) -> None:
     """Remove the drafts that killed processes left in a folder."""
     for left in folder.glob(f"*{ENDING}*"):
         _remove(left)
+
+
+def write_durably(path: Path, text: str) -> None:
+    """Write a small file that is whole, or not there, also after a power cut."""
+    with draft(path) as beside, beside.open("w") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    sync_folder(path.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Make a rename in ``folder`` survive a power cut."""
+    if os.name != "posix":  # elsewhere a folder cannot be opened, and renames are journalled
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 def _remove(path: Path) -> None:

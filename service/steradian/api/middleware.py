@@ -138,7 +138,7 @@ class BodyLimit:
         self._json = min(settings.max_upload_bytes, JSON_BYTES)
 
     def _limit(self, path: str) -> int:
-        if path.endswith(EMERGENCY_STOP):
+        if EMERGENCY_STOP.fullmatch(path):
             return min(self._json, STOP_BYTES)
         return self._uploads if path == UPLOADS else self._lists if path in LISTS else self._json
 

@@ -7,6 +7,7 @@ No handler takes a scope, a principal or a key as a parameter: the principal is 
 from __future__ import annotations
 
 import ipaddress
+import re
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from typing import Any, Final, Protocol
@@ -98,8 +99,8 @@ SCOPES: Final[dict[tuple[str, str], Need | None]] = {
 
 GUARDED: Final = (V1, "/metrics")
 """Paths below which nothing is answered without a key; the rest (health, documentation, pages) holds no data."""
-EMERGENCY_STOP: Final = "/emergency-stop"
-"""End of the one path that is answered while the database is not: whose key it is, is known from the last second."""
+EMERGENCY_STOP: Final = re.compile(rf"{V1}/scanners/[^/]+/emergency-stop")
+"""The one path that is answered while the database is not: whose key it is, is known from the last second."""
 UNSAFE: Final = frozenset({"POST", "PUT", "PATCH", "DELETE"})
 FORWARDING: Final = ("forwarded", "via", "x-real-ip")
 """Headers that a proxy adds, beside all that begin with ``X-Forwarded-``."""
@@ -203,7 +204,7 @@ class Authenticate:
 
 
 def _is_stop(scope: Scope) -> bool:
-    return bool(scope["method"] == "POST" and scope["path"].endswith(EMERGENCY_STOP))
+    return bool(scope["method"] == "POST" and EMERGENCY_STOP.fullmatch(scope["path"]))
 
 
 def _is_forwarded(headers: Headers) -> bool:

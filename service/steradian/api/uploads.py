@@ -15,8 +15,8 @@ from steradian.api.dependencies import ServicesNeeded
 from steradian.api.identifiers import UPLOAD_ID
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.views import BASE
+from steradian.drafts import sync_folder
 from steradian.errors import InvalidInput, NotFound
-from steradian.scans.layout import sync_folder
 from steradian.storage.deletion import InUse, waiting_import
 from steradian.storage.repository import new_id
 

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from steradian.drafts import draft
+from steradian.drafts import draft, sync_folder
 from steradian.errors import Conflict, InvalidInput
 from steradian.jobs import requests
 from steradian.plain import plain
@@ -198,7 +198,6 @@ def import_recording(work: Work, job: requests.ImportRequest) -> dict[str, Any]:
     """Make a scan of an upload: its file is looked at here and nowhere else."""
     from steradian.reconstructions.imported import read_imported
     from steradian.scans.importing.guarded import import_guarded
-    from steradian.scans.layout import sync_folder
     from steradian.storage.imports import register_import
 
     uploads = [work.data.upload(name) for name in (job.upload_id, job.companion_id) if name is not None]

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian import __version__
+from steradian.drafts import sync_folder
 from steradian.errors import Conflict, DiskFull
 from steradian.plans import ScanPlan
 from steradian.scans import schema
@@ -148,17 +149,6 @@ def geometry_checksum(file: h5py.File) -> int:
         if name in file:
             crc = google_crc32c.extend(crc, np.ascontiguousarray(file[name]).tobytes())
     return int(crc)
-
-
-def sync_folder(folder: Path) -> None:
-    """Make a rename in ``folder`` survive a power cut."""
-    if os.name != "posix":  # elsewhere a folder cannot be opened, and renames are journalled
-        return
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def _origin(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import uuid
 from typing import Final
 
+from steradian.drafts import write_durably
 from steradian.errors import InvalidInput
 from steradian.storage.database import Database
 from steradian.storage.paths import DataDirectory
@@ -30,7 +31,7 @@ def bind(database: Database, data: DataDirectory) -> None:
             raise _foreign(data, known)
         identity = known or found or uuid.uuid4().hex
         if found is None:
-            data.identity_file.write_text(identity)
+            write_durably(data.identity_file, identity)  # before the database says so
         if known is None:
             database.note(session, FACT, identity)
 
@@ -51,5 +52,9 @@ def check(database: Database, data: DataDirectory) -> bool:
 
 
 def _foreign(data: DataDirectory, known: str) -> InvalidInput:
-    which = f"the data folder of this database, in which the file {data.identity_file.name} says {known}"
+    name = data.identity_file.name
+    if data.identity_file.is_file() and data.identity is None:
+        how = f"if it is the folder of this database, write {known} into its file {name}, which a power cut has emptied"
+        return InvalidInput("data", data.root, how)
+    which = f"the data folder of this database, in which the file {name} says {known}"
     return InvalidInput("data", data.root, f"{which}; is it mounted there?")

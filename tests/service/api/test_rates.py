@@ -97,6 +97,15 @@ def test_wrong_keys_are_limited_harder_and_keep_no_good_one_out(limited):
         assert client.post(limited.url + STOP, headers=good).status_code == 202
 
 
+def test_only_the_stops_own_path_lets_wrong_keys_be_tried_without_a_limit(limited):
+    with httpx.Client(timeout=60) as client:
+        for path in ("/api/v1/masks/emergency-stop", "/api/v1/scanners/scanner-0/lease/emergency-stop"):
+            wrong = [{"Authorization": f"Bearer sk_{n}_y"} for n in range(30)]
+            seen = [client.post(limited.url + path, headers=headers).status_code for headers in wrong]
+            assert seen[-1] == 429, path
+        assert client.post(limited.url + STOP, headers={"Authorization": "Bearer sk_1_y"}).status_code == 401
+
+
 def test_without_keys_nobody_is_limited(server):
     """Whoever is on the machine itself can take its time anyhow."""
     seen = []

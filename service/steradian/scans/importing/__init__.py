@@ -9,12 +9,12 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
+from steradian.drafts import sync_folder
 from steradian.errors import Cancelled, Conflict, NotFound
 from steradian.progress import IsCancelled, Progress
 from steradian.scans.importing import own
 from steradian.scans.importing.opening import is_own, open_source
 from steradian.scans.importing.writing import write_scan
-from steradian.scans.layout import sync_folder
 
 __all__ = ["ImportSummary", "import_scan"]
 

@@ -21,11 +21,11 @@ from pathlib import Path
 from typing import IO, Any
 
 from steradian.confinement import die_first, poor_environment, shut_in
+from steradian.drafts import sync_folder
 from steradian.errors import Cancelled, Conflict, DamagedFile, DiskFull, InvalidInput, NotFound, SteradianError
 from steradian.progress import IsCancelled, Progress
 from steradian.scans.importing import ImportSummary, import_scan
 from steradian.scans.importing.description import read_description
-from steradian.scans.layout import sync_folder
 
 MEMORY = 4 << 30
 """Bytes of address space that an import may take beyond what its libraries do."""

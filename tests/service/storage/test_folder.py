@@ -1,0 +1,52 @@
+"""Which folder a database belongs to survives a power cut, and an identity that did not is one clear sentence."""
+
+import os
+import stat
+
+import pytest
+from sqlalchemy import event
+
+from steradian.errors import InvalidInput
+from steradian.storage.folder import bind, check
+from steradian.storage.paths import DataDirectory
+
+
+@pytest.fixture
+def data(tmp_path):
+    return DataDirectory(tmp_path)
+
+
+def test_the_identity_is_on_the_disk_before_the_database_says_it(database, data, monkeypatch):
+    seen, sync = [], os.fsync
+
+    def synced(handle):
+        sync(handle)
+        found = os.fstat(handle)
+        seen.append((found.st_ino, "folder" if stat.S_ISDIR(found.st_mode) else found.st_size))
+
+    monkeypatch.setattr(os, "fsync", synced)
+    event.listen(database.engine, "commit", lambda _connection: seen.append("committed"))
+    bind(database, data)
+    file, folder = data.identity_file.stat().st_ino, data.root.stat().st_ino
+    assert seen[:3] == [(file, 32), (folder, "folder"), "committed"]
+    assert len(data.identity) == 32
+
+
+def test_an_identity_that_a_power_cut_has_emptied_is_one_clear_sentence(database, data):
+    bind(database, data)
+    known = data.identity
+    data.identity_file.write_text("")
+    with pytest.raises(InvalidInput) as refusal:
+        check(database, data)
+    said = str(refusal.value)
+    assert said.endswith(f"write {known} into its file identity, which a power cut has emptied")
+    data.identity_file.write_text(known)
+    assert check(database, data)
+
+
+def test_a_service_writes_an_emptied_identity_again_where_the_database_lies_in_the_folder(database, data):
+    bind(database, data)
+    known = data.identity
+    data.identity_file.write_text("")
+    bind(database, data)
+    assert data.identity == known
