@@ -6,6 +6,7 @@ from typing import Any
 
 from fastapi import APIRouter, Request, Response
 from pydantic import ConfigDict, Field
+from starlette.concurrency import run_in_threadpool
 
 from steradian.api.conditions import ConditionsNeeded, etag_of
 from steradian.api.dependencies import Before, Limit, ServicesNeeded, link_next
@@ -13,11 +14,15 @@ from steradian.api.identifiers import PLAN_ID
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.api.views import Listing, PlanView
+from steradian.masks import Mask
 from steradian.plans import Link, Motion, ScannerLimits, ScanPlan, Tuning, VisitOrder
-from steradian.storage.plans import preview_document
+from steradian.storage.plans import to_columns
 from steradian.validation import FloatArray, Value
 
 router = APIRouter(prefix=f"{V1}/plans", tags=["plans"], route_class=GuardedRoute)
+
+SEARCHED = frozenset({VisitOrder.SHORTEST, VisitOrder.WAVELENGTH, VisitOrder.PROGRESSIVE})
+"""Orders that take seconds and compiled code; the others are told in milliseconds."""
 
 
 def _same_as(name: str) -> Any:
@@ -62,9 +67,10 @@ _OF_THE_PLAN = tuple(name for name in PlanRequest.model_fields if name != "mask_
     summary="Make a plan from a mask",
     responses={200: {"model": PlanView, "description": "The same plan exists already"}},
 )
-def create_plan(services: ServicesNeeded, response: Response, wanted: PlanRequest) -> PlanView:
+async def create_plan(services: ServicesNeeded, response: Response, wanted: PlanRequest) -> PlanView:
     """Keep a plan; the same body always gives the same id."""
-    row, is_new = services.plans.put(_plan(services, wanted))
+    columns = await _worked_out(services, wanted)
+    row, is_new = await run_in_threadpool(services.plans.put_columns, columns)
     view = PlanView.of(row)
     response.status_code = 201 if is_new else 200
     response.headers["Location"] = view.links["self"]
@@ -72,9 +78,10 @@ def create_plan(services: ServicesNeeded, response: Response, wanted: PlanReques
 
 
 @router.post("/preview", summary="What a plan would cost", responses={200: {"description": "Nothing is stored"}})
-def preview_plan(services: ServicesNeeded, wanted: PlanRequest) -> dict[str, Any]:
+async def preview_plan(services: ServicesNeeded, wanted: PlanRequest) -> dict[str, Any]:
     """Work out time, bytes and findings of a plan, storing nothing."""
-    return preview_document(_plan(services, wanted))
+    preview: dict[str, Any] = (await _worked_out(services, wanted))["preview"]
+    return preview
 
 
 @router.get("", summary="Plans, newest first")
@@ -95,6 +102,13 @@ def read_plan(services: ServicesNeeded, plan_id: PLAN_ID, conditions: Conditions
     return PlanView.of(row)
 
 
-def _plan(services: Services, wanted: PlanRequest) -> ScanPlan:
-    mask = services.masks.load(wanted.mask_id)
-    return ScanPlan.create(mask=mask, **{name: getattr(wanted, name) for name in _OF_THE_PLAN})
+async def _worked_out(services: Services, wanted: PlanRequest) -> dict[str, Any]:
+    """Return the columns of a plan's row; an order that is searched for is searched beside the API."""
+    mask = await run_in_threadpool(services.masks.load, wanted.mask_id)
+    if wanted.order in SEARCHED:
+        return await services.workshop.work(_build, mask, wanted)
+    return await run_in_threadpool(_build, mask, wanted)
+
+
+def _build(mask: Mask, wanted: PlanRequest) -> dict[str, Any]:
+    return to_columns(ScanPlan.create(mask=mask, **{name: getattr(wanted, name) for name in _OF_THE_PLAN}))

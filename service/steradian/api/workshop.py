@@ -46,6 +46,7 @@ class Workshop:
     def __init__(self) -> None:
         self._hands = ThreadPoolExecutor(BENCHES, "workshop")
         self._idle: list[_Child] = []
+        self._busy: set[_Child] = set()
         self._guard = threading.Lock()
         self._over = False
 
@@ -55,7 +56,7 @@ class Workshop:
         Raises
         ------
         OutOfReach
-            When the process that worked on it died, or :data:`MAX_SECONDS` have passed.
+            When the process that worked on it died or was ended, or :data:`MAX_SECONDS` have passed.
         """
         call = pickle.dumps((function, args, options), pickle.HIGHEST_PROTOCOL)
         answer = await asyncio.get_running_loop().run_in_executor(self._hands, self._converse, call)
@@ -73,30 +74,42 @@ class Workshop:
             child.end()
 
     def close(self) -> None:
-        """End every child."""
-        self._over = True
+        """End every child, also one that works; who waits for it gets :class:`OutOfReach`."""
         self._hands.shutdown(wait=False, cancel_futures=True)
         with self._guard:
+            self._over = True
             idle, self._idle = self._idle, []
+            for child in self._busy:
+                child.kill()  # the thread that waits for its answer does the rest
         for child in idle:
             child.end()
 
     def _converse(self, call: bytes) -> bytes:
-        with self._guard:
-            child = self._idle.pop() if self._idle else None
-        child = child or _Child()
+        child = self._take()
         try:
             answer = child.answer(call)
         except BaseException:
-            child.end()
+            self._put_back(child, is_well=False)
             raise
+        self._put_back(child, is_well=True)
+        return answer
+
+    def _take(self) -> _Child:
+        with self._guard:
+            if self._over:
+                raise OutOfReach("the service ends")
+            child = self._idle.pop() if self._idle else _Child()
+            self._busy.add(child)
+            return child
+
+    def _put_back(self, child: _Child, *, is_well: bool) -> None:
         child.since = time.monotonic()
         with self._guard:
-            if not self._over:
+            self._busy.remove(child)
+            if is_well and not self._over:
                 self._idle.append(child)
-                return answer
+                return
         child.end()
-        return answer
 
 
 class _Child:
@@ -124,10 +137,14 @@ class _Child:
             _log.warning("a process of the workshop is gone: %s", error)
         finally:
             patience.cancel()
-        raise OutOfReach(f"it took more memory than there is, or more than {MAX_SECONDS:g} s")
+        raise OutOfReach(f"it took more memory than there is, or more than {MAX_SECONDS:g} s, or the service ends")
+
+    def kill(self) -> None:
+        """Have its present call answered by nothing."""
+        self._process.kill()
 
     def end(self) -> None:
-        """Kill it."""
+        """Kill it, wait until it is gone and close its pipes."""
         self._process.kill()
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):

@@ -27,19 +27,17 @@ class PlanRepository(Repository[PlanRow]):
 
     def put(self, plan: ScanPlan) -> tuple[PlanRow, bool]:
         """Keep a plan whose mask is kept already; the flag says whether it is new."""
-        row = PlanRow(
-            id=plan.id,
-            mask_id=plan.mask.id,
-            created=self.clock(),
-            parameters=plan.model_dump(mode="json", exclude={"mask"}),
-            preview=preview_document(plan),
-        )
+        return self.put_columns(to_columns(plan))
+
+    def put_columns(self, columns: dict[str, Any]) -> tuple[PlanRow, bool]:
+        """Keep a plan that :func:`to_columns` wrote; the flag says whether it is new."""
+        row = PlanRow(created=self.clock(), **columns)
         try:
             with self.database.write() as session:
                 session.add(row)
             return row, True
         except IntegrityError:
-            return self.get(plan.id), False
+            return self.get(row.id), False
 
     def load(self, identifier: str) -> ScanPlan:
         """Read the whole plan with its mask.
@@ -52,3 +50,9 @@ class PlanRepository(Repository[PlanRow]):
         row = self.get(identifier)
         mask = MaskRepository(self.database, self.clock).load(row.mask_id)
         return ScanPlan.create(mask=mask, **row.parameters)
+
+
+def to_columns(plan: ScanPlan) -> dict[str, Any]:
+    """Write a plan as the columns of its row, all but when it was made."""
+    parameters = plan.model_dump(mode="json", exclude={"mask"})
+    return {"id": plan.id, "mask_id": plan.mask.id, "parameters": parameters, "preview": preview_document(plan)}

@@ -99,6 +99,19 @@ def test_a_picture_is_drawn_beside_the_api(server):
     assert "matplotlib" not in Path(f"/proc/{server.process.pid}/maps").read_text()
 
 
+def test_an_order_that_is_searched_for_is_found_beside_the_api(server):
+    api = f"{server.url}/api/v1"
+    equi = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 60}
+    mask = httpx.post(f"{api}/masks", json=equi, timeout=120).json()
+    wanted = {"mask_id": mask["id"], "order": "progressive"}
+    preview = httpx.post(f"{api}/plans/preview", json=wanted, timeout=120)
+    assert preview.status_code == 200, preview.text
+    plan = httpx.post(f"{api}/plans", json=wanted, timeout=120).json()
+    assert plan["preview"] == preview.json()
+    loaded = Path(f"/proc/{server.process.pid}/maps").read_text()
+    assert "llvmlite" not in loaded, "the API's own process has compiled code for the search, so it searched"
+
+
 async def double(workshop, value):
     return await workshop.work(np.multiply, value, 2)
 
@@ -118,6 +131,20 @@ def test_a_workshop_outlives_the_death_of_its_processes():
                 await workshop.work(divmod, 1, 0)
         finally:
             workshop.close()
+
+    asyncio.run(run())
+
+
+def test_a_workshop_that_closes_ends_what_is_being_worked_out():
+    import asyncio
+
+    async def run():
+        workshop = Workshop()
+        long = asyncio.create_task(workshop.work(time.sleep, 100))
+        await double(workshop, 21)  # on the other bench; now the first one has its child
+        workshop.close()
+        with pytest.raises(OutOfReach):
+            await asyncio.wait_for(long, 60)
 
     asyncio.run(run())
 
