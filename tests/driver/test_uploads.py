@@ -8,6 +8,7 @@ import pytest
 import fabry_perot
 from fabry_perot.host import Plan
 from fabry_perot.simulator import launch
+from fabry_perot.wire.framing import crc32c
 
 POINTS = np.column_stack([np.linspace(-2e-3, 2e-3, 30), np.zeros(30)])
 PARAMETERS = {"samples": 64, "sampling_interval": 8e-9, "pulse_rate": 20.0}
@@ -17,6 +18,18 @@ def test_the_same_points_under_another_tag_are_another_plan():
     uids = {Plan.from_metres(POINTS, **PARAMETERS, tag=tag).uid for tag in (0, 1, 2)}
     assert len(uids) == 3
     assert Plan.from_metres(POINTS, **PARAMETERS).uid in uids
+
+
+def test_the_identity_of_a_plan_is_worked_out_once_however_often_a_scan_asks_for_it(monkeypatch):
+    from fabry_perot.host import plan as module
+
+    sums = []
+    monkeypatch.setattr(module, "crc32c", lambda data: sums.append(len(data)) or crc32c(data))
+    made = Plan.from_metres(POINTS, **PARAMETERS)
+    assert len({made.uid for _ in range(100)}) == 1
+    assert len(sums) == 1, (
+        "the host asks at every A-line; over 1,605 points the sum takes longer than the A-line's rest"
+    )
 
 
 def test_only_the_very_upload_is_resumed_and_what_was_fired_is_had_without_firing():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from fabry_perot.wire.framing import crc32c
 from fabry_perot.wire.messages import PLAN_HEAD, POINT
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Plan:
     """Points and parameters of one scan.
 
@@ -60,7 +61,7 @@ class Plan:
         records["wavelength"] = np.rint(np.asarray(wavelength) * 1e12)
         return cls(records, samples, round(sampling_interval * 1e12), round(pulse_rate * 1e3), encoding, tag)
 
-    @property
+    @cached_property
     def uid(self) -> int:
         """Identity of the content (u32, never 0): equal plans have equal uids."""
         tag = f",{self.tag}" if self.tag else ""

@@ -27,6 +27,8 @@ REST = 1_550_000
 FULL_SCALE = 32767
 BLOCK = 16
 """A-lines computed together, ahead of need: a compromise of speed and of how long the simulator is deaf."""
+KEPT = 16 * 2**20
+"""Samples of noise-free A-lines that are kept for the next frame (64 MiB); when there are more, all are forgotten."""
 
 
 class Recorder:
@@ -141,17 +143,20 @@ class Recorder:
         return self.film.transfer(x, y, wavelength, line * (SWING / self._peak)) * (self._peak / SWING)
 
     def _line(self, x: int, y: int) -> NDArray[np.float32]:
-        """Return the noise-free A-line of a point; computes a block ahead and forgets what lies behind."""
+        """Return the noise-free A-line of a point; computes a block ahead, and each once for all frames."""
         line = self._lines.get((x, y))
         if line is None:
             first = self._places.index((x, y)) if (x, y) in self._places else 0
-            places = list(dict.fromkeys([(x, y), *self._places[first : first + BLOCK]]))[:BLOCK]
+            ahead = dict.fromkeys([(x, y), *self._places[first : first + BLOCK]])
+            places = [place for place in ahead if place not in self._lines][:BLOCK]
             where = np.array(places, dtype=np.float64) * 1e-9
             angular = directivity if self.response.directivity else None
             rows = pressure(self._balls, where, self._times, self._sound_speed, angular)
             if self.response.bandwidth:
                 rows = low_pass(rows, self._interval)
-            self._lines = dict(zip(places, rows, strict=True))
+            if (len(self._lines) + len(rows)) * len(self._times) > KEPT:
+                self._lines.clear()
+            self._lines.update(zip(places, rows, strict=True))
             line = self._lines[x, y]
         return line
 
