@@ -1,19 +1,76 @@
-"""Typed client of a Steradian service."""
+"""Typed client of a Steradian service, blocking (:class:`Client`) and awaited (:class:`AsyncClient`)."""
 
-from steradian_client.client import Client
-from steradian_client.errors import ClientError, JobFailed, ServiceError, Unreachable
-from steradian_client.models import Mask, Plan, Problem, Progress, Reconstruction, Scan
+from steradian_client.arrays import Volume
+from steradian_client.client import AsyncClient, Client
+from steradian_client.errors import (
+    ClientError,
+    Conflict,
+    Damaged,
+    DiskFull,
+    Forbidden,
+    HasDependents,
+    InvalidInput,
+    JobFailed,
+    NotFound,
+    NotReady,
+    Outdated,
+    ServiceError,
+    TooOften,
+    Unauthorized,
+    Unreachable,
+)
+from steradian_client.models import (
+    Batch,
+    Coverage,
+    EmergencyStop,
+    Event,
+    Job,
+    Lease,
+    Mask,
+    Plan,
+    Points,
+    Problem,
+    Progress,
+    Reconstruction,
+    Scan,
+    Scanner,
+    Shots,
+    Upload,
+)
 
 __all__ = [
+    "AsyncClient",
+    "Batch",
     "Client",
     "ClientError",
+    "Conflict",
+    "Coverage",
+    "Damaged",
+    "DiskFull",
+    "EmergencyStop",
+    "Event",
+    "Forbidden",
+    "HasDependents",
+    "InvalidInput",
+    "Job",
     "JobFailed",
+    "Lease",
     "Mask",
+    "NotFound",
+    "NotReady",
+    "Outdated",
     "Plan",
+    "Points",
     "Problem",
     "Progress",
     "Reconstruction",
     "Scan",
+    "Scanner",
     "ServiceError",
+    "Shots",
+    "TooOften",
+    "Unauthorized",
     "Unreachable",
+    "Upload",
+    "Volume",
 ]

@@ -1,9 +1,20 @@
 """What can go wrong between a client and a service, as a tree.
 
 ClientError
-├── Unreachable       no service answers at that address
+├── Unreachable       no service answers at that address, or the connection broke off
+├── Damaged           what came is not what was sent: another length or checksum
 ├── ServiceError      the service answered with a problem (RFC 9457): status, code, detail, request id
-└── JobFailed         the scan or reconstruction waited for ended otherwise than hoped
+│   ├── Unauthorized      401: a key is needed, or the one sent is unknown
+│   ├── Forbidden         403: the key does not allow this
+│   ├── NotFound          404
+│   ├── Conflict          409: it does not fit the present state
+│   │   ├── NotReady          it will exist once a job or scan is over
+│   │   └── HasDependents     what was to be deleted is needed: ``dependents``
+│   ├── Outdated          412: it has changed since it was read
+│   ├── InvalidInput      422: a value is outside its allowed range: ``errors``
+│   ├── TooOften          429
+│   └── DiskFull          507
+└── JobFailed         the scan, reconstruction, job or batch waited for ended otherwise than hoped
 """
 
 from __future__ import annotations
@@ -19,6 +30,10 @@ class Unreachable(ClientError):
     """No service answers at that address."""
 
 
+class Damaged(ClientError):
+    """A transfer ended, but what came is not what was sent."""
+
+
 class ServiceError(ClientError):
     """The service refused or failed; the attributes are those of its problem document.
 
@@ -30,6 +45,10 @@ class ServiceError(ClientError):
         Stable short name of the problem, such as ``not-found``.
     detail
         What is wrong, in a sentence.
+    errors
+        The fields that are wrong, each with ``pointer``, ``detail`` and, where known, its allowed range.
+    dependents
+        What needs the thing that was to be deleted.
     request_id
         Finds the request in the service's log.
     problem
@@ -40,12 +59,81 @@ class ServiceError(ClientError):
         self.status, self.problem = status, problem
         self.code = str(problem.get("code", "unknown"))
         self.detail = str(problem.get("detail") or problem.get("title") or "no detail")
+        self.errors: list[dict[str, Any]] = list(problem.get("errors") or [])
+        self.dependents: list[str] = list(problem.get("dependents") or [])
         self.request_id = str(problem.get("request_id", ""))
         super().__init__(f"{self.detail} ({status} {self.code})")
 
+    @staticmethod
+    def of(status: int, problem: dict[str, Any]) -> ServiceError:
+        """Choose the exception that a problem is: by its code, else by its status."""
+        kind = _BY_CODE.get(str(problem.get("code"))) or _BY_STATUS.get(status, ServiceError)
+        return kind(status, problem)
+
+
+class Unauthorized(ServiceError):
+    """A key is needed, or the one sent is unknown, revoked or expired."""
+
+
+class Forbidden(ServiceError):
+    """The key does not allow this."""
+
+
+class NotFound(ServiceError):
+    """Nothing has that identifier."""
+
+
+class Conflict(ServiceError):
+    """The request does not fit the present state."""
+
+
+class NotReady(Conflict):
+    """What was asked for will exist once a job or scan is over."""
+
+
+class HasDependents(Conflict):
+    """What was to be deleted is needed by ``dependents``."""
+
+
+class Outdated(ServiceError):
+    """The resource has changed since it was read."""
+
+
+class InvalidInput(ServiceError):
+    """A value is outside its allowed range."""
+
+
+class TooOften(ServiceError):
+    """The key is used more often than it may be."""
+
+
+class DiskFull(ServiceError):
+    """The service's disk has no room for it."""
+
+
+_BY_CODE: dict[str, type[ServiceError]] = {"not-ready": NotReady, "has-dependents": HasDependents}
+_BY_STATUS: dict[int, type[ServiceError]] = {
+    401: Unauthorized,
+    403: Forbidden,
+    404: NotFound,
+    409: Conflict,
+    412: Outdated,
+    422: InvalidInput,
+    429: TooOften,
+    507: DiskFull,
+}
+
 
 class JobFailed(ClientError):
-    """A scan or reconstruction did not end well."""
+    """A scan, reconstruction, job or batch did not end well.
+
+    Attributes
+    ----------
+    identifier, state
+        What did not end well, and how it ended.
+    error
+        Why, if it is known.
+    """
 
     def __init__(self, identifier: str, state: str, error: str | None) -> None:
         self.identifier, self.state, self.error = identifier, state, error

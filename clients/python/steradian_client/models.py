@@ -1,17 +1,17 @@
-"""Answers of the service, typed; unknown fields of a newer service are ignored."""
+"""Answers of the service, typed; what a newer service says beside these fields is kept, as further attributes."""
 
 from __future__ import annotations
 
 from datetime import datetime
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 
 class Answer(BaseModel):
     """Root of all answers."""
 
-    model_config = ConfigDict(frozen=True, extra="ignore")
+    model_config = ConfigDict(frozen=True, extra="allow")
 
 
 class Progress(Answer):
@@ -29,6 +29,29 @@ class Problem(Answer):
     detail: str
 
 
+class Service(Answer):
+    """The service: its version, whether its scanner is simulated, and its limits."""
+
+    version: str
+    mode: str
+    limits: dict[str, float]
+    formats: dict[str, list[str]]
+
+
+class Health(Answer):
+    """The process answers."""
+
+    status: str
+    version: str
+
+
+class Readiness(Answer):
+    """What the service needs to do its work, each by name."""
+
+    ready: bool
+    checks: dict[str, bool]
+
+
 class Mask(Answer):
     """A mask without its points; lengths in metres."""
 
@@ -39,6 +62,17 @@ class Mask(Answer):
     count: int
     weight_ratio: float
     sensed_area: float | None = None
+
+
+class Points(Answer):
+    """The points of a mask: positions (count, 2) in metres, weights in m² (m for a line)."""
+
+    id: str
+    count: int
+    positions: list[list[float]]
+    weights: list[float]
+    sensed_area: float
+    outline: list[list[float]] | None = None
 
 
 class Plan(Answer):
@@ -52,26 +86,53 @@ class Plan(Answer):
     sampling_interval: float
     sound_speed: float
     order: str
+    frames: int = 1
+    excitation: list[float] = Field(default_factory=list)
     preview: dict[str, Any]
 
 
-class Scan(Answer):
-    """A scan: where it stands."""
+class Preview(Answer):
+    """What a plan would cost: times, bytes and findings, as attributes."""
+
+
+class Work(Answer):
+    """What takes time: a scan, reconstruction or job."""
 
     id: str
-    plan_id: str
-    simulated: bool
     state: str
     progress: Progress
     error: Problem | None
-    summary: dict[str, Any] | None
-    created: datetime
+    created: datetime | None
     started: datetime | None
     ended: datetime | None
+    history: list[dict[str, Any]] = Field(default_factory=list)
 
     @property
     def is_over(self) -> bool:
-        """Whether the scan changes no more by itself."""
+        """Whether it changes no more by itself."""
+        return self.state in {"succeeded", "failed", "cancelled"}
+
+    @property
+    def is_good(self) -> bool:
+        """Whether it left what was asked for."""
+        return self.state == "succeeded"
+
+
+class Scan(Work):
+    """A scan: where it stands."""
+
+    plan_id: str
+    mask_id: str | None = None
+    simulated: bool
+    desired_state: str | None = None
+    reason: str | None = None
+    labels: dict[str, str] = Field(default_factory=dict)
+    fence: int | None = None
+    summary: dict[str, Any] | None
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the scan changes no more by itself; one that is interrupted goes on only when it is asked to."""
         return self.state in {"complete", "partial", "aborted", "failed", "interrupted"}
 
     @property
@@ -80,27 +141,187 @@ class Scan(Answer):
         return self.state in {"complete", "partial"}
 
 
-class Reconstruction(Answer):
+class Shots(Answer):
+    """Each point's shot, in the order of the mask, frame after frame; columns of equal length."""
+
+    points: list[int]
+    frames: list[int]
+    stored: list[bool]
+    shot: list[int]
+    quality: list[int]
+
+
+class Coverage(Answer):
+    """How much of the mask is measured."""
+
+    points: int
+    stored: int
+    missing: int
+    flagged: int
+    fired: int
+    area_fraction: float
+
+
+class Reconstruction(Work):
     """A reconstruction: what was asked and how far it is."""
+
+    scan_id: str
+    kind: str = "reconstruction"
+    batch_id: str | None = None
+    mask_id: str | None = None
+    frame: int | None = None
+    simulated: bool = False
+    parameters: dict[str, Any]
+    priority: int | None = None
+    attempt: int
+    report: dict[str, Any] | None
+
+
+class Revision(Answer):
+    """An image of a scan that is being followed."""
+
+    number: int
+    points: int
+    planned: int
+    final: bool
+    coverage: dict[str, float]
+    quality: dict[str, float | None]
+
+
+class Quality(Answer):
+    """A comparison of a reconstruction with another one."""
+
+    reference_id: str
+    diameter: float | None
+    threshold: float
+    state: str
+    figures: dict[str, float | None] | None
+
+
+class Job(Work):
+    """A job of any kind: what was asked, how far it is, what it found and the files it left."""
+
+    kind: str
+    asked: dict[str, Any]
+    priority: int
+    attempt: int
+    result: dict[str, Any] | None
+    files: list[str]
+
+
+class Attempt(Answer):
+    """A start of a job and its end."""
+
+    number: int
+    worker: str | None = None
+    outcome: str | None = None
+    detail: str | None = None
+
+
+class Member(Answer):
+    """One job of a batch: what was varied, and its report's figures."""
+
+    id: str
+    varied: dict[str, Any]
+    state: str
+    progress: float
+    figures: dict[str, Any] | None
+
+
+class Batch(Answer):
+    """A batch and how its jobs stand."""
 
     id: str
     scan_id: str
+    vary: dict[str, Any]
     parameters: dict[str, Any]
     state: str
-    attempt: int
-    progress: Progress
-    error: Problem | None
-    report: dict[str, Any] | None
+    counts: dict[str, int]
+    jobs: list[Member]
     created: datetime
-    started: datetime | None
-    ended: datetime | None
+
+    error: None = None
+
+    @property
+    def progress(self) -> Progress:
+        """How many of its jobs are over."""
+        going = sum(self.counts.get(state, 0) for state in ("queued", "running", "cancelling"))
+        total = sum(self.counts.values())
+        return Progress(stage="jobs", done=total - going, total=total)
 
     @property
     def is_over(self) -> bool:
-        """Whether the job changes no more."""
-        return self.state in {"succeeded", "failed", "cancelled"}
+        """Whether no job of it changes any more."""
+        return self.state in {"succeeded", "failed", "cancelled", "forgotten"}
 
     @property
     def is_good(self) -> bool:
-        """Whether it left a volume."""
+        """Whether all its jobs succeeded."""
         return self.state == "succeeded"
+
+
+class Upload(Answer):
+    """A file that waits to be imported."""
+
+    id: str
+    bytes: int
+    sha256: str | None = None
+
+
+class Lease(Answer):
+    """Who holds a scanner, until when; ``fence`` is the lease's number."""
+
+    holder: str
+    principal: str
+    note: str | None
+    ends: datetime
+    fence: int
+
+
+class EmergencyStop(Answer):
+    """An emergency stop that nobody has released; ``laser`` is off, idle or unconfirmed."""
+
+    number: str
+    at: datetime
+    by: str
+    reason: str | None
+    laser: str
+    seconds: float | None
+    recorded: bool
+
+
+class Scanner(Answer):
+    """A scanner: connection and state apart."""
+
+    id: str
+    simulated: bool
+    connection: str
+    state: str
+    since: datetime
+    last_error: str | None
+    lease: Lease | None
+    emergency_stop: EmergencyStop | None
+
+
+class Ticket(Answer):
+    """What lets a browser open one event stream."""
+
+    ticket: str
+    seconds: float
+
+
+class Event(Answer):
+    """Something that happened.
+
+    ``kind`` is scan, reconstruction, job, batch or scanner for a change of state; progress; ready when the stream
+    stands (again); reset when the log does not go back to where it was left: read the resources again.
+    """
+
+    kind: str
+    id: str | None
+    data: dict[str, Any]
+
+    @property
+    def subject(self) -> str | None:
+        """Identifier of the resource that it is about."""
+        return self.data.get("id")

@@ -1,116 +1,212 @@
-"""Requests to one service: JSON in and out, problems as exceptions, downloads written whole or not at all."""
+"""Requests as values, and the two that send them: over a blocking httpx client, or an asynchronous one."""
 
 from __future__ import annotations
 
+import hashlib
+import time
+from abc import ABC, abstractmethod
+from collections.abc import AsyncGenerator, AsyncIterator, Callable, Iterator, Mapping
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
+import anyio
 import httpx
 
-from steradian_client.errors import ServiceError, Unreachable
-from steradian_client.models import Answer
-
-Kind = TypeVar("Kind", bound=Answer)
-API = "/api/v1"
+T = TypeVar("T")
+PIECE: Final = 2**18
+"""Bytes of a file that are read, sent and counted at a time."""
 
 
-class Transport:
-    """A connection to a service.
+class Sending:
+    """A file on its way, with the checksum of what has left.
+
+    Parameters
+    ----------
+    path
+        The file.
+    report
+        Told how many bytes of how many have left.
+    """
+
+    def __init__(self, path: Path, report: Callable[[int, int], None] | None = None) -> None:
+        self.path, self._report = path, report
+        self.size, self.sha256 = path.stat().st_size, ""
+
+    def pieces(self) -> Iterator[bytes]:
+        """Read it, from the beginning each time."""
+        digest, done = hashlib.sha256(), 0
+        with self.path.open("rb") as source:
+            while piece := source.read(PIECE):
+                digest.update(piece)
+                done += len(piece)
+                if self._report is not None:
+                    self._report(done, self.size)
+                yield piece
+        self.sha256 = digest.hexdigest()
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to send.
+
+    Attributes
+    ----------
+    json, file
+        The body: a document, or a file's bytes as they lie there.
+    timeout
+        Longest silence (s); ``None``: as the transport has it.
+    """
+
+    method: str
+    path: str
+    params: Mapping[str, Any] = field(default_factory=dict)
+    headers: Mapping[str, str] = field(default_factory=dict)
+    json: Any = None
+    file: Sending | None = None
+    timeout: float | None = None
+
+
+@dataclass(frozen=True)
+class Incoming:
+    """An answer whose body has still to come."""
+
+    response: httpx.Response
+    pieces: AsyncIterator[bytes]
+
+    async def read(self) -> httpx.Response:
+        """Read the body, of an error for example."""
+        content = b"".join([piece async for piece in self.pieces])
+        about = self.response
+        return httpx.Response(about.status_code, headers=about.headers, content=content, request=about.request)
+
+
+class Transport(ABC):
+    """Sends requests to one service.
 
     Parameters
     ----------
     url
         Address of the service, for example ``http://127.0.0.1:8000``.
-    timeout
-        Seconds to wait for an answer, beyond any wait that is asked of the service itself.
     key
         API key, which a service on another machine asks for.
+    timeout
+        Longest silence (s).
     """
 
-    def __init__(self, url: str, timeout: float, key: str | None) -> None:
-        self._timeout = timeout
-        headers = {"User-Agent": "steradian-client"} | ({"Authorization": f"Bearer {key}"} if key else {})
-        self._http = httpx.Client(base_url=url.rstrip("/") + API, timeout=timeout, headers=headers)
+    blocks: bool
 
-    def close(self) -> None:
-        """Close the connection."""
+    def __init__(self, url: str, key: str | None, timeout: float) -> None:
+        self.url, self.timeout = url.rstrip("/"), timeout
+        self.headers = {"User-Agent": "steradian-client"} | ({"Authorization": f"Bearer {key}"} if key else {})
+
+    @abstractmethod
+    async def send(self, request: Request) -> httpx.Response:
+        """Send a request and read the whole answer; raises :class:`httpx.TransportError`."""
+
+    @abstractmethod
+    def stream(self, request: Request) -> AbstractAsyncContextManager[Incoming]:
+        """Send a request and leave the answer's body to be read; raises :class:`httpx.TransportError`."""
+
+    @abstractmethod
+    async def sleep(self, seconds: float) -> None:
+        """Wait."""
+
+    @abstractmethod
+    async def call(self, function: Callable[[], T]) -> T:
+        """Call what may take a while, such as a look at a file, without holding up others."""
+
+    @abstractmethod
+    async def close(self) -> None:
+        """Close the connections."""
+
+    def _options(self, request: Request) -> dict[str, Any]:
+        size = {} if request.file is None else {"Content-Length": str(request.file.size)}
+        return {
+            "method": request.method,
+            "url": request.path,
+            "params": {name: _text(value) for name, value in request.params.items() if value is not None},
+            "headers": {**request.headers, **size},
+            "json": request.json,
+            "timeout": httpx.Timeout(request.timeout or self.timeout, connect=min(self.timeout, 10.0)),
+        }
+
+
+class BlockingTransport(Transport):
+    """Waits for everything where it is asked for."""
+
+    blocks = True
+
+    def __init__(self, url: str, key: str | None, timeout: float) -> None:
+        super().__init__(url, key, timeout)
+        self._http = httpx.Client(base_url=self.url, headers=self.headers)
+
+    async def send(self, request: Request) -> httpx.Response:
+        """Send a request and read the whole answer."""
+        content = None if request.file is None else request.file.pieces()
+        return self._http.request(content=content, **self._options(request))
+
+    @asynccontextmanager
+    async def stream(self, request: Request) -> AsyncGenerator[Incoming, None]:
+        """Send a request and leave the answer's body to be read."""
+        with self._http.stream(**self._options(request)) as response:
+
+            async def pieces() -> AsyncGenerator[bytes, None]:
+                for piece in response.iter_bytes():
+                    yield piece
+
+            yield Incoming(response, pieces())
+
+    async def sleep(self, seconds: float) -> None:
+        """Wait."""
+        time.sleep(seconds)  # noqa: ASYNC251 - there is no loop that it could hold up
+
+    async def call(self, function: Callable[[], T]) -> T:
+        """Call it."""
+        return function()
+
+    async def close(self) -> None:
+        """Close the connections."""
         self._http.close()
 
-    def ask(
-        self,
-        kind: type[Kind],
-        method: str,
-        path: str,
-        *,
-        body: dict[str, Any] | None = None,
-        headers: dict[str, str] | None = None,
-        wait: float = 0.0,
-    ) -> Kind:
-        """Send a request and read its answer; ``wait`` seconds may pass before the service answers.
 
-        Raises
-        ------
-        ServiceError, Unreachable
-            When the service refuses, or none answers.
-        """
-        wishes = {"Prefer": f"wait={wait:.0f}"} if wait >= 1 else {}
-        try:
-            answer = self._http.request(
-                method, path, json=body, headers=wishes | (headers or {}), timeout=self._timeout + wait
-            )
-        except httpx.TransportError as error:
-            raise Unreachable(f"no answer from {self._http.base_url}: {error}") from error
-        _check(answer)
-        return kind.model_validate_json(answer.content)
+class AwaitedTransport(Transport):
+    """Lets others go on while it waits, under asyncio or trio."""
 
-    def list(self, kind: type[Kind], path: str, limit: int) -> list[Kind]:
-        """Read the newest ``limit`` resources, page by page.
+    blocks = False
 
-        Raises
-        ------
-        ServiceError, Unreachable
-            When the service refuses, or none answers.
-        """
-        found: list[Kind] = []
-        following: str | None = f"{path}?limit={min(limit, 1000)}"
-        while following and len(found) < limit:
-            try:
-                answer = self._http.get(following)
-            except httpx.TransportError as error:
-                raise Unreachable(f"no answer from {self._http.base_url}: {error}") from error
-            _check(answer)
-            found += [kind.model_validate(item) for item in answer.json()["items"]]
-            following = answer.links.get("next", {}).get("url", "").removeprefix(API) or None
-        return found[:limit]
+    def __init__(self, url: str, key: str | None, timeout: float) -> None:
+        super().__init__(url, key, timeout)
+        self._http = httpx.AsyncClient(base_url=self.url, headers=self.headers)
 
-    def download(self, path: str, target: Path, params: dict[str, str] | None = None) -> Path:
-        """Save an answer's body; ``target`` appears only when it is whole.
+    async def send(self, request: Request) -> httpx.Response:
+        """Send a request and read the whole answer."""
+        content = None if request.file is None else self._pieces(request.file.pieces())
+        return await self._http.request(content=content, **self._options(request))
 
-        Raises
-        ------
-        ServiceError, Unreachable
-            When the service refuses, or the connection breaks off.
-        """
-        draft = target.with_name(target.name + ".part")
-        try:
-            with self._http.stream("GET", path, params=params) as answer, draft.open("wb") as file:
-                if answer.is_error:
-                    answer.read()
-                _check(answer)
-                for piece in answer.iter_bytes():
-                    file.write(piece)
-            return draft.replace(target)
-        except httpx.TransportError as error:
-            raise Unreachable(f"the download from {self._http.base_url} broke off: {error}") from error
-        finally:
-            draft.unlink(missing_ok=True)
+    @asynccontextmanager
+    async def stream(self, request: Request) -> AsyncGenerator[Incoming, None]:
+        """Send a request and leave the answer's body to be read."""
+        async with self._http.stream(**self._options(request)) as response:
+            yield Incoming(response, response.aiter_bytes())
+
+    async def sleep(self, seconds: float) -> None:
+        """Wait."""
+        await anyio.sleep(seconds)
+
+    async def call(self, function: Callable[[], T]) -> T:
+        """Call it in a thread."""
+        return await anyio.to_thread.run_sync(function)
+
+    async def close(self) -> None:
+        """Close the connections."""
+        await self._http.aclose()
+
+    async def _pieces(self, source: Iterator[bytes]) -> AsyncGenerator[bytes, None]:
+        while piece := await self.call(lambda: next(source, b"")):
+            yield piece
 
 
-def _check(answer: httpx.Response) -> None:
-    if not answer.is_error:
-        return
-    try:
-        problem = answer.json()
-    except ValueError:
-        problem = {"title": answer.reason_phrase}
-    raise ServiceError(answer.status_code, problem if isinstance(problem, dict) else {"detail": str(problem)})
+def _text(value: Any) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)

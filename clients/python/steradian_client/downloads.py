@@ -1,0 +1,140 @@
+"""Downloads: resumed where they broke off, checked, and at their place only when they are whole."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import re
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+from steradian_client.errors import Damaged, ServiceError, Unreachable
+from steradian_client.routes import Route
+from steradian_client.session import FIRST_PAUSE, LONGEST_PAUSE, PASSING, Session
+from steradian_client.transport import Incoming
+
+Report = Callable[[int, int], None]
+"""Called as ``progress(done, total)``, in bytes; ``total`` is 0 while unknown."""
+_RANGE: Final = re.compile(r"bytes (\d+)-\d+/(\d+)")
+_DIGEST: Final = re.compile(r"sha-256=:([A-Za-z0-9+/=]+):")
+
+
+class Download:
+    """A body on its way into a file.
+
+    Parameters
+    ----------
+    file
+        Open for writing, empty.
+    report
+        Told of every piece.
+    """
+
+    def __init__(self, session: Session, file: BinaryIO, report: Report | None) -> None:
+        self._session, self._file, self._report = session, file, report
+        self._etag: str | None = None
+        self._digest, self._done, self._total = hashlib.sha256(), 0, 0
+        self._stated: str | None = None
+        """SHA-256 that the service states, base64."""
+
+    async def run(self, route: Route, identifiers: Mapping[str, str], headers: Mapping[str, str], **more: Any) -> None:
+        """Fetch it, taking it up again where it breaks off, until it is whole.
+
+        Raises
+        ------
+        ServiceError, Unreachable
+            When the service refuses, or is away for longer than the session is patient.
+        Damaged
+            When it has come whole, but not as it was sent.
+        """
+        begun, pause = time.monotonic(), FIRST_PAUSE
+        while True:
+            before = self._done
+            own = {"Accept-Encoding": "identity", "Want-Repr-Digest": "sha-256=1"} | self._range()
+            try:
+                async with self._session.open(route, identifiers, headers={**headers, **own}, **more) as incoming:
+                    await self._take(incoming)
+                if self._done >= self._total:
+                    return self._check()
+            except (Unreachable, ServiceError) as error:
+                passes = isinstance(error, Unreachable) or error.status in PASSING
+                if isinstance(error, ServiceError) and error.status == 416:
+                    await self._begin()
+                elif not passes or not self._session.has_answered:
+                    raise
+                elif time.monotonic() - begun > self._session.patience:
+                    raise
+            if self._done > before:
+                begun, pause = time.monotonic(), FIRST_PAUSE
+            await self._session.transport.sleep(pause)
+            pause = min(2 * pause, LONGEST_PAUSE)
+
+    def _range(self) -> dict[str, str]:
+        """Ask for the rest, if what there is can be told to be of the same version."""
+        if not self._done or self._etag is None or self._etag.startswith("W/"):
+            return {}
+        return {"Range": f"bytes={self._done}-", "If-Range": self._etag}
+
+    async def _take(self, incoming: Incoming) -> None:
+        headers, part = incoming.response.headers, None
+        if incoming.response.status_code == 206:
+            part = _RANGE.fullmatch(headers.get("Content-Range", ""))
+            if part is None or int(part[1]) != self._done:
+                raise Damaged(f"bytes from {self._done} on were asked for, not {headers.get('Content-Range')}")
+            self._total = int(part[2])
+        else:
+            await self._begin()
+            self._total = int(headers.get("Content-Length", 0))
+        self._etag = headers.get("ETag")
+        stated = _DIGEST.search(headers.get("Repr-Digest", ""))
+        self._stated = stated[1] if stated else self._stated
+        async for piece in incoming.pieces:
+            await self._session.transport.call(lambda piece=piece: self._file.write(piece))  # type: ignore[misc]
+            self._digest.update(piece)
+            self._done += len(piece)
+            if self._report is not None:
+                self._report(self._done, self._total)
+
+    async def _begin(self) -> None:
+        def empty() -> None:
+            self._file.seek(0)
+            self._file.truncate()
+
+        await self._session.transport.call(empty)
+        self._digest, self._done, self._total, self._stated = hashlib.sha256(), 0, 0, None
+
+    def _check(self) -> None:
+        if self._total and self._done != self._total:
+            raise Damaged(f"{self._done} bytes came instead of {self._total}")
+        came = base64.b64encode(self._digest.digest()).decode()
+        if self._stated is not None and came != self._stated:
+            raise Damaged(f"the {self._done} bytes that came have the SHA-256 {came}, not {self._stated}")
+
+
+async def download(
+    session: Session,
+    route: Route,
+    identifiers: Mapping[str, str],
+    target: Path | str,
+    *,
+    params: Mapping[str, Any] | None = None,
+    headers: Mapping[str, str] | None = None,
+    progress: Report | None = None,
+) -> Path:
+    """Save an answer's body as ``target``, which appears only when it is whole.
+
+    Raises
+    ------
+    ServiceError, Unreachable, Damaged
+        As of :meth:`Download.run`.
+    """
+    target = Path(target)
+    draft = target.with_name(target.name + ".part")
+    try:
+        with await session.transport.call(lambda: draft.open("wb")) as file:
+            await Download(session, file, progress).run(route, identifiers, headers or {}, params=params or {})
+        return draft.replace(target)
+    finally:
+        draft.unlink(missing_ok=True)

@@ -1,0 +1,1 @@
+"""The service's nouns, each a class of its own."""

@@ -1,0 +1,99 @@
+"""What the nouns have in common: they are read, listed and deleted, and some take time."""
+
+from __future__ import annotations
+
+import builtins
+from collections.abc import Mapping
+from typing import Any, Generic, TypeVar
+
+from steradian_client.models import Answer
+from steradian_client.routes import Route
+from steradian_client.waiting import Kind as WorkKind
+from steradian_client.waiting import Report, Waiting
+from steradian_client.worlds import Resource, World, operation
+
+Kind = TypeVar("Kind", bound=Answer)
+
+
+def id_of(thing: Any) -> str:
+    """Return the identifier of a model, or the identifier itself."""
+    return thing if isinstance(thing, str) else str(thing.id)
+
+
+class Stored(Resource[World], Generic[World, Kind]):
+    """Things with an identifier that can be read, listed and deleted."""
+
+    _kind: type[Kind]
+    _read: Route
+    _list: Route
+    _delete: Route
+
+    @operation
+    async def get(self, identifier: str) -> Kind:
+        """Read one."""
+        return await self._session.ask(self._kind, self._read, {"id": identifier})
+
+    @operation
+    async def list(self, /, limit: int = 100, **filters: Any) -> builtins.list[Kind]:
+        """Read the newest, those only that the service's ``filters`` let through."""
+        return await self._session.list(self._kind, self._list, limit, filters)
+
+    @operation
+    async def delete(self, thing: Kind | str, *, dependents: bool = False) -> None:
+        """Delete one for good.
+
+        Parameters
+        ----------
+        dependents
+            Also delete all that depends on it.
+
+        Raises
+        ------
+        HasDependents, Conflict
+            When something depends on it, or it is in use.
+        """
+        params = {"dependents": True} if dependents else {}
+        await self._session.exchange(self._delete, {"id": id_of(thing)}, params=params)
+
+
+class Working(Stored[World, WorkKind]):
+    """Things that take time."""
+
+    _event: str
+    """What the event stream calls them."""
+
+    @operation
+    async def wait(
+        self, work: WorkKind | str, *, progress: Report | None = None, timeout: float | None = None
+    ) -> WorkKind:
+        """Wait until it is over, also while the service is started anew or the connection breaks.
+
+        Parameters
+        ----------
+        progress
+            Told of every advance, in the unit of its stage.
+        timeout
+            Seconds; ``None`` waits as long as it takes.
+
+        Raises
+        ------
+        JobFailed
+            When it did not end well.
+        TimeoutError
+            When it is not over in time; it goes on.
+        """
+        return await self._until_over(work, progress, timeout)
+
+    async def _until_over(self, work: WorkKind | str, progress: Report | None, timeout: float | None) -> WorkKind:
+        identifier = id_of(work)
+
+        async def look(hold: float) -> WorkKind:
+            return await self._session.ask(self._kind, self._read, {"id": identifier}, wait=hold)
+
+        known = await look(0.0) if isinstance(work, str) else work
+        return await Waiting(self._session, self._event, look, progress, timeout).until_over(known)
+
+
+def given(**values: Any) -> Mapping[str, Any]:
+    """Leave out what was not said."""
+    return {name: value for name, value in values.items() if value is not None}

@@ -1,0 +1,56 @@
+"""Batches: many reconstructions of one scan as one request."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+from steradian_client import routes
+from steradian_client.models import Batch
+from steradian_client.resources.base import Working, given
+from steradian_client.worlds import World, operation
+
+
+class Batches(Working[World, Batch]):
+    """Many reconstructions of one scan as one request: a sweep of parameters, of masks, of wavelengths."""
+
+    _kind, _read, _list, _delete = Batch, routes.READ_BATCH, routes.LIST_BATCHES, routes.DELETE_BATCH
+    _event = "reconstruction"
+
+    @operation
+    async def create(
+        self,
+        /,
+        scan_id: str,
+        vary: Mapping[str, Sequence[Any]] | None = None,
+        *,
+        each: Literal["wavelength", "frame"] | None = None,
+        priority: int | None = None,
+        points: Literal["nearest", "exact"] | None = None,
+        idempotency_key: str | None = None,
+        **parameters: Any,
+    ) -> Batch:
+        """Queue a reconstruction for every combination of the values in ``vary``; all are queued or none is.
+
+        Parameters
+        ----------
+        vary
+            Values of each parameter that varies; ``mask_id``: masks to look through, ``frame``: frames.
+        each
+            A job for each excitation wavelength of the scan, or each frame.
+        priority
+            Smaller ones run first.
+        points
+            Of masks that are looked through.
+        parameters
+            What all have in common.
+        """
+        values = {name: list(several) for name, several in (vary or {}).items()}
+        body = given(scan_id=scan_id, vary=values, each=each, priority=priority, points=points, parameters=parameters)
+        return await self._session.ask(Batch, routes.CREATE_BATCH, json=body, key=idempotency_key)
+
+    @operation
+    async def cancel(self, batch_id: str, reason: str | None = None) -> Batch:
+        """Cancel every job of it that waits or runs."""
+        body = {"state": "cancelled", "reason": reason}
+        return await self._session.ask(Batch, routes.WISH_BATCH, {"id": batch_id}, json=body)

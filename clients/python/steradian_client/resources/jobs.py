@@ -1,0 +1,53 @@
+"""Jobs: everything in the queue, and work beyond reconstructions."""
+
+from __future__ import annotations
+
+import builtins
+from pathlib import Path
+from typing import Any
+
+from steradian_client import routes
+from steradian_client.downloads import Report, download
+from steradian_client.models import Attempt, Job
+from steradian_client.resources.base import Working
+from steradian_client.worlds import World, operation
+
+
+class Jobs(Working[World, Job]):
+    """Everything in the queue, and work beyond reconstructions."""
+
+    _kind, _read, _list, _delete = Job, routes.READ_JOB, routes.LIST_JOBS, routes.DELETE_JOB
+    _event = "job"
+
+    @operation
+    async def create(self, /, kind: str, *, idempotency_key: str | None = None, **asked: Any) -> Job:
+        """Queue a job of a kind: sound-speed, quality, export or import, with what is asked of it."""
+        return await self._session.ask(Job, routes.CREATE_JOB, json={"kind": kind, **asked}, key=idempotency_key)
+
+    @operation
+    async def prioritise(self, job_id: str, priority: int) -> Job:
+        """Move a job that waits; smaller ones run first."""
+        return await self._session.ask(Job, routes.CHANGE_JOB, {"id": job_id}, json={"priority": priority})
+
+    @operation
+    async def cancel(self, job_id: str, reason: str | None = None) -> Job:
+        """Cancel one that waits or runs."""
+        body = {"state": "cancelled", "reason": reason}
+        return await self._session.ask(Job, routes.WISH_JOB, {"id": job_id}, json=body)
+
+    @operation
+    async def attempts(self, job_id: str) -> builtins.list[Attempt]:
+        """Read every start of it with its end."""
+        return await self._session.list(Attempt, routes.READ_JOB_ATTEMPTS, identifiers={"id": job_id})
+
+    @operation
+    async def log(self, job_id: str) -> str:
+        """Read what it wrote while it ran."""
+        return (await self._session.exchange(routes.READ_JOB_LOG, {"id": job_id})).text
+
+    @operation
+    async def save_file(self, job_id: str, name: str, target: Path | str, *, progress: Report | None = None) -> Path:
+        """Download one of its ``files``; a broken download is resumed."""
+        return await download(
+            self._session, routes.READ_JOB_FILE, {"id": job_id, "name": name}, target, progress=progress
+        )

@@ -1,0 +1,46 @@
+"""Masks: where to sense."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from steradian_client import routes
+from steradian_client.downloads import download
+from steradian_client.models import Mask, Points
+from steradian_client.resources.base import Stored
+from steradian_client.worlds import World, operation
+
+
+class Masks(Stored[World, Mask]):
+    """Where to sense."""
+
+    _kind, _read, _list, _delete = Mask, routes.READ_MASK, routes.LIST_MASKS, routes.DELETE_MASK
+
+    @operation
+    async def create(self, /, arrangement: str, **parameters: Any) -> Mask:
+        """Make a mask of any arrangement; the same parameters give the same mask."""
+        return await self._create(arrangement, parameters)
+
+    @operation
+    async def equi_steradian(self, *, aperture: float, depth: float, count: int) -> Mask:
+        """Make a mask of equal solid angles; ``aperture`` and ``depth`` of the point of interest in metres."""
+        return await self._create("equi-steradian", {"aperture": aperture, "depth": depth, "count": count})
+
+    @operation
+    async def grid(self, *, aperture: float, count: int, interval: float) -> Mask:
+        """Make a grid of ``count`` × ``count`` points; ``aperture`` and ``interval`` in metres."""
+        return await self._create("grid", {"aperture": aperture, "count": count, "interval": interval})
+
+    @operation
+    async def points(self, mask_id: str) -> Points:
+        """Read positions and weights."""
+        return await self._session.ask(Points, routes.READ_POINTS, {"id": mask_id})
+
+    @operation
+    async def save_picture(self, mask_id: str, target: Path | str) -> Path:
+        """Download a picture (PNG): where it senses, how densely and what it can see."""
+        return await download(self._session, routes.READ_PICTURE, {"id": mask_id}, target)
+
+    async def _create(self, arrangement: str, parameters: dict[str, Any]) -> Mask:
+        return await self._session.ask(Mask, routes.CREATE_MASK, json={"arrangement": arrangement, **parameters})

@@ -1,0 +1,97 @@
+"""Scanners: how they stand, who holds them, and the emergency stop."""
+
+from __future__ import annotations
+
+import builtins
+from collections.abc import AsyncIterator
+from typing import Final
+
+from steradian_client import routes
+from steradian_client.errors import ClientError
+from steradian_client.models import EmergencyStop, Lease, Scanner
+from steradian_client.worlds import Resource, World, managed, operation
+
+SCANNER: Final = "scanner-0"
+"""The scanner of a service that has one."""
+
+
+class Scanners(Resource[World]):
+    """How scanners stand, who holds them, and the emergency stop."""
+
+    @operation
+    async def list(self) -> builtins.list[Scanner]:
+        """Read all."""
+        return await self._session.list(Scanner, routes.LIST_SCANNERS)
+
+    @operation
+    async def get(self, scanner_id: str = SCANNER) -> Scanner:
+        """Read one."""
+        return await self._session.ask(Scanner, routes.READ_SCANNER, {"id": scanner_id})
+
+    @operation
+    async def take_lease(
+        self,
+        holder: str,
+        *,
+        seconds: float = 600.0,
+        note: str | None = None,
+        lease: Lease | int | None = None,
+        scanner_id: str = SCANNER,
+    ) -> Lease:
+        """Be the one operator for so many seconds from now; with the ``lease`` that one holds, for longer.
+
+        Raises
+        ------
+        Conflict
+            When somebody else holds the scanner.
+        """
+        return await self._take(holder, seconds, note, lease, scanner_id)
+
+    @operation
+    async def give_lease_back(self, lease: Lease | int, *, scanner_id: str = SCANNER) -> None:
+        """End a lease; nothing happens when there is none."""
+        await self._session.exchange(routes.GIVE_LEASE_BACK, {"id": scanner_id}, headers=lease_header(lease))
+
+    @managed
+    async def lease(
+        self, holder: str, *, seconds: float = 600.0, note: str | None = None, scanner_id: str = SCANNER
+    ) -> AsyncIterator[Lease]:
+        """Hold a scanner within a ``with`` block, for so many seconds at most; errors as of :meth:`take_lease`."""
+        lease = await self._take(holder, seconds, note, None, scanner_id)
+        try:
+            yield lease
+        finally:
+            await self._session.exchange(routes.GIVE_LEASE_BACK, {"id": scanner_id}, headers=lease_header(lease))
+
+    @operation
+    async def emergency_stop(self, reason: str | None = None, *, scanner_id: str = SCANNER) -> EmergencyStop:
+        """Switch the laser off and abort what runs or waits; look at ``laser`` of what comes back."""
+        body = {"reason": reason} if reason else None
+        answer = await self._session.exchange(routes.PRESS_STOP, {"id": scanner_id}, json=body)
+        return EmergencyStop.model_validate(answer.json()["emergency_stop"])
+
+    @operation
+    async def release_stop(self, stop: EmergencyStop | str | None = None, *, scanner_id: str = SCANNER) -> Scanner:
+        """Allow scans again; with the ``stop`` that one has seen, it is refused when there was another since."""
+        number = stop.number if isinstance(stop, EmergencyStop) else stop
+        # A named stop can be released twice without harm; another one, pressed meanwhile, must not be.
+        route = routes.RELEASE_STOP if number is None else routes.RELEASE_NAMED_STOP
+        return await self._session.ask(Scanner, route, {"id": scanner_id}, params={"number": number})
+
+    async def _take(
+        self, holder: str, seconds: float, note: str | None, lease: Lease | int | None, scanner_id: str
+    ) -> Lease:
+        body = {"holder": holder, "seconds": seconds, "note": note}
+        scanner = await self._session.ask(
+            Scanner, routes.TAKE_LEASE, {"id": scanner_id}, json=body, headers=lease_header(lease)
+        )
+        if scanner.lease is None:
+            raise ClientError(f"the lease of {scanner_id} ended before its answer came")
+        return scanner.lease
+
+
+def lease_header(lease: Lease | int | None) -> dict[str, str]:
+    """Name the lease under which the laser may fire."""
+    if lease is None:
+        return {}
+    return {"Scanner-Lease": str(lease.fence if isinstance(lease, Lease) else lease)}

@@ -1,0 +1,104 @@
+"""Scans: running plans on the scanner, and what they measured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from steradian_client import routes
+from steradian_client.arrays import RAW, array_of
+from steradian_client.downloads import Report, download
+from steradian_client.models import Coverage, Lease, Scan, Shots
+from steradian_client.resources.base import Working, given
+from steradian_client.resources.scanners import lease_header
+from steradian_client.worlds import World, operation
+
+if TYPE_CHECKING:
+    from steradian_client.arrays import Array
+
+
+class Scans(Working[World, Scan]):
+    """Running plans on the scanner."""
+
+    _kind, _read, _list, _delete = Scan, routes.READ_SCAN, routes.LIST_SCANS, routes.DELETE_SCAN
+    _event = "scan"
+
+    @operation
+    async def create(
+        self,
+        plan_id: str,
+        *,
+        labels: Mapping[str, str] | None = None,
+        lease: Lease | int | None = None,
+        idempotency_key: str | None = None,
+    ) -> Scan:
+        """Queue a run of a plan.
+
+        Parameters
+        ----------
+        labels
+            Texts of your own.
+        lease
+            The scanner's, while somebody holds it.
+        idempotency_key
+            Repeating the call with the same key finds the scan that the first call made; ``None`` makes a new key.
+        """
+        body = given(plan_id=plan_id, labels=labels)
+        headers = lease_header(lease)
+        return await self._session.ask(Scan, routes.CREATE_SCAN, json=body, headers=headers, key=idempotency_key)
+
+    @operation
+    async def label(self, scan_id: str, labels: Mapping[str, str | None]) -> Scan:
+        """Set labels; ``None`` takes one away."""
+        return await self._session.ask(Scan, routes.CHANGE_SCAN, {"id": scan_id}, json={"labels": dict(labels)})
+
+    @operation
+    async def pause(self, scan_id: str, reason: str | None = None) -> Scan:
+        """Let the laser rest."""
+        return await self._wish(scan_id, "paused", reason)
+
+    @operation
+    async def resume(self, scan_id: str, reason: str | None = None, *, lease: Lease | int | None = None) -> Scan:
+        """Have a scan that is paused or interrupted go on.
+
+        It is not sent again when its answer was lost: the laser fires, and somebody may have stopped it meanwhile.
+        """
+        return await self._wish(scan_id, "running", reason, lease)
+
+    @operation
+    async def stop(self, scan_id: str, reason: str | None = None) -> Scan:
+        """Stop a scan and keep what was measured."""
+        return await self._wish(scan_id, "stopped", reason)
+
+    @operation
+    async def abort(self, scan_id: str, reason: str | None = None) -> Scan:
+        """Give a scan up."""
+        return await self._wish(scan_id, "aborted", reason)
+
+    @operation
+    async def coverage(self, scan_id: str) -> Coverage:
+        """Count how much of the mask is measured, also while the scan runs."""
+        return await self._session.ask(Coverage, routes.READ_COVERAGE, {"id": scan_id})
+
+    @operation
+    async def shots(self, scan_id: str, points: str | None = None) -> Shots:
+        """Tell what became of each shot; ``points`` in numpy's syntax, such as ``"0:100"``."""
+        return await self._session.ask(Shots, routes.READ_SHOTS, {"id": scan_id}, params={"points": points})
+
+    @operation
+    async def alines(self, scan_id: str, slice: str | None = None) -> Array:
+        """Read A-lines (points, samples) in digitiser counts; ``slice`` in numpy's syntax, such as ``"0:10,::2"``."""
+        params, headers = {"slice": slice}, {"Accept": RAW}
+        answer = await self._session.exchange(routes.READ_ALINES, {"id": scan_id}, params=params, headers=headers)
+        return array_of(answer)
+
+    @operation
+    async def save_file(self, scan_id: str, target: Path | str, *, progress: Report | None = None) -> Path:
+        """Download the scan file (HDF5); a broken download is resumed."""
+        return await download(self._session, routes.READ_SCAN_FILE, {"id": scan_id}, target, progress=progress)
+
+    async def _wish(self, scan_id: str, state: str, reason: str | None, lease: Lease | int | None = None) -> Scan:
+        route = routes.RUN_SCAN if state == "running" else routes.WISH_SCAN
+        body = {"state": state, "reason": reason}
+        return await self._session.ask(Scan, route, {"id": scan_id}, json=body, headers=lease_header(lease))

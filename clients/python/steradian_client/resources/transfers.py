@@ -1,0 +1,211 @@
+"""Uploads, imports and exports: data in and out."""
+
+from __future__ import annotations
+
+import builtins
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from steradian_client import routes
+from steradian_client.downloads import Report as BytesReport
+from steradian_client.downloads import download
+from steradian_client.errors import Damaged
+from steradian_client.models import Job, Scan, Upload
+from steradian_client.resources.base import Working, given, id_of
+from steradian_client.session import Session
+from steradian_client.transport import Sending
+from steradian_client.waiting import Report
+from steradian_client.worlds import Resource, World, operation
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+
+class Uploads(Resource[World]):
+    """Files that wait to be imported."""
+
+    @operation
+    async def create(self, file: Path | str, *, progress: BytesReport | None = None) -> Upload:
+        """Send a file, piece by piece; it is kept for a day.
+
+        Raises
+        ------
+        Damaged
+            When the service received other bytes.
+        """
+        return await _upload(self._session, Path(file), progress)
+
+    @operation
+    async def get(self, upload_id: str) -> Upload:
+        """Read one."""
+        return await self._session.ask(Upload, routes.READ_UPLOAD, {"id": upload_id})
+
+    @operation
+    async def delete(self, upload: Upload | str) -> None:
+        """Delete one."""
+        await self._session.exchange(routes.DELETE_UPLOAD, {"id": id_of(upload)})
+
+
+class Imports(Working[World, Job]):
+    """Recordings of others that become scans."""
+
+    _kind, _read, _list, _delete, _event = Job, routes.READ_JOB, routes.LIST_JOBS, routes.DELETE_JOB, "job"
+
+    @operation
+    async def create(
+        self,
+        upload: Upload | str,
+        *,
+        description: Mapping[str, Any] | None = None,
+        companion: Upload | str | None = None,
+        labels: Mapping[str, str] | None = None,
+        idempotency_key: str | None = None,
+    ) -> Job:
+        """Queue the import of an upload.
+
+        Parameters
+        ----------
+        description
+            What the file itself does not say: sampling_interval, positions, sound_speed, …
+        companion
+            An upload with the positions (csv, npy), or k-Wave's input file.
+        labels
+            Of the scan.
+        """
+        other = None if companion is None else id_of(companion)
+        return await self._create(id_of(upload), description, other, labels, idempotency_key)
+
+    @operation
+    async def run(
+        self,
+        file: Path | str,
+        *,
+        description: Mapping[str, Any] | None = None,
+        companion: Path | str | None = None,
+        labels: Mapping[str, str] | None = None,
+        progress: Report | None = None,
+        timeout: float | None = None,
+    ) -> Scan:
+        """Send a file, import it and wait for the scan; errors as of :meth:`wait`."""
+        return await self._run(Path(file), description, companion, labels, progress, timeout)
+
+    @operation
+    async def arrays(
+        self,
+        /,
+        traces: ArrayLike,
+        positions: ArrayLike,
+        *,
+        sampling_interval: float,
+        sound_speed: float,
+        labels: Mapping[str, str] | None = None,
+        progress: Report | None = None,
+        timeout: float | None = None,
+        **description: Any,
+    ) -> Scan:
+        """Import arrays, which takes NumPy, and wait for the scan; errors as of :meth:`wait`.
+
+        Parameters
+        ----------
+        traces
+            (M, N_t) A-lines.
+        positions
+            (M, 2) places of the sensors in metres, (M, 1) for a line.
+        sampling_interval, sound_speed
+            In s and m/s.
+        description
+            What else there is to say, such as time_zero (s), aperture (m) or weights (m²).
+        """
+        import numpy as np
+
+        with tempfile.TemporaryDirectory(prefix="steradian-") as folder:
+            file, about = Path(folder) / "arrays.npz", {"sampling_interval": sampling_interval, "c": sound_speed}
+            data = {"traces": np.asarray(traces), "positions": np.asarray(positions, float), **about}
+            await self._session.transport.call(lambda: np.savez(file, **data))  # type: ignore[arg-type]
+            return await self._run(file, description or None, None, labels, progress, timeout)
+
+    async def _run(
+        self,
+        file: Path,
+        description: Mapping[str, Any] | None,
+        companion: Path | str | None,
+        labels: Mapping[str, str] | None,
+        progress: Report | None,
+        timeout: float | None,
+    ) -> Scan:
+        def sent(done: int, total: int) -> None:
+            if progress is not None:
+                progress("bytes", done, total)
+
+        upload = await _upload(self._session, file, sent)
+        other = None if companion is None else (await _upload(self._session, Path(companion), sent)).id
+        job = await self._create(upload.id, description, other, labels, None)
+        done = await self._until_over(job, progress, timeout)
+        return await self._session.ask(Scan, routes.READ_SCAN, {"id": str((done.result or {})["scan_id"])})
+
+    async def _create(
+        self,
+        upload_id: str,
+        description: Mapping[str, Any] | None,
+        companion_id: str | None,
+        labels: Mapping[str, str] | None,
+        key: str | None,
+    ) -> Job:
+        body = given(
+            kind="import", upload_id=upload_id, description=description, companion_id=companion_id, labels=labels
+        )
+        return await self._session.ask(Job, routes.CREATE_JOB, json=body, key=key)
+
+
+class Exports(Working[World, Job]):
+    """Volumes and scans for other programs."""
+
+    _kind, _read, _list, _delete, _event = Job, routes.READ_JOB, routes.LIST_JOBS, routes.DELETE_JOB, "job"
+
+    @operation
+    async def create(
+        self,
+        format: str,
+        *,
+        reconstruction_id: str | None = None,
+        scan_id: str | None = None,
+        idempotency_key: str | None = None,
+    ) -> Job:
+        """Queue an export: ipasc of a scan; hdf5, nifti, tiff, ome-zarr, vtkhdf, nrrd or png of a reconstruction."""
+        return await self._create(format, reconstruction_id, scan_id, idempotency_key)
+
+    @operation
+    async def run(
+        self,
+        format: str,
+        folder: Path | str,
+        *,
+        reconstruction_id: str | None = None,
+        scan_id: str | None = None,
+        progress: Report | None = None,
+        timeout: float | None = None,
+    ) -> builtins.list[Path]:
+        """Export, wait, and download the files into a folder; errors as of :meth:`wait`."""
+        job = await self._create(format, reconstruction_id, scan_id, None)
+        job = await self._until_over(job, progress, timeout)
+        place = Path(folder)
+        return [
+            await download(self._session, routes.READ_JOB_FILE, {"id": job.id, "name": name}, place / name)
+            for name in job.files
+        ]
+
+    async def _create(self, format: str, reconstruction_id: str | None, scan_id: str | None, key: str | None) -> Job:
+        body = given(kind="export", format=format, reconstruction_id=reconstruction_id, scan_id=scan_id)
+        return await self._session.ask(Job, routes.CREATE_JOB, json=body, key=key)
+
+
+async def _upload(session: Session, file: Path, progress: BytesReport | None) -> Upload:
+    sending = await session.transport.call(lambda: Sending(file, progress))
+    headers = {"Content-Type": "application/octet-stream"}
+    answer = await session.exchange(routes.CREATE_UPLOAD, file=sending, headers=headers)
+    upload = Upload.model_validate_json(answer.content)
+    if (upload.bytes, upload.sha256) != (sending.size, sending.sha256):
+        raise Damaged(f"{file.name} has {sending.size} bytes, SHA-256 {sending.sha256}; {upload} was received")
+    return upload

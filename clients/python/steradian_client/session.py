@@ -1,0 +1,167 @@
+"""Requests that are sent again where that is safe, and answers as models or exceptions."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+import uuid
+from collections.abc import AsyncGenerator, Mapping
+from contextlib import asynccontextmanager
+from typing import Any, Final, TypeVar
+
+import httpx
+
+from steradian_client.errors import ServiceError, Unreachable
+from steradian_client.models import Answer
+from steradian_client.routes import Route
+from steradian_client.transport import Incoming, Request, Sending, Transport
+
+Kind = TypeVar("Kind", bound=Answer)
+PATIENCE: Final = 60.0
+"""Seconds for which a service that has answered before is tried again, long enough for it to be started anew."""
+FIRST_PAUSE, LONGEST_PAUSE = 0.2, 5.0
+PASSING: Final = frozenset({429, 502, 503, 504})
+"""Statuses that pass by themselves."""
+PAGE: Final = 1000
+
+
+class Session:
+    """What all resources of a client share.
+
+    Parameters
+    ----------
+    transport
+        Sends requests.
+    patience
+        Seconds for which requests are sent again while the service is away.
+    """
+
+    def __init__(self, transport: Transport, patience: float = PATIENCE) -> None:
+        self.transport, self.patience = transport, patience
+        self.has_answered = False
+        """Whether anything was ever heard from that address; a wrong one is not worth patience."""
+
+    async def exchange(
+        self,
+        route: Route,
+        identifiers: Mapping[str, str] | None = None,
+        *,
+        params: Mapping[str, Any] | None = None,
+        json: Any = None,
+        file: Sending | None = None,
+        headers: Mapping[str, str] | None = None,
+        key: str | None = None,
+        wait: float = 0.0,
+        accepted: frozenset[int] = frozenset(),
+    ) -> httpx.Response:
+        """Send a request, again where that is safe, until it is answered.
+
+        Parameters
+        ----------
+        key
+            Idempotency key of a route that takes one; ``None`` makes a new one for all attempts.
+        wait
+            Seconds for which the service may hold the answer until work is over.
+        accepted
+            Statuses that are an answer although they are errors.
+
+        Raises
+        ------
+        ServiceError, Unreachable
+            When the service refuses, or none answers.
+        """
+        own = {"Idempotency-Key": key or str(uuid.uuid4())} if route.keyed else {}
+        own |= {"Prefer": f"wait={wait:.0f}"} if wait >= 1 else {}
+        path, timeout = route.path(**identifiers or {}), self.transport.timeout + wait
+        request = Request(route.method, path, params or {}, {**own, **(headers or {})}, json, file, timeout)
+        begun, pause, was_lost = time.monotonic(), FIRST_PAUSE, False
+        while True:
+            failure: Exception
+            try:
+                answer = await self.transport.send(request)
+                self.has_answered = True
+                if answer.is_success or answer.status_code in accepted:
+                    return answer
+                if answer.status_code == 404 and was_lost and route.method == "DELETE":
+                    return answer  # the lost answer said that it is done
+                failure = problem_of(answer)
+                again = answer.status_code == 429 or (answer.status_code in PASSING and route.repeatable)
+                pause = max(pause, _retry_after(answer))
+            except httpx.TransportError as error:
+                never_left = isinstance(error, httpx.ConnectError | httpx.ConnectTimeout)
+                failure, again = self.unreachable(error, route), (never_left or route.repeatable) and self.has_answered
+                was_lost = was_lost or not never_left
+            if not again or time.monotonic() + pause - begun > self.patience:
+                raise failure
+            await self.transport.sleep(pause)
+            pause = min(2 * pause, LONGEST_PAUSE)
+
+    async def ask(
+        self, kind: type[Kind], route: Route, identifiers: Mapping[str, str] | None = None, **more: Any
+    ) -> Kind:
+        """Send a request and read its answer; ``more`` and errors as of :meth:`exchange`."""
+        return kind.model_validate_json((await self.exchange(route, identifiers, **more)).content)
+
+    async def list(
+        self,
+        kind: type[Kind],
+        route: Route,
+        limit: int | None = None,
+        filters: Mapping[str, Any] | None = None,
+        identifiers: Mapping[str, str] | None = None,
+    ) -> list[Kind]:
+        """Read the newest ``limit`` resources, page by page; errors as of :meth:`exchange`."""
+        found: list[Kind] = []
+        params: Mapping[str, Any] | None = filters or {}
+        if limit is not None:
+            params = {**(filters or {}), "limit": min(limit, PAGE)}
+        while params is not None and (limit is None or len(found) < limit):
+            answer = await self.exchange(route, identifiers, params=params)
+            found += [kind.model_validate(item) for item in answer.json()["items"]]
+            following = answer.links.get("next", {}).get("url")
+            params = dict(httpx.URL(following).params) if following else None
+        return found[:limit]
+
+    @asynccontextmanager
+    async def open(self, route: Route, identifiers: Mapping[str, str], **more: Any) -> AsyncGenerator[Incoming, None]:
+        """Send a request once and leave the answer to be read as it comes.
+
+        Raises
+        ------
+        ServiceError, Unreachable
+            When the service refuses, none answers, or the connection breaks off while the answer comes.
+        """
+        try:
+            async with self.transport.stream(Request(route.method, route.path(**identifiers), **more)) as incoming:
+                self.has_answered = True
+                if incoming.response.is_error:
+                    raise problem_of(await incoming.read())
+                yield incoming
+        except httpx.TransportError as error:
+            raise self.unreachable(error, route) from error
+
+    def unreachable(self, error: httpx.TransportError, route: Route) -> Unreachable:
+        """Say that a request had no answer, and whether it may have been done all the same."""
+        said = f"no answer from {self.transport.url}: {str(error) or type(error).__name__}"
+        if not route.repeatable and not isinstance(error, httpx.ConnectError | httpx.ConnectTimeout):
+            said += f"; {route.method} {route.template} may have been done all the same, so look before you repeat it"
+        return Unreachable(said)
+
+
+def once(route: Route) -> Route:
+    """Have a request not sent again when its answer was lost."""
+    return dataclasses.replace(route, repeatable=False)
+
+
+def problem_of(answer: httpx.Response) -> ServiceError:
+    """Make an exception of a refusal."""
+    try:
+        problem = answer.json()
+    except ValueError:
+        problem = {"title": answer.reason_phrase}
+    return ServiceError.of(answer.status_code, problem if isinstance(problem, dict) else {"detail": str(problem)})
+
+
+def _retry_after(answer: httpx.Response) -> float:
+    text = answer.headers.get("Retry-After", "")
+    return float(text) if text.isdecimal() else 0.0

@@ -1,0 +1,121 @@
+"""Waiting for work: told of every advance by the event stream, asking again where there is none."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Awaitable, Callable
+from contextlib import aclosing
+from typing import Final, Generic, TypeVar
+
+from steradian_client.errors import JobFailed, ServiceError
+from steradian_client.events import follow
+from steradian_client.models import Batch, Event, Work
+from steradian_client.session import Session
+
+Report = Callable[[str, int, int], None]
+"""Called as ``progress(stage, done, total)`` while waiting."""
+
+ASK_EVERY: Final = 1.0
+"""Seconds for which the service holds an answer, where there is no stream."""
+ANYWAY: Final = 30.0
+"""Seconds after which one looks although nothing was heard."""
+LAST: Final = 20.0
+"""Seconds before the end of a limited wait from which on is asked, as a stream may be silent for 15 s."""
+
+
+Kind = TypeVar("Kind", bound=Work | Batch)
+
+
+class Waiting(Generic[Kind]):
+    """A wait for one scan, reconstruction, job or batch.
+
+    Parameters
+    ----------
+    kind
+        What events about it are called.
+    look
+        Reads it; the service may hold the answer for so many seconds.
+    report
+        Told of every advance.
+    timeout
+        Seconds; ``None`` waits as long as it takes.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        kind: str,
+        look: Callable[[float], Awaitable[Kind]],
+        report: Report | None,
+        timeout: float | None,
+    ) -> None:
+        self._session, self._kind, self._look_at, self._report = session, kind, look, report
+        self._deadline = None if timeout is None else time.monotonic() + timeout
+        self._has_stream, self._said = True, ("", 0, 0)
+
+    async def until_over(self, work: Kind) -> Kind:
+        """Return it as it is when it is over.
+
+        Raises
+        ------
+        JobFailed
+            When it did not end well.
+        TimeoutError
+            When it is not over in time; it goes on.
+        """
+        self._tell(work.progress.stage, work.progress.done, work.progress.total)
+        while not work.is_over:
+            left = self._left()
+            if left <= 0:
+                raise TimeoutError(f"{work.id} is still {work.state}")
+            if self._has_stream and left > LAST:
+                work = await self._by_events(work)
+            else:
+                work = await self._ask(min(ASK_EVERY, left))
+        if not work.is_good:
+            raise JobFailed(work.id, work.state, work.error.detail if work.error else None)
+        return work
+
+    async def _ask(self, seconds: float) -> Kind:
+        """Look, which takes so many seconds, whether the service holds its answer or not."""
+        begun = time.monotonic()
+        work = await self._look(max(1.0, seconds))
+        if not work.is_over and (rest := begun + seconds - time.monotonic()) > 0:
+            await self._session.transport.sleep(rest)
+        return work
+
+    async def _by_events(self, work: Kind) -> Kind:
+        looked = float("-inf")
+        try:
+            async with aclosing(follow(self._session, {"kind": self._kind}, None)) as events:
+                async for event in events:
+                    if self._concerns(work, event) or time.monotonic() - looked > ANYWAY:
+                        looked, work = time.monotonic(), await self._look(0.0)
+                    if work.is_over or self._left() <= LAST:
+                        return work
+        except ServiceError:
+            self._has_stream = False
+        return work
+
+    def _concerns(self, work: Kind, event: Event | None) -> bool:
+        """Whether an event says that it is worth looking; what progress says is passed on as it is."""
+        if event is None or event.kind in {"ready", "reset"}:
+            return event is not None
+        if event.subject != work.id:
+            return False
+        if event.kind == "progress":
+            self._tell(event.data.get("stage"), event.data.get("done", 0), event.data.get("total", 0))
+        return event.kind != "progress"
+
+    async def _look(self, hold: float) -> Kind:
+        work = await self._look_at(hold)
+        self._tell(work.progress.stage, work.progress.done, work.progress.total)
+        return work
+
+    def _tell(self, stage: str | None, done: int, total: int) -> None:
+        if self._report is not None and stage is not None and self._said != (stage, done, total):
+            self._said = (stage, done, total)
+            self._report(stage, done, total)
+
+    def _left(self) -> float:
+        return float("inf") if self._deadline is None else self._deadline - time.monotonic()
