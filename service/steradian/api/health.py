@@ -13,7 +13,9 @@ from sqlalchemy.exc import SQLAlchemyError
 from steradian import __version__
 from steradian.api.dependencies import ServicesNeeded
 from steradian.api.services import Services
+from steradian.errors import InvalidInput
 from steradian.runtime.heartbeat import is_alive
+from steradian.storage.folder import check
 
 router = APIRouter(tags=["health"])
 MIN_FREE_BYTES = 100 * 2**20
@@ -57,11 +59,22 @@ def _checks(services: Services, now: float) -> dict[str, bool]:
     processes = ["acquisition", *(services.settings.executor(slot) for slot in range(services.settings.workers))]
     return {
         "database": _answers(services),
-        "store": os.access(services.data.root / "scans", os.W_OK),
+        "store": _is_mounted(services) and os.access(services.data.root / "scans", os.W_OK),
         "disk": shutil.disk_usage(services.data.root).free > MIN_FREE_BYTES,
         "queue": services.queue_is_open,
         **{name: is_alive(services.data.heartbeat(name), now) for name in processes},
     }
+
+
+def _is_mounted(services: Services) -> bool:
+    """Whether the data folder is there; where nothing is mounted lies an empty one."""
+    try:
+        check(services.database, services.data)
+    except InvalidInput:
+        return False
+    except SQLAlchemyError:
+        pass  # the database's own check says so
+    return True
 
 
 def _answers(services: Services) -> bool:

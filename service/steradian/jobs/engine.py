@@ -23,7 +23,7 @@ from sqlalchemy import make_url, text
 from sqlalchemy.orm import Session
 from ulid import ULID
 
-from steradian.errors import Superseded
+from steradian.errors import NotFound, Superseded
 from steradian.jobs.joining import ENGINE, engine_version, join
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.liveness import claim, watch_others
@@ -188,13 +188,13 @@ class JobQueue:
         self._database.close()
 
     def _settle(self, row: JobRow, engine_state: str | None) -> None:
-        if row.state is _R.CANCELLING:
-            if engine_state in WAITING_OR_RUNNING:
-                self._client.cancel_workflow(row.id)
-            if not self._data.job(row.id).is_running:
-                self.ledger.cancelled(row.id, "service")
-            return
-        with suppress(Superseded):
+        with suppress(Superseded, NotFound):  # it may have been deleted since it was looked at
+            if row.state is _R.CANCELLING:
+                if engine_state in WAITING_OR_RUNNING:
+                    self._client.cancel_workflow(row.id)
+                if not self._data.job(row.id).is_running:
+                    self.ledger.cancelled(row.id, "service")
+                return
             if engine_state is not None:
                 died = Died(f"its worker could not go on; the queue's engine calls it {engine_state}")
                 self.ledger.settle(row.id, row.fence, died, "service")

@@ -126,11 +126,16 @@ class JobLedger(Repository[JobRow]):
         with self.database.read() as session:
             return {str(state): count for state, count in session.execute(query)}
 
-    def start(self, job_id: str, worker: str) -> JobRow:
+    def start(self, job_id: str, worker: str, after: int = 0) -> JobRow:
         """Begin the next attempt, or end the job when too many died; the row's state says which.
 
         An attempt that is still open belongs to a worker that is gone, or cut off: from now on its number, ``fence``
         of the row, is not the current one.
+
+        Parameters
+        ----------
+        after
+            The newest start that the job's folder knows: a database that was restored may know only earlier ones.
         """
 
         def change(session: Session, row: JobRow) -> None:
@@ -138,7 +143,7 @@ class JobLedger(Repository[JobRow]):
                 self._close_attempt(session, row, Died("its worker died"), worker)
             if row.state is not _R.QUEUED:
                 return
-            row.attempt, row.fence = row.attempt + 1, row.fence + 1
+            row.attempt, row.fence = row.attempt + 1, max(row.fence, after) + 1
             opened = {"number": row.attempt, "start": row.fence, "worker": worker, "started": self.clock().isoformat()}
             row.attempts = [*row.attempts, opened | {"ended": None, "outcome": None, "detail": None}]
             row.stage, row.done, row.total = "starting", 0, 1
@@ -169,12 +174,12 @@ class JobLedger(Repository[JobRow]):
 
         return self._fenced(job_id, fence, change)
 
-    def put_back(self, job_id: str, fence: int, worker: str) -> JobRow:
+    def put_back(self, job_id: str, fence: int, worker: str, why: str = "the worker was asked to end") -> JobRow:
         """Queue a running job again as if its start had not been; raises :class:`Superseded` like :meth:`settle`."""
 
         def change(session: Session, row: JobRow) -> None:
             if row.state is _R.RUNNING:
-                self._put_back(session, row, "put back", worker, "the worker was asked to end")
+                self._put_back(session, row, "put back", worker, why)
 
         return self._fenced(job_id, fence, change)
 

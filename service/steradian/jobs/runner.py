@@ -8,11 +8,14 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from typing import Any, Final, TypeVar
 
-from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError, SQLAlchemyError
+from sqlalchemy.exc import TimeoutError as NoConnection
+from sqlalchemy.orm.exc import StaleDataError
 
-from steradian.errors import Superseded
+from steradian.errors import NotFound, Superseded
 from steradian.jobs.kinds import KINDS
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import Died, Failed, Interrupted, Outcome, Succeeded
@@ -59,6 +62,7 @@ class JobRunner:
         self.idle.set()
         self._settings, self._ledger, self._worker = settings, ledger, worker
         self._data = DataDirectory(settings.data)
+        self._identity = self._data.identity
         threads = str(settings.threads_per_job)
         limits = dict.fromkeys(("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"), threads)
         environment = settings.environment(keys=False) | limits
@@ -77,7 +81,10 @@ class JobRunner:
         row, interruptions = None, 0
         try:
             while True:
-                row = await self._patiently(lambda: self._ledger.start(job_id, self._worker))
+                if self._folder_is_lost:
+                    await self._stand_still()
+                after = self._data.job(job_id).newest
+                row = await self._patiently(partial(self._ledger.start, job_id, self._worker, after))
                 if row.state is _R.RUNNING:
                     row = await self._attempt(row)
                 if row.state is not _R.QUEUED:
@@ -88,6 +95,9 @@ class JobRunner:
         except Superseded as error:
             _log.warning("%s; another worker has it", error)
             return _R.RUNNING
+        except NotFound as error:
+            _log.warning("%s any more; what was done for it counts for nothing", error)
+            return _R.CANCELLED
         except asyncio.CancelledError:
             # The engine ends a cancelled step at any of its waits, perhaps before that was written down.
             with suppress(Superseded, SQLAlchemyError):
@@ -111,15 +121,34 @@ class JobRunner:
                     break
                 if self.stopping.is_set():
                     await _kill(job)
-                    await self._patiently(lambda: self._ledger.put_back(row.id, row.fence, self._worker))
-                    await self._stand_still()
+                    await self._put_back(row, "the worker was asked to end")
                 await progress.pass_on()
                 if await self._is_unwanted(row):
                     await _kill(job)
                     return await self._cancelled(row)
-            return await self._settle(row, job.result())
+            outcome = job.result()
+            if not isinstance(outcome, Succeeded) and self._folder_is_lost:
+                await self._put_back(row, f"the data folder was gone: {outcome.message}")
+            return await self._settle(row, outcome)
         finally:
             await _kill(job)
+
+    @property
+    def _folder_is_lost(self) -> bool:
+        """Whether nothing is mounted any more where the data folder was; this worker then ends.
+
+        The next one on this host waits for the folder; meanwhile those of other hosts have its jobs.
+        """
+        if self._data.identity == self._identity:
+            return False
+        if not self.stopping.is_set():
+            _log.error("the data folder %s is gone; is it mounted? This worker ends", self._data.root)
+            self.stopping.set()
+        return True
+
+    async def _put_back(self, row: JobRow, why: str) -> None:
+        await self._patiently(lambda: self._ledger.put_back(row.id, row.fence, self._worker, why))
+        await self._stand_still()
 
     async def _converse(self, process: JobProcess, row: JobRow, progress: _Progress) -> Outcome:
         folder = self._data.job(row.id)
@@ -139,7 +168,12 @@ class JobRunner:
         if not isinstance(outcome, Succeeded):
             _log.warning("job %s: %s", row.id, outcome.message)
             self._note(row.id, outcome.message)
-        return await self._patiently(lambda: self._ledger.settle(row.id, row.fence, outcome, self._worker))
+        try:
+            return await self._patiently(lambda: self._ledger.settle(row.id, row.fence, outcome, self._worker))
+        except DBAPIError as error:
+            if isinstance(outcome, Failed):
+                raise
+            return await self._settle(row, Failed("internal", f"the database refuses what it left: {error.orig}"))
 
     async def _cancelled(self, row: JobRow) -> JobRow:
         return await self._patiently(lambda: self._ledger.cancelled(row.id, self._worker, row.fence))
@@ -187,16 +221,27 @@ class JobRunner:
         await asyncio.Event().wait()
 
     async def _patiently(self, change: Callable[[], T]) -> T:
-        """Change the ledger, also when its database comes back only after a while; a full disk is waited for too."""
+        """Change the ledger, also when its database comes back only after a while; a full disk is waited for too.
+
+        What the database refuses, it would refuse again; that is raised.
+        """
         told = float("-inf")
         while True:
             try:
                 return await asyncio.to_thread(change)
             except SQLAlchemyError as error:
+                if not _may_pass(error):
+                    raise
                 if time.monotonic() - told > TELL_EVERY:
                     told = time.monotonic()
                     _log.warning("the database does not take what became of a job; trying again: %s", error)
                 await asyncio.sleep(0.5)
+
+
+def _may_pass(error: SQLAlchemyError) -> bool:
+    """Whether a database is away, busy or full, or somebody changed the same row: trying again may help."""
+    passing = (OperationalError, InterfaceError, NoConnection, StaleDataError)
+    return isinstance(error, passing) or (isinstance(error, DBAPIError) and error.connection_invalidated)
 
 
 def hurried(event: threading.Event, runner: JobRunner, poll: float) -> Callable[[float | None], bool]:

@@ -233,18 +233,24 @@ class JobDirectory:
         """
         self.root.mkdir(parents=True, exist_ok=True)
         self.check(start)
-        draft = self._newest.with_name(f"start.{start}")
+        draft = self._start.with_name(f"start.{start}")
         draft.write_text(str(start))
-        draft.replace(self._newest)
+        draft.replace(self._start)
 
     def check(self, start: int) -> None:
         """Raise :class:`Superseded` when a later start of the job has begun."""
-        newest = self._newest.read_text() if self._newest.exists() else "0"
-        if int(newest) > start:
+        if (newest := self.newest) > start:
             raise Superseded(f"start {start} of job {self.root.name} counts no more; start {newest} has begun")
 
     @property
-    def _newest(self) -> Path:
+    def newest(self) -> int:
+        """Number of the newest start; 0 before the first, and where a power cut has emptied the note of it."""
+        with suppress(OSError, ValueError):
+            return int(self._start.read_text())
+        return 0
+
+    @property
+    def _start(self) -> Path:
         return self.root / "start"
 
     @contextmanager

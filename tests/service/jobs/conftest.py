@@ -22,18 +22,19 @@ run_worker(Settings.create(), 0, {"echo": [sys.executable, sys.argv[1]]})
 class Bench:
     """A queue, its worker, and a diary in which each start of a job notes its process."""
 
-    def __init__(self, folder):
-        self.settings = Settings.create(data=folder)
+    def __init__(self, folder, **settings):
+        self.settings, self.log = Settings.create(data=folder, **settings), folder / "worker.log"
         self.queue = JobQueue(self.settings)
         self.worker = None
 
     def start(self):
-        self.worker = self.start_worker(self.settings)
+        with self.log.open("ab") as log:
+            self.worker = self.start_worker(self.settings, log)
 
     @staticmethod
-    def start_worker(settings):
+    def start_worker(settings, log=None):
         command = [sys.executable, "-c", WORKER, str(Path(__file__).with_name("echo_job.py"))]
-        return subprocess.Popen(command, env=settings.environment())
+        return subprocess.Popen(command, env=settings.environment(), stderr=log)
 
     def submit(self, name, do, **more):
         payload = {"do": do, "diary": str(self.settings.data / name), **more}

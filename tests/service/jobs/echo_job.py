@@ -6,7 +6,7 @@ import signal
 import time
 from pathlib import Path
 
-from steradian.errors import InvalidInput
+from steradian.errors import InvalidInput, NotFound
 from steradian.jobs.process import child_main
 from steradian.storage.paths import JobDirectory
 
@@ -41,6 +41,13 @@ def work(job, progress):
         case "stale":
             if job["start"] == 1:
                 raise OSError(errno.ESTALE, os.strerror(errno.ESTALE))
+            return {"answer": payload["answer"]}
+        case "read":
+            scan = Path(job["data"]) / "scans" / "s1.h5"
+            while payload["until_lost"] and job["start"] == 1 and scan.exists():
+                time.sleep(0.05)
+            if not scan.exists():
+                raise NotFound("scan", "s1")
             return {"answer": payload["answer"]}
         case "tell":
             time.sleep(payload.get("seconds", 0))

@@ -1,0 +1,69 @@
+"""What becomes of a job whose row the database refuses to change, has lost, or has in an earlier state."""
+
+import os
+
+from sqlalchemy import text
+
+from steradian.storage.paths import DataDirectory
+from steradian.storage.states import ReconstructionState
+
+R = ReconstructionState
+
+
+def told(bench, statement):
+    with bench.queue.ledger.database.write() as session:
+        session.execute(text(statement))
+
+
+def test_a_result_that_the_database_refuses_fails_its_job_and_is_not_offered_for_ever(bench):
+    told(
+        bench,
+        "CREATE TRIGGER refuse BEFORE UPDATE ON jobs WHEN NEW.id = 'refused' AND NEW.state = 'succeeded'"
+        " BEGIN SELECT RAISE(ABORT, 'no such result, please'); END",
+    )
+    bench.submit("refused", "succeed", answer=1)
+    status = bench.queue.wait("refused", timeout=30)
+    assert (status.state, status.attempt, status.error_code) == (R.FAILED, 1, "internal")
+    assert status.error == "the database refuses what it left: no such result, please"
+
+
+def test_a_job_whose_row_is_gone_ends_quietly_and_the_next_one_is_done(bench):
+    bench.submit("gone", "hang")
+    pid = bench.until_working("gone")
+    told(bench, "DELETE FROM jobs WHERE id = 'gone'")
+    bench.submit("next", "succeed", answer=2)
+    assert bench.queue.wait("next", timeout=60).result == {"answer": 2}
+    bench.until(lambda: not os.path.exists(f"/proc/{pid}"))
+    said = bench.log.read_text()
+    assert "there is no job 'gone' any more" in said
+    assert "Traceback" not in said.partition("'gone'")[2], said
+
+
+def test_settling_what_was_deleted_meanwhile_does_not_keep_others_from_being_settled(bench):
+    bench.submit("there", "succeed", answer=3)
+    row = bench.queue.ledger.get("there")
+    row.id = "deleted"
+    bench.queue._settle(row, "ERROR")
+    row.state = R.CANCELLING
+    bench.queue._settle(row, None)
+    assert bench.queue.wait("there", timeout=60).state is R.SUCCEEDED
+
+
+def test_starts_go_on_upward_from_what_the_folder_knows_when_the_database_was_restored(bench):
+    """Else each would be taken for one of before, which the later ones in the folder have overtaken."""
+    job = DataDirectory(bench.settings.data).job("restored")
+    job.begin(7)
+    bench.submit("restored", "tell")
+    status = bench.queue.wait("restored", timeout=60)
+    assert (status.state, status.result, status.attempt) == (R.SUCCEEDED, {"start": 8}, 1)
+    job.begin(8)
+
+
+def test_a_note_of_the_newest_start_that_a_power_cut_has_emptied_keeps_no_job_from_going_on(bench):
+    job = DataDirectory(bench.settings.data).job("emptied")
+    job.root.mkdir(parents=True)
+    (job.root / "start").write_text("")
+    bench.submit("emptied", "tell")
+    assert bench.queue.wait("emptied", timeout=60).result == {"start": 1}
+    job.begin(1)
+    job.check(1)
