@@ -119,14 +119,16 @@ class GuardedConnection(HttpToolsProtocol):
         self._await_client()
 
     def on_message_complete(self) -> None:
-        """Wait for the client no more: it is our turn."""
+        """Wait for the client no more, as it is our turn; unless the answer was given before the body had come."""
         super().on_message_complete()
-        self._stop_awaiting()
+        if self.cycle.response_complete:
+            self._await_client()
+        else:
+            self._stop_awaiting()
 
     def on_response_complete(self) -> None:
         """Count the connection among the idle ones."""
         super().on_response_complete()
-        self._in_head, self._head_bytes = True, 0
         if not self.transport.is_closing() and (self.cycle is None or self.cycle.response_complete):
             self._door.awaited[self] = None
 

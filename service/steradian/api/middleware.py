@@ -151,8 +151,8 @@ class BodyLimit:
         text = f"the body is larger than the {limit} bytes this service takes"
         stated = Headers(scope=scope).get("content-length", "0")
         if not stated.isdecimal() or int(stated) > limit:
-            identifier = scope["state"]["request_id"]
-            await problem(identifier, 413, CODE_OF[413], text, headers={"Connection": "close"})(scope, receive, send)
+            # Not with Connection: close, as a connection that is closed on what is still coming takes the answer along.
+            await problem(scope["state"]["request_id"], 413, CODE_OF[413], text)(scope, receive, send)
             return
         taken = 0
 

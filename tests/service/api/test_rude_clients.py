@@ -87,6 +87,18 @@ def test_an_endless_head_is_refused(serve, connect):
         connection.sendall(b"x" * 2**26)
 
 
+def test_who_sends_a_body_that_is_too_large_to_its_end_can_read_why_it_is_refused(serve, connect):
+    server = serve(client_timeout=2.0)
+    head = f"POST /api/v1/jobs HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: {2**24}\r\n\r\n".encode()
+    connection = connect(server, head + bytes(2**24))
+    assert connection.recv(65536).startswith(b"HTTP/1.1 413")
+    connection.sendall(b"GET /healthz HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+    assert connection.recv(65536).startswith(b"HTTP/1.1 200")
+    second = connect(server, head + bytes(2**24))
+    assert second.recv(65536).startswith(b"HTTP/1.1 413")
+    assert is_ended(second), "nothing more is asked on it"
+
+
 def test_one_connection_too_many_takes_the_place_of_the_longest_silent_one(serve, connect):
     server = serve(max_connections=20, client_timeout=600)
     silent = [connect(server, HALF_HEAD) for _ in range(60)]
