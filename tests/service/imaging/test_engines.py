@@ -12,6 +12,8 @@ from steradian.imaging import Correction, ElasticFilm, ReconstructionPlan, kaise
 from steradian.imaging.engines import Watch, image_of, traces_of
 from steradian.imaging.engines.array import ArrayEngine
 from steradian.imaging.engines.numba.engine import NumbaEngine
+from steradian.imaging.engines.numba.room import empty
+from steradian.imaging.engines.numba.sizes import LINE
 from steradian.imaging.operators import ForwardOperator
 from steradian.masks import equi_steradian_mask
 
@@ -28,6 +30,7 @@ def _grid(count: int, displaced: float = 0.0) -> np.ndarray:
 
 SETTINGS: dict[str, tuple[np.ndarray, dict[str, Any]]] = {
     "anywhere": (ANYWHERE, {"modes": 24}),
+    "rows on lines of the cache": (ANYWHERE, {"modes": 24, "samples": 96}),
     "odd": (ANYWHERE, {"modes": (23, 17), "samples": 100}),
     "padded": (
         ANYWHERE,
@@ -110,3 +113,11 @@ def test_an_inversion_has_no_transpose_and_work_is_cancelled() -> None:
         engine.to_image_adjoint(np.zeros(plan.geometry.shape))
     with pytest.raises(Cancelled):
         engine.lateral(np.zeros((60, 101)), Watch(cancelled=lambda: True))
+
+
+@pytest.mark.parametrize(("count", "dtype"), [(0, "float32"), (7, "float32"), (32, "float64"), (1 << 20, "float32")])
+def test_room_for_vectors_begins_on_a_line_of_the_cache(count: int, dtype: str) -> None:
+    found = empty(count, dtype)
+    assert found.shape == (count,)
+    assert found.dtype == dtype
+    assert found.ctypes.data % LINE == 0

@@ -43,7 +43,7 @@ class Sensors(NamedTuple):
 
 
 class Stored(NamedTuple):
-    """Modes that are kept of a lateral grid: mode (i, k) is column c = i·len(ys) + k, rows 2c (real) and 2c + 1.
+    """Modes that are kept of a lateral grid: mode (i, k) is column c = k·len(xs) + i, rows 2c (real) and 2c + 1.
 
     ``xs``, ``ys``: index in the grid of each mode along x (all) and y (the half that is not negative);
     ``xs_opposite``, ``ys_opposite`` of the mode of the opposite sign. Of even numbers of modes the one at N/2 is read

@@ -47,7 +47,7 @@ def blocks(tables: Tables, stored: Stored) -> Blocks:
     # mode numbers with Nyquist at −N/2 (for κ > 0) and at +N/2 (for κ < 0)
     jx, jy = np.where(2 * i < modes[0], i, i - modes[0]), np.where(2 * k < modes[1], k, k - modes[1])
     px, py = np.where(2 * i == modes[0], i, jx), np.where(2 * k == modes[1], k, jy)
-    column = i * half + k
+    column = k * modes[0] + i
     if lateral.replicated:
         edge = ((jx != px) & (lateral.shift[0] != 0)) | ((jy != py) & (lateral.shift[1] != 0))
         minus, plus = _folded(lateral, jx, jy), _folded(lateral, px, py)
@@ -108,4 +108,4 @@ def _folded(lateral: Lateral, jx: Ints, jy: Ints) -> tuple[Ints, NDArray[np.bool
     a, b = jx % nx, jy % ny
     straight = b <= ny // 2
     a, b = np.where(straight, a, -jx % nx), np.where(straight, b, ny - b)
-    return 2 * (a * (ny // 2 + 1) + b), straight
+    return 2 * (b * nx + a), straight

@@ -16,7 +16,7 @@ from steradian.imaging.engines.numba.arguments import Batch, Columns, Plane, Rul
 from steradian.imaging.engines.numba.blocks import Blocks, blocks
 from steradian.imaging.engines.numba.factors import Transform, transform
 from steradian.imaging.engines.numba.layout import all_stored, everywhere, part, sensors_of, stored_of
-from steradian.imaging.engines.numba.room import Room, room_of
+from steradian.imaging.engines.numba.room import Room, empty, room_of
 from steradian.imaging.engines.numba.sizes import BATCH, PAD, PIECE
 from steradian.imaging.tables import Tables
 from steradian.imaging.volume import RealArray
@@ -76,7 +76,7 @@ class NumbaEngine:
         onto: Any = None,
     ) -> RealArray:
         """See :class:`steradian.imaging.engines.Engine`; traces of float32, float64, int16 or int32."""
-        target = np.empty(self.room.source_size, self.tables.dtype) if onto is None else onto
+        target = empty(self.room.source_size, self.tables.dtype) if onto is None else onto
         chosen = self._sensors if sensors is None else part(self._sensors, sensors)
         with np.errstate(over="ignore"):  # such traces are refused
             chosen = chosen._replace(scale=(chosen.scale * scale).astype(self.tables.dtype))
@@ -90,7 +90,7 @@ class NumbaEngine:
 
         target = modes
         if kept or self.tables.lateral.replicated:
-            target = np.empty(self.room.target_size, self.tables.dtype)
+            target = empty(self.room.target_size, self.tables.dtype)
         self._columns("time to depth", to_depth, modes, target, watch)
         return target
 
@@ -100,7 +100,7 @@ class NumbaEngine:
 
         t, shape, depths = self.tables, self.tables.geometry.shape, self.tables.depths
         size = int(np.prod(shape))
-        image = modes if self.room.shared else np.empty(size, t.dtype)
+        image = modes if self.room.shared else empty(size, t.dtype)
         plane = self._plane(t.image_modes)
 
         def work(piece: int, space: Workspace, flag: NDArray[np.uint8]) -> None:
@@ -110,7 +110,7 @@ class NumbaEngine:
 
         def scratch() -> Workspace:
             line = max(t.image_modes)
-            return self._workspace(0, (line, line, line, line), plane.shown_x * t.image_modes[1], plane)
+            return self._workspace(0, (line, line, line, line), plane.shown_x * (t.image_modes[1] | 1), plane)
 
         self._run("image", -(-depths // BATCH), scratch, work, watch)
         return image[:size].reshape(shape)
@@ -130,7 +130,7 @@ class NumbaEngine:
 
         def scratch() -> Workspace:
             line = max(plane.x.size, plane.y.size + s.wy.shape[1])
-            middle = 2 * len(self._stored.ys) * plane.x.size
+            middle = 2 * len(self._stored.ys) * (plane.x.size | 1)
             return self._workspace(len(s.order), (line, line, line, line), middle, plane)
 
         self._run("sensors", -(-samples // BATCH), scratch, work, watch)
@@ -147,7 +147,7 @@ class NumbaEngine:
     def to_image_adjoint(self, image: RealArray, watch: Watch = NOBODY) -> RealArray:
         """See :class:`steradian.imaging.engines.Engine`; of the model's tables only, upsampled images neither."""
         self._model()
-        modes = np.empty(self.room.source_size, self.tables.dtype)
+        modes = empty(self.room.source_size, self.tables.dtype)
         columns = image.reshape(-1, self.tables.depths)
         plane, stored = self._plane(self.tables.lateral.modes), all_stored(self.tables.lateral.modes)
         self._type1("lateral transform", columns, everywhere(self.tables), plane, stored, modes, watch, add=False)
@@ -176,7 +176,7 @@ class NumbaEngine:
 
         def scratch() -> Workspace:
             line = max(plane.x.size, plane.y.size + sensors.wy.shape[1])
-            return self._workspace(len(sensors.order), (line, line), 2 * len(stored.ys) * plane.x.size, plane)
+            return self._workspace(len(sensors.order), (line, line), 2 * len(stored.ys) * (plane.x.size | 1), plane)
 
         self._run(stage, -(-samples // BATCH), scratch, work, watch)
 
@@ -224,8 +224,8 @@ class NumbaEngine:
         sizes = (PIECE, PIECE, PIECE, PIECE * len(time.taps), tmp * 32)
 
         def scratch() -> Columns:
-            a, b = np.zeros(cells, dtype), np.zeros(cells, dtype)
-            return Columns(a, b, np.zeros(PIECE, np.int32), *(np.zeros(size, dtype) for size in sizes))
+            a, b = empty(cells, dtype), empty(cells, dtype)
+            return Columns(a, b, np.zeros(PIECE, np.int32), *(empty(size, dtype) for size in sizes))
 
         return scratch
 
@@ -238,7 +238,7 @@ class NumbaEngine:
         tables: list[Transform] = [transform(f.size, self.tables.dtype) for f in (plane.x, plane.y)]
         tmp = max(*(table.scratch for table in tables), 1)
         sizes = (packed, *lines, *(0 for _ in range(4 - len(lines))), middle, tmp)
-        return Workspace(*(np.empty(size * 32, self.tables.dtype) for size in sizes))
+        return Workspace(*(empty(size * 32, self.tables.dtype) for size in sizes))
 
     def _run(self, stage: str, pieces: int, scratch: Callable[[], Any], work: Work, watch: Watch) -> None:
         workers.run(stage, pieces, scratch, work, threads=self._threads, **watch._asdict())

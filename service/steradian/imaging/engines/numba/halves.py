@@ -1,60 +1,87 @@
-"""Two batches of real data as one complex grid, and apart again by symmetry (compiled)."""
+"""Two batches of real data as one complex grid, and apart again by symmetry (compiled).
+
+Whole lines of modes at a time: a call counts the references to all arrays it takes, which costs far more than a cell.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from steradian.compiled import compiled
 from steradian.imaging.engines.numba.arguments import Batch
-from steradian.imaging.engines.numba.simd import load16, store
+from steradian.imaging.engines.numba.simd import load16, store, stream
+
+
+class Cells(NamedTuple):
+    """Cells ``index[i]`` of ``values``, counted from number ``start``."""
+
+    values: Any
+    start: int
+    index: Any
 
 
 @compiled
-def separate(p: Any, po: int, q: Any, qo: int, row: Any, batch: Batch, at: int, add: bool) -> None:
-    """Write, or add, Â and B̂ at one mode from C there (p) and at the opposite mode (q); the factor 2 is left in.
+def separate(here: Cells, opposite: Cells, row: Any, batch: Batch, at: int, add: bool) -> None:
+    """Write, or add, Â and B̂ of some modes from C there and at the opposite modes; the factor 2 is left in.
 
-    The mode's real parts of this batch are at ``row[at:]``, the imaginary ones a row further.
+    The first mode's real parts of this batch are at ``row[at:]``, the imaginary ones a row further, the next mode's two
+    rows further.
     """
-    im_at, count = at + batch.stride, batch.number
-    ar, ai, br, bi = load16(p, po), load16(p, po + 16), load16(q, qo), load16(q, qo + 16)
-    if count == 32:
-        if add:
-            store(row, at, load16(row, at) + ar + br)
-            store(row, at + 16, load16(row, at + 16) + ai + bi)
-            store(row, im_at, load16(row, im_at) + ai - bi)
-            store(row, im_at + 16, load16(row, im_at + 16) + br - ar)
-            return
-        store(row, at, ar + br)
-        store(row, at + 16, ai + bi)
-        store(row, im_at, ai - bi)
-        store(row, im_at + 16, br - ar)
-    else:
-        for n in range(count):
-            real = row[at + n] if add else row.dtype.type(0)
-            imaginary = row[im_at + n] if add else row.dtype.type(0)
-            row[at + n] = real + p[po + n] + q[qo + n]
-            if n < 16:
-                row[im_at + n] = imaginary + p[po + 16 + n] - q[qo + 16 + n]
+    p, q, stride, count = here.values, opposite.values, batch.stride, batch.number
+    for i in range(here.index.size):
+        po, qo, im_at = here.start + here.index[i] * 32, opposite.start + opposite.index[i] * 32, at + stride
+        if count == 32:
+            ar, ai, br, bi = load16(p, po), load16(p, po + 16), load16(q, qo), load16(q, qo + 16)
+            if add:
+                store(row, at, load16(row, at) + ar + br)
+                store(row, at + 16, load16(row, at + 16) + ai + bi)
+                store(row, im_at, load16(row, im_at) + ai - bi)
+                store(row, im_at + 16, load16(row, im_at + 16) + br - ar)
             else:
-                row[im_at + n] = imaginary + q[qo + n - 16] - p[po + n - 16]
+                stream(row, at, ar + br)
+                stream(row, at + 16, ai + bi)
+                stream(row, im_at, ai - bi)
+                stream(row, im_at + 16, br - ar)
+        else:
+            for n in range(count):
+                real = row[at + n] if add else row.dtype.type(0)
+                imaginary = row[im_at + n] if add else row.dtype.type(0)
+                row[at + n] = real + p[po + n] + q[qo + n]
+                if n < 16:
+                    row[im_at + n] = imaginary + p[po + 16 + n] - q[qo + 16 + n]
+                else:
+                    row[im_at + n] = imaginary + q[qo + n - 16] - p[po + n - 16]
+        at += 2 * stride
 
 
 @compiled
-def join(source: Any, at: int, batch: Batch, p: Any, po: int, q: Any, qo: int) -> None:
-    """C = Â + iB̂ at one mode into p and at the opposite mode into q."""
+def join(source: Any, at: int, batch: Batch, modes: int, p: Any, q: Any, size: int, edges: bool) -> None:
+    """C = Â + iB̂ of one line of modes, from ``source[at:]``, into p and of the opposite modes into q, ``size`` cells.
+
+    What is at N/2 counts as 0 without ``edges``.
+    """
     count, stride = batch.number, batch.stride
-    if count < 32:
-        for n in range(count):
-            p[po + n] = source[at + n]
-            q[qo + n] = source[at + stride + n]
-        for n in range(count, 32):
-            p[po + n] = 0
-            q[qo + n] = 0
-        ar, br, ai, bi = load16(p, po), load16(p, po + 16), load16(q, qo), load16(q, qo + 16)
-    else:
-        ar, br = load16(source, at), load16(source, at + 16)
-        ai, bi = load16(source, at + stride), load16(source, at + stride + 16)
-    store(p, po, ar - bi)
-    store(p, po + 16, ai + br)
-    store(q, qo, ar + bi)
-    store(q, qo + 16, br - ai)
+    if size > modes or not edges:
+        p[: size * 32] = 0
+        q[: size * 32] = 0
+    for i in range(modes):
+        if edges or modes == 1 or 2 * i != modes:
+            po = (i if 2 * i < modes else size - modes + i) * 32
+            o = 0 if i == 0 else modes - i
+            qo = (o if 2 * o < modes else size - modes + o) * 32
+            if count < 32:
+                for n in range(count):
+                    p[po + n] = source[at + n]
+                    q[qo + n] = source[at + stride + n]
+                for n in range(count, 32):
+                    p[po + n] = 0
+                    q[qo + n] = 0
+                ar, br, ai, bi = load16(p, po), load16(p, po + 16), load16(q, qo), load16(q, qo + 16)
+            else:
+                ar, br = load16(source, at), load16(source, at + 16)
+                ai, bi = load16(source, at + stride), load16(source, at + stride + 16)
+            store(p, po, ar - bi)
+            store(p, po + 16, ai + br)
+            store(q, qo, ar + bi)
+            store(q, qo + 16, br - ai)
+        at += 2 * stride

@@ -15,7 +15,7 @@ from steradian.compiled import compiled
 from steradian.imaging.engines.numba.arguments import Batch, Plane, Workspace
 from steradian.imaging.engines.numba.fft import fft
 from steradian.imaging.engines.numba.halves import join
-from steradian.imaging.engines.numba.simd import load16, splat16, store
+from steradian.imaging.engines.numba.simd import load16, settle, splat16, store, stream
 
 
 @compiled
@@ -38,20 +38,12 @@ def to_image(source: Any, batch: Batch, plane: Plane, image: Any, depth: int, sp
     modes_x, modes_y, nx, ny, out_x, out_y = (
         plane.modes_x, plane.modes_y, plane.x.size, plane.y.size, plane.shown_x, plane.shown_y
     )  # fmt: skip
-    half = modes_y // 2 + 1
+    half, pitch = modes_y // 2 + 1, ny | 1  # see type1
     zero, one = np.int64(0), np.int64(1)
     for k in range(half):
         if flag[0]:
             return
-        if nx > modes_x:
-            a[: nx * 32] = 0
-            c[: nx * 32] = 0
-        for i in range(modes_x):
-            at = 2 * (i * half + k) * batch.stride + batch.start
-            j = i if 2 * i < modes_x else nx - modes_x + i
-            o = 0 if i == 0 else modes_x - i
-            o = o if 2 * o < modes_x else nx - modes_x + o
-            join(source, at, batch, a, j * 32, c, o * 32)
+        join(source, 2 * k * modes_x * batch.stride + batch.start, batch, modes_x, a, c, nx, True)
         if nx > modes_x and modes_x % 2 == 0:
             _halve(a, (nx - modes_x // 2) * 32, modes_x // 2 * 32)
             _halve(c, (nx - modes_x // 2) * 32, modes_x // 2 * 32)
@@ -59,36 +51,37 @@ def to_image(source: Any, batch: Batch, plane: Plane, image: Any, depth: int, sp
         nyquist = 2 * k == modes_y
         if nyquist and ny > modes_y:
             for x in range(out_x):
-                i, o = (plane.first_x + x) * 32, (x * ny + k) * 32
+                i, o = (plane.first_x + x) * 32, (x * pitch + k) * 32
                 store(middle, o, load16(p, i))
                 store(middle, o + 16, load16(p, i + 16))
-                _halve(middle, o, (x * ny + ny - k) * 32)
+                _halve(middle, o, (x * pitch + ny - k) * 32)
             continue
         for x in range(out_x):
-            i, o = (plane.first_x + x) * 32, (x * ny + k) * 32
+            i, o = (plane.first_x + x) * 32, (x * pitch + k) * 32
             store(middle, o, load16(p, i))
             store(middle, o + 16, load16(p, i + 16))
         if k == 0 or nyquist:
             continue
         q = d if nx > 1 and fft(c, zero, d, zero, one, plane.x, tmp) == 1 else c
         for x in range(out_x):
-            i, o = (plane.first_x + x) * 32, (x * ny + ny - k) * 32
+            i, o = (plane.first_x + x) * 32, (x * pitch + ny - k) * 32
             store(middle, o, load16(q, i))
             store(middle, o + 16, load16(q, i + 16))
     low, high = modes_y // 2 + 1, ny - modes_y // 2
     for x in range(out_x):
         if flag[0]:
             return
-        for o in range((x * ny + low) * 32, (x * ny + high) * 32):
+        for o in range((x * pitch + low) * 32, (x * pitch + high) * 32):
             middle[o] = 0
-        o = x * ny * 32
+        o = x * pitch * 32
         p = a if fft(middle, o, a, zero, one, plane.y, tmp) else middle
         o = 0 if plane.y.radices.size % 2 else o
         for y in range(out_y):
             at, i = (x * out_y + y) * depth + batch.start, o + (plane.first_y + y) * 32
             if batch.number == 32:
-                store(image, at, load16(p, i))
-                store(image, at + 16, load16(p, i + 16))
+                stream(image, at, load16(p, i))
+                stream(image, at + 16, load16(p, i + 16))
             else:
                 for n in range(batch.number):
                     image[at + n] = p[i + n]
+    settle()

@@ -10,9 +10,10 @@ import numpy as np
 from steradian.imaging.engines.numba.arguments import Stored
 from steradian.imaging.engines.numba.factors import table_bytes
 from steradian.imaging.engines.numba.layout import rows_of
-from steradian.imaging.engines.numba.sizes import PAD
+from steradian.imaging.engines.numba.sizes import LINE, PAD
 from steradian.imaging.geometry import Geometry
 from steradian.imaging.tables import Tables
+from steradian.imaging.volume import RealArray
 
 _COLUMN_BYTES, _SAMPLE_BYTES = 290, 900  # of tables while they are made, for a lateral mode and for a sample, at least
 
@@ -58,6 +59,14 @@ class Room:
         return (self.target_rows + 1) * self.target_stride
 
 
+def empty(count: int, dtype: str) -> RealArray:
+    """Make room for ``count`` numbers that begins on a line of the caches: no vector then lies on two of them."""
+    item = np.dtype(dtype).itemsize
+    numbers = np.empty(count + LINE // item, dtype)
+    first = -numbers.ctypes.data % LINE // item
+    return numbers[first : first + count]
+
+
 def room_of(tables: Tables, stored: Stored, threads: int) -> Room:
     """Lay out memory."""
     samples, depths, (nx, ny) = tables.time.samples, tables.depths, tables.lateral.modes
@@ -101,8 +110,10 @@ def _scratch(tables: Tables, stored: Stored) -> int:
     line, half = max(nx, ny + PAD), len(stored.ys)
     packed = len(tables.lateral.scale)
     if tables.rule.waves == "both":  # types 1 and 2, and the image's points as sensors
-        lateral = max(packed, prod(tables.geometry.shape[:-1])) + 5 * max(line, ix, iy + PAD) + 2 * half * max(nx, ix)
+        lines, middle = 5 * max(line, ix, iy + PAD), 2 * half * (max(nx, ix) | 1)
+        lateral = max(packed, prod(tables.geometry.shape[:-1])) + lines + middle
     else:
-        lateral = packed + 2 * line + 2 * half * nx
-    image = 4 * max(ix, iy) + tables.shown[0][1] * iy
-    return 32 * max(lateral, image, 2 * (max(tables.time.length, tables.time.record) + 2 * PAD) + 200)
+        lateral = packed + 2 * line + 2 * half * (nx | 1)
+    image = 4 * max(ix, iy) + tables.shown[0][1] * (iy | 1)
+    aligned = 8  # cells: what :func:`empty` leaves out
+    return 32 * (aligned + max(lateral, image, 2 * (max(tables.time.length, tables.time.record) + 2 * PAD) + 200))

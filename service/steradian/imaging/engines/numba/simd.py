@@ -17,7 +17,8 @@ from numba.core.datamodel import models
 from numba.core.extending import intrinsic, lower_builtin, register_model
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 
-LANES = 16
+from steradian.imaging.engines.numba.sizes import LINE
+
 _FAST = ("contract", "nsz", "nnan", "ninf", "arcp")
 
 
@@ -90,6 +91,39 @@ def _store(typingctx: Any, array: Any, index: Any, vector: Any) -> Any:
     return types.void(array, types.intp, vector), codegen
 
 
+def _stream(typingctx: Any, array: Any, index: Any, vector: Any) -> Any:
+    """Store past the caches: whole lines are then not read first, nor do they drive out what is needed again.
+
+    Where the place is not on a line's boundary, it is a plain store. Others see it after :func:`settle`.
+    """
+
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        kind = context.get_value_type(vector)
+        pointer = _pointer(context, builder, sig.args[0], args[0], args[1], kind)
+        word = ir.IntType(64)
+        beside = builder.and_(builder.ptrtoint(pointer, word), ir.Constant(word, LINE - 1))
+        with builder.if_else(builder.icmp_unsigned("==", beside, ir.Constant(word, 0))) as (whole, other):
+            with whole:
+                stored = builder.store(args[2], pointer, align=LINE)
+                once = builder.module.add_metadata([ir.Constant(ir.IntType(32), 1)])
+                stored.set_metadata("nontemporal", once)
+            with other:
+                builder.store(args[2], pointer, align=array.dtype.bitwidth // 8)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, vector), codegen
+
+
+def _settle(typingctx: Any) -> Any:
+    """Wait for what was streamed."""
+
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        builder.fence("seq_cst")
+        return context.get_dummy_value()
+
+    return types.void(), codegen
+
+
 def _splat(lanes: int) -> Any:
     def typer(typingctx: Any, value: Any) -> Any:
         vector = Vector(value, lanes)
@@ -110,6 +144,8 @@ load4: Any = intrinsic(_load(4))
 load2: Any = intrinsic(_load(2))
 load1: Any = intrinsic(_load(1))
 store: Any = intrinsic(_store)
+stream: Any = intrinsic(_stream)
+settle: Any = intrinsic(_settle)
 splat16: Any = intrinsic(_splat(16))
 splat4: Any = intrinsic(_splat(4))
 splat2: Any = intrinsic(_splat(2))

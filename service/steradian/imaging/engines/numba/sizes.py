@@ -4,6 +4,8 @@ from steradian.imaging.transforms.windows import MOST_TAPS
 
 BATCH = 32
 """Samples or depths of a cell."""
+LINE = 64
+"""Bytes of a line of the processor's caches."""
 PAD = MOST_TAPS // 2
 """Cells repeated at either end of a spectrum, so that no stencil has to wrap: half of the widest window."""
 PIECE = 64

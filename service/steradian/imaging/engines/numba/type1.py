@@ -15,8 +15,8 @@ import numpy as np
 from steradian.compiled import compiled
 from steradian.imaging.engines.numba.arguments import Batch, Plane, Sensors, Stored, Workspace
 from steradian.imaging.engines.numba.fft import fft
-from steradian.imaging.engines.numba.halves import separate
-from steradian.imaging.engines.numba.simd import load16, splat16, store
+from steradian.imaging.engines.numba.halves import Cells, separate
+from steradian.imaging.engines.numba.simd import load16, settle, splat16, store
 
 
 @partial(compiled, fast=False)
@@ -96,6 +96,7 @@ def type1(
     """Spread, transform along y and x, and store (or add to what is there) the modes' samples of this batch."""
     row, work, middle, tmp = space.a, space.b, space.middle, space.tmp
     nx, ny = plane.x.size, plane.y.size
+    pitch = nx | 1  # lines that are a multiple of a page apart would share a few places of the caches
     xs, xs_opposite, ys, ys_opposite = stored.xs, stored.xs_opposite, stored.ys, stored.ys_opposite
     edge_rows, edge_xs, edge_xs_opposite = stored.edge_rows, stored.edge_xs, stored.edge_xs_opposite
     half = ys.size
@@ -111,7 +112,7 @@ def type1(
             hit = _place_row(row, line, space.packed, sensors, ny)
         if not hit and nx > 1:
             for k in range(2 * half):
-                o = (k * nx + line) * 32
+                o = (k * pitch + line) * 32
                 middle[o : o + 32] = 0
             continue
         if not hit:
@@ -121,11 +122,11 @@ def type1(
         if nx == 1:
             break
         for k in range(half):
-            o, i = (2 * k * nx + line) * 32, ys[k] * 32
+            o, i = (2 * k * pitch + line) * 32, ys[k] * 32
             store(middle, o, load16(done, i))
             store(middle, o + 16, load16(done, i + 16))
             if ys_opposite[k] != ys[k]:
-                o, i = ((2 * k + 1) * nx + line) * 32, ys_opposite[k] * 32
+                o, i = ((2 * k + 1) * pitch + line) * 32, ys_opposite[k] * 32
                 store(middle, o, load16(done, i))
                 store(middle, o + 16, load16(done, i + 16))
     for k in range(half):
@@ -134,22 +135,23 @@ def type1(
         p, po = done, ys[k] * 32
         q, qo = done, ys_opposite[k] * 32
         if nx > 1:
-            po = 2 * k * nx * 32
+            po = 2 * k * pitch * 32
             odd = plane.x.radices.size % 2  # then the result is in the other buffer
             p = work if fft(middle, po, work, zero, zero, plane.x, tmp) else middle
             po = 0 if odd else po
             q, qo = p, po
             if ys_opposite[k] != ys[k]:
-                qo = (2 * k + 1) * nx * 32
+                qo = (2 * k + 1) * pitch * 32
                 q = row if fft(middle, qo, row, zero, zero, plane.x, tmp) else middle
                 qo = 0 if odd else qo
+        at = 2 * k * xs.size * batch.stride + batch.start
+        separate(Cells(p, po, xs), Cells(q, qo, xs_opposite), target, batch, at, add)
         for i in range(xs.size):
-            at = 2 * (i * half + k) * batch.stride + batch.start
-            separate(p, po + xs[i] * 32, q, qo + xs_opposite[i] * 32, target, batch, at, add)
             if edge_rows[i, k] >= 0:
                 at = edge_rows[i, k] * batch.stride + batch.start
-                a, b = edge_xs[i] * 32, edge_xs_opposite[i] * 32
+                a, b = edge_xs[i : i + 1], edge_xs_opposite[i : i + 1]
                 if stored.edge_swap[k]:
-                    separate(q, qo + a, p, po + b, target, batch, at, add)
+                    separate(Cells(q, qo, a), Cells(p, po, b), target, batch, at, add)
                 else:
-                    separate(p, po + a, q, qo + b, target, batch, at, add)
+                    separate(Cells(p, po, a), Cells(q, qo, b), target, batch, at, add)
+    settle()

@@ -52,30 +52,21 @@ def type2(source: Any, batch: Batch, plane: Plane, sensors: Sensors, traces: Any
     """Write this batch's samples of every sensor into ``traces`` (M, N_t). Modes at N/2 count as 0."""
     packed, a, b, c, d, middle, tmp = space
     nx, ny, modes_x = plane.x.size, plane.y.size, plane.modes_x
-    stored = plane.modes_y // 2 + 1
-    half = stored - (1 if plane.modes_y % 2 == 0 else 0)  # without N/2
+    half, pitch = (plane.modes_y + 1) // 2, nx | 1  # without N/2; see type1
     zero, one = np.int64(0), np.int64(1)
     for o in range(packed.size):
         packed[o] = 0
     for k in range(half):
         if flag[0]:
             return
-        a[: nx * 32] = 0
-        c[: nx * 32] = 0
-        for i in range(modes_x):
-            if 2 * i == modes_x and modes_x > 1:
-                continue
-            j = i if 2 * i < modes_x else nx - modes_x + i
-            o = 0 if i == 0 else modes_x - i
-            o = o if 2 * o < modes_x else nx - modes_x + o
-            join(source, 2 * (i * stored + k) * batch.stride + batch.start, batch, a, j * 32, c, o * 32)
+        join(source, 2 * k * modes_x * batch.stride + batch.start, batch, modes_x, a, c, nx, False)
         p = b if nx > 1 and fft(a, zero, b, zero, one, plane.x, tmp) == 1 else a
-        o = 2 * k * nx * 32
+        o = 2 * k * pitch * 32
         for x in range(nx * 2):
             store(middle, o + x * 16, load16(p, x * 16))
         if k > 0:
             q = d if nx > 1 and fft(c, zero, d, zero, one, plane.x, tmp) == 1 else c
-            o = (2 * k + 1) * nx * 32
+            o = (2 * k + 1) * pitch * 32
             for x in range(nx * 2):
                 store(middle, o + x * 16, load16(q, x * 16))
     starts, wx, wy = sensors.starts, sensors.wx, sensors.wy
@@ -91,11 +82,11 @@ def type2(source: Any, batch: Batch, plane: Plane, sensors: Sensors, traces: Any
             continue
         a[: ny * 32] = 0
         for k in range(half):
-            i, o = (2 * k * nx + line) * 32, k * 32
+            i, o = (2 * k * pitch + line) * 32, k * 32
             store(a, o, load16(middle, i))
             store(a, o + 16, load16(middle, i + 16))
             if k > 0:
-                i, o = ((2 * k + 1) * nx + line) * 32, (ny - k) * 32
+                i, o = ((2 * k + 1) * pitch + line) * 32, (ny - k) * 32
                 store(a, o, load16(middle, i))
                 store(a, o + 16, load16(middle, i + 16))
         row = b if fft(a, zero, b, zero, one, plane.y, tmp) else a
