@@ -33,13 +33,13 @@ def draft(path: Path, *, keep_ending: bool = False) -> Iterator[Path]:
     """
     name = f".{path.stem}{_signature}{ENDING}{path.suffix}" if keep_ending else f"{path.name}{_signature}{ENDING}"
     beside = path.with_name(name)
-    _remove(beside)
+    remove(beside)
     try:
         yield beside
         _check()
         beside.replace(path)
     finally:
-        _remove(beside)
+        remove(beside)
 
 
 @contextmanager
@@ -57,7 +57,7 @@ def signed(name: str, check: Callable[[], object]) -> Iterator[None]:
 def sweep(folder: Path) -> None:
     """Remove the drafts that killed processes left in a folder."""
     for left in folder.glob(f"*{ENDING}*"):
-        _remove(left)
+        remove(left)
 
 
 def write_durably(path: Path, text: str) -> None:
@@ -80,7 +80,8 @@ def sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
-def _remove(path: Path) -> None:
+def remove(path: Path) -> None:
+    """Remove a file or folder, if it is there."""
     if path.is_dir():
         shutil.rmtree(path)
     else:

@@ -14,14 +14,16 @@ from sqlalchemy.orm import Session
 
 from steradian.api.emergency import EmergencyDesk
 from steradian.api.workshop import Workshop
-from steradian.drafts import sweep
+from steradian.drafts import remove, sweep
 from steradian.jobs.kinds import resource_of
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import JobRequest, JobStatus, QueueUnavailable
+from steradian.jobs.requests import importing_job_id
 from steradian.security.keys import KeyStore
 from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url
-from steradian.storage.deletion import Deletion, Resource, remove_files, waiting_import
+from steradian.storage.deletion import Deletion, remove_files, waiting_import
+from steradian.storage.dependence import Resource, hold_needs, needed
 from steradian.storage.disk import Disk
 from steradian.storage.emergency import EmergencyLatch
 from steradian.storage.events import EventLog
@@ -34,7 +36,7 @@ from steradian.storage.repository import Clock, utc_now
 from steradian.storage.scanners import ScannerRepository
 from steradian.storage.scans import ScanRepository
 from steradian.storage.states import is_terminal
-from steradian.storage.tables import JobRow
+from steradian.storage.tables import JobRow, ScanRow
 
 if TYPE_CHECKING:
     from steradian.jobs.engine import JobQueue
@@ -109,7 +111,14 @@ class Services:
         return self._opened.is_set()
 
     def submit(self, session: Session, request: JobRequest) -> JobRow:
-        """Note a job and queue it in the present transaction; one that is noted before the queue is open waits."""
+        """Note a job and queue it in the present transaction; one that is noted before the queue is open waits.
+
+        Raises
+        ------
+        NotFound
+            When something that it names is gone.
+        """
+        hold_needs(session, request.payload)
         return self.queue.add(session, request) if self.queue_is_open else self.ledger.add(session, request)
 
     def cancel(self, job_id: str, who: str, reason: str | None) -> JobStatus:
@@ -163,16 +172,25 @@ class Services:
 
     def _sweep_drafts(self) -> None:
         """Remove what killed jobs were writing; one that is not over sweeps its folder itself when it starts again."""
+        drafts = self.data.scan_drafts()
         with self.database.read() as session:
             over = set(session.scalars(select(JobRow.id).where(JobRow.ended.is_not(None))))
+            going = set(session.scalars(select(JobRow.id).where(JobRow.ended.is_(None))))
+            going |= set(session.scalars(select(ScanRow.id).where(ScanRow.ended.is_(None))))
         for folder in self.data.job_folders():
             if folder.name in over and not self.data.job(folder.name).is_running:
                 sweep(folder)
+        for scan, draft in drafts:
+            job = importing_job_id(scan)
+            if not going & {scan, job} and not self.data.job(job).is_running:
+                remove(draft)
 
     def _forget_before(self, age: timedelta) -> None:
         query = select(JobRow.id, JobRow.kind).where(JobRow.ended.is_not(None), JobRow.ended < self.clock() - age)
         with self.database.write() as session:
-            old = [Resource(resource_of(row.kind), row.id) for row in session.execute(query)]
+            rows = session.execute(query.with_for_update()).all()  # nobody begins to need one any more
+            kept = needed(session)
+            old = [Resource(resource_of(row.kind), row.id) for row in rows if row.id not in kept]
             self.deletion.forget(session, old, "service", "older than retention_days")
 
     def remove_files(self) -> None:

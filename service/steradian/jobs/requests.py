@@ -186,3 +186,8 @@ def job_of(
 def imported_scan_id(job_id: str) -> str:
     """Name the scan that an import makes: a second attempt at the job makes the same one."""
     return f"s{job_id[1:]}"
+
+
+def importing_job_id(scan_id: str) -> str:
+    """Name the job that would make a scan of this name by import."""
+    return f"j{scan_id[1:]}"

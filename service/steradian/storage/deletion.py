@@ -1,4 +1,4 @@
-"""Deleting: what depends on what, rows at once and in one transaction, files after it.
+"""Deleting: rows at once and in one transaction, files after it.
 
 A deletion's transaction takes the rows away and notes whose files are to go (table ``removals``); files go afterwards
 and the notes last. Whatever ends the process between two of these steps, the notes that are left say what is still to
@@ -10,41 +10,23 @@ from __future__ import annotations
 import logging
 import shutil
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 from sqlalchemy import delete, or_, select
 from sqlalchemy.orm import Session
 
 from steradian.errors import Conflict, NotFound
 from steradian.storage.database import Database
+from steradian.storage.dependence import TABLES, Resource, closure, jobs
 from steradian.storage.events import record
 from steradian.storage.paths import DataDirectory
 from steradian.storage.repository import Clock, utc_now
 from steradian.storage.states import SETTLED_SCAN_STATES, DesiredScanState, ScanState, is_terminal
-from steradian.storage.tables import BatchRow, JobRow, MaskRow, PlanRow, ReconstructionRow, RemovalRow, ScanRow
+from steradian.storage.tables import BatchRow, JobRow, ReconstructionRow, RemovalRow, ScanRow
 
 _log = logging.getLogger(__name__)
-Rows: TypeAlias = type[MaskRow] | type[PlanRow] | type[ScanRow] | type[BatchRow] | type[JobRow]
-TABLES: Final[dict[str, Rows]] = {
-    "mask": MaskRow,
-    "plan": PlanRow,
-    "scan": ScanRow,
-    "batch": BatchRow,
-    "reconstruction": JobRow,
-    "job": JobRow,
-}
-"""What can be deleted, in the order of dependence: each of a kind may depend on those before it."""
 TOLD: Final = frozenset({"scan", "batch", "reconstruction", "job"})
 """Kinds whose changes are events."""
-
-
-@dataclass(frozen=True)
-class Resource:
-    """One thing."""
-
-    kind: str
-    id: str
 
 
 class HasDependents(Conflict):
@@ -90,7 +72,7 @@ class Deletion:
         """
         with self.database.write() as session:
             first = _find(session, kind, identifier)
-            found = _closure(session, first)
+            found = closure(session, first)
             check({one.kind for one in found})
             if busy := _busy(session, found):
                 raise InUse(f"{kind} {identifier} cannot be deleted while something waits or runs: {', '.join(busy)}")
@@ -168,7 +150,7 @@ def _find(session: Session, kind: str, identifier: str) -> Resource:
     table = TABLES[kind]
     found = session.scalar(select(table.id).where(table.id == identifier))
     if found is not None and table is JobRow:
-        (made,) = _jobs(session, JobRow.id == identifier)
+        (made,) = jobs(session, JobRow.id == identifier)
         if kind == made.kind or kind == "job":
             return made
     if found is None or table is JobRow:
@@ -176,49 +158,12 @@ def _find(session: Session, kind: str, identifier: str) -> Resource:
     return Resource(kind, identifier)
 
 
-def _closure(session: Session, first: Resource) -> list[Resource]:
-    found = [first]
-    for one in found:
-        found += [other for other in _dependents(session, one) if other not in found]
-    return found
-
-
-def _dependents(session: Session, of: Resource) -> list[Resource]:
-    asked = JobRow.payload
-    match of.kind:
-        case "mask":
-            plans = session.scalars(select(PlanRow.id).where(PlanRow.mask_id == of.id))
-            through = asked["through", "mask_id"].as_string() == of.id
-            return [*(Resource("plan", plan) for plan in plans), *_jobs(session, through)]
-        case "plan":
-            return [
-                Resource("scan", scan) for scan in session.scalars(select(ScanRow.id).where(ScanRow.plan_id == of.id))
-            ]
-        case "scan":
-            batches = session.scalars(select(BatchRow.id).where(BatchRow.scan_id == of.id))
-            jobs = _jobs(session, asked["scan_id"].as_string() == of.id)
-            return [*jobs, *(Resource("batch", batch) for batch in batches)]
-        case "batch":
-            return _jobs(session, JobRow.batch_id == of.id)
-        case "reconstruction":
-            names = ("reconstruction_id", "reference_id")
-            return _jobs(session, or_(*(asked[name].as_string() == of.id for name in names)))
-    return []
-
-
-def _jobs(session: Session, condition: Any) -> list[Resource]:
-    """Find jobs, told apart by whether they stand behind ``/reconstructions``."""
-    query = select(JobRow.id, ReconstructionRow.id).outerjoin(ReconstructionRow, ReconstructionRow.id == JobRow.id)
-    rows = session.execute(query.where(condition).order_by(JobRow.sequence)).all()
-    return [Resource("job" if volume is None else "reconstruction", job) for job, volume in rows]
-
-
 def _busy(session: Session, found: Sequence[Resource]) -> list[str]:
     """Name what waits or runs, held as it is until the transaction ends."""
     scans = select(ScanRow).where(ScanRow.id.in_([one.id for one in found if one.kind == "scan"])).with_for_update()
-    jobs = select(JobRow).where(JobRow.id.in_([one.id for one in found if TABLES[one.kind] is JobRow]))
+    busy = select(JobRow).where(JobRow.id.in_([one.id for one in found if TABLES[one.kind] is JobRow]))
     going = [row.id for row in session.scalars(scans) if not _is_settled(row)]
-    return going + [row.id for row in session.scalars(jobs.with_for_update()) if not is_terminal(row.state)]
+    return going + [row.id for row in session.scalars(busy.with_for_update()) if not is_terminal(row.state)]
 
 
 def _is_settled(scan: ScanRow) -> bool:

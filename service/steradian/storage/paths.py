@@ -84,6 +84,11 @@ class DataDirectory:
         """All scan files, whether the database knows them or not."""
         return sorted((self.root.absolute() / "scans").glob("*.h5"))
 
+    def scan_drafts(self) -> list[tuple[str, Path]]:
+        """Return what lies beside the scan files while one is made, each with its scan's identifier."""
+        found = (self.root.absolute() / "scans").glob("*.h5*")
+        return [(path.name.partition(".")[0], path) for path in found if path.suffix != ".h5"]
+
     @property
     def uploads(self) -> Path:
         """Folder of files that came over HTTP."""

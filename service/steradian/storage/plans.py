@@ -8,6 +8,7 @@ from pydantic import TypeAdapter
 from sqlalchemy.exc import IntegrityError
 
 from steradian.plans import ScanPlan, preview
+from steradian.storage.dependence import hold
 from steradian.storage.masks import MaskRepository
 from steradian.storage.repository import Repository
 from steradian.storage.tables import PlanRow
@@ -26,7 +27,7 @@ class PlanRepository(Repository[PlanRow]):
     kind, table = "plan", PlanRow
 
     def put(self, plan: ScanPlan) -> tuple[PlanRow, bool]:
-        """Keep a plan whose mask is kept already; the flag says whether it is new."""
+        """Keep a plan whose mask is kept already; the flag says whether it is new. Raises :class:`NotFound` if not."""
         return self.put_columns(to_columns(plan))
 
     def put_columns(self, columns: dict[str, Any]) -> tuple[PlanRow, bool]:
@@ -34,6 +35,7 @@ class PlanRepository(Repository[PlanRow]):
         row = PlanRow(created=self.clock(), **columns)
         try:
             with self.database.write() as session:
+                hold(session, "mask", row.mask_id)
                 session.add(row)
             return row, True
         except IntegrityError:

@@ -7,6 +7,7 @@ from typing import Any
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from steradian.storage.dependence import hold
 from steradian.storage.events import record
 from steradian.storage.repository import Repository, new_id
 from steradian.storage.tables import BatchRow, ReconstructionRow, ScanRow
@@ -20,7 +21,8 @@ class ReconstructionRepository(Repository[ReconstructionRow]):
     def add(
         self, session: Session, scan: ScanRow, parameters: dict[str, Any], batch: BatchRow | None = None
     ) -> ReconstructionRow:
-        """Note a reconstruction."""
+        """Note a reconstruction; raises :class:`NotFound` when the scan is gone."""
+        hold(session, "scan", scan.id)
         row = ReconstructionRow(
             id=new_id("r"),
             scan_id=scan.id,
@@ -47,7 +49,8 @@ class BatchRepository(Repository[BatchRow]):
     def add(
         self, session: Session, scan: ScanRow, vary: dict[str, Any], parameters: dict[str, Any], who: str
     ) -> BatchRow:
-        """Note a batch."""
+        """Note a batch; raises :class:`NotFound` when the scan is gone."""
+        hold(session, "scan", scan.id)
         row = BatchRow(id=new_id("b"), scan_id=scan.id, created=self.clock(), vary=vary, parameters=parameters)
         session.add(row)
         session.flush()

@@ -9,6 +9,7 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from steradian.errors import Conflict
+from steradian.storage.dependence import hold
 from steradian.storage.events import record
 from steradian.storage.repository import Repository, new_id
 from steradian.storage.states import (
@@ -52,6 +53,7 @@ class ScanRepository(Repository[ScanRow]):
         who
             The principal who asks.
         """
+        hold(session, "plan", plan.id)
         now = self.clock()
         row = ScanRow(
             id=new_id("s"),

@@ -6,7 +6,7 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 from steradian.api.services import Services
-from steradian.jobs.model import JobRequest, Succeeded
+from steradian.jobs.model import Failed, JobRequest, Succeeded
 from steradian.jobs.requests import ImportRequest, job_of
 from steradian.masks import grid_mask
 from steradian.plans import ScanPlan
@@ -151,3 +151,53 @@ def test_drafts_of_jobs_that_were_killed_go_and_those_of_a_running_one_stay(serv
     services.tidy()
     assert [len(list(folder.glob("*.new"))) for folder in (over, running, dying)] == [0, 1, 0]
     assert [(folder / "volume.h5").exists() for folder in (over, running, dying)] == [True] * 3
+
+
+def test_a_result_that_a_waiting_job_has_still_to_read_stays_until_that_is_over(services):
+    image, reference, other = (job(services, name, over=True) for name in ("image", "reference", "other"))
+    exports = [
+        JobRequest("j1", "export", {"reconstruction_id": "image", "format": "nifti"}),
+        JobRequest("j2", "quality", {"reconstruction_id": "image", "reference_id": "reference"}),
+    ]
+    with services.database.write() as session:
+        for export in exports:
+            services.ledger.add(session, export)
+    services.clock.now += timedelta(days=31)
+    services.tidy()
+    assert [folder.exists() for folder in (image, reference, other)] == [True, True, False]
+    assert {row.id for row in services.ledger.page(10).rows} == {"image", "reference", "j1", "j2"}
+    for export in exports:
+        services.ledger.want_cancelled(export.id, "ada", None)
+        services.ledger.cancelled(export.id, "ada")
+    services.tidy()
+    assert [folder.exists() for folder in (image, reference)] == [False, False]
+
+
+def test_what_killed_imports_were_writing_goes_and_scans_and_running_imports_keep_theirs(services):
+    """A draft is a file, or the folder in which a file is read; a scan that is to run has one too."""
+    scans, plan = services.data.root / "scans", ScanPlan.create(mask=grid_mask(0.01, 3, 1e-3), samples=64)
+    services.masks.put(plan.mask)
+    armed = services.scans.queue(services.plans.put(plan)[0], simulated=True).id
+    for name in ("j1", "j2", "j3"):
+        with services.database.write() as session:
+            services.ledger.add(session, JobRequest(name, "import", {"upload_id": "u1"}))
+        services.ledger.start(name, "worker-0")
+    for name in ("j1", "j3"):
+        services.ledger.settle(name, 1, Failed("timeout", "it took too long"), "worker-0")
+    drafts = [
+        scans / f"{scan}.h5{ending}" for scan in ("s1", "s2", "s3", "s4") for ending in (".1.new", ".2.new.importing")
+    ]
+    for draft in drafts:
+        if draft.suffix == ".importing":
+            draft.mkdir()
+            (draft / "half.h5").write_bytes(b"half")
+        else:
+            draft.write_bytes(b"half")
+    for scan in ("s1.h5", f"{armed}.h5.new"):
+        (scans / scan).write_bytes(b"A-lines")
+    with services.data.job("j3").running():  # cancelled, and its process is still dying
+        services.tidy()
+        assert [draft.exists() for draft in drafts] == [False, False, True, True, True, True, False, False]
+    services.tidy()
+    left = {path.name for path in scans.iterdir()}
+    assert left == {"s1.h5", "s2.h5.1.new", "s2.h5.2.new.importing", f"{armed}.h5.new"}

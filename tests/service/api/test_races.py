@@ -1,0 +1,149 @@
+"""What is deleted while something that needs it is being made: one of the two is refused, naming the other."""
+
+import asyncio
+import threading
+import time
+import uuid
+
+import httpx
+import pytest
+from sqlalchemy import text
+
+from steradian.api.app import create_app
+from steradian.jobs.model import Succeeded
+from steradian.settings import Settings
+from steradian.storage.database import Database, metadata_url
+from steradian.storage.states import ScanState
+from steradian.storage.tables import PlanRow
+
+GRID = {"arrangement": "grid", "aperture": 0.01, "interval": 1e-4}
+SMALL = {"modes": 8}
+SPEED = {"kind": "sound-speed", "first": 1450, "last": 1550}
+
+
+class Bench:
+    """The application in this process, on a database of its own; nothing else runs."""
+
+    def __init__(self, folder, url):
+        settings = Settings.create(data=folder, database_url=url)
+        database = Database(metadata_url(settings))
+        database.migrate()
+        database.close()
+        self.app = create_app(settings)
+        self.services, self.made = self.app.state.services, 2
+        self.services.data.create()
+        self.services.scanner.ensure(simulated=True)
+
+    def ask(self, method, path, **more):
+        async def answered():
+            transport = httpx.ASGITransport(self.app, raise_app_exceptions=False)
+            async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1/api/v1") as http:
+                return await http.request(method, path, **more)
+
+        return asyncio.run(answered())
+
+    def post(self, path, **body):
+        return self.ask("POST", path, json=body, headers={"Idempotency-Key": uuid.uuid4().hex})
+
+    def make(self, path, **body):
+        answer = self.post(path, **body)
+        assert answer.status_code in {201, 202}, answer.text
+        return answer.json()["id"]
+
+    def mask(self):
+        self.made += 1
+        return self.make("/masks", **GRID, count=self.made)
+
+    def plan(self):
+        return self.make("/plans", mask_id=self.mask(), samples=64)
+
+    def scan(self):
+        scan = self.make("/scans", plan_id=self.plan())
+        for state in (ScanState.ARMING, ScanState.RUNNING, ScanState.COMPLETING, ScanState.COMPLETE):
+            summary = {"points": 9, "stored": 9, "fired": 9}
+            self.services.scans.transition(scan, state, why="test", summary=summary)
+        self.services.data.scan_file(scan).write_bytes(b"A-lines")
+        return scan
+
+    def image(self):
+        image = self.make("/reconstructions", scan_id=self.scan(), parameters=SMALL)
+        ledger = self.services.ledger
+        ledger.settle(image, ledger.start(image, "test").fence, Succeeded({}), "test")
+        self.services.data.job(image).root.mkdir()
+        self.services.data.job(image).volume.write_bytes(b"values")
+        return image
+
+    def delete(self, kind, identifier):
+        self.services.deletion.delete(kind, identifier, "ada", dependents=True, check=lambda _kinds: None)
+
+
+@pytest.fixture(scope="module", params=["sqlite", pytest.param("postgres", marks=pytest.mark.long)])
+def bench(request, tmp_path_factory):
+    url = request.getfixturevalue("postgres").database() if request.param == "postgres" else None
+    bench = Bench(tmp_path_factory.mktemp("races"), url)
+    yield bench
+    bench.services.close()
+
+
+@pytest.mark.parametrize(
+    ("kind", "path", "body"),
+    [
+        ("mask", "/plans", lambda mask: {"mask_id": mask, "samples": 64}),
+        ("plan", "/scans", lambda plan: {"plan_id": plan}),
+        ("scan", "/reconstructions", lambda scan: {"scan_id": scan, "parameters": SMALL}),
+        (
+            "scan",
+            "/batches",
+            lambda scan: {"scan_id": scan, "vary": {"sound_speed": [1480]}, "parameters": SMALL},
+        ),
+        ("scan", "/jobs", lambda scan: SPEED | {"scan_id": scan, "parameters": SMALL}),
+        ("image", "/jobs", lambda image: {"kind": "export", "reconstruction_id": image, "format": "nifti"}),
+        ("image", "/jobs", lambda image: {"kind": "quality", "reconstruction_id": image, "reference_id": image}),
+    ],
+)
+def test_what_was_deleted_since_it_was_looked_at_is_a_404_that_names_it(bench, monkeypatch, kind, path, body):
+    needed = getattr(bench, kind)()
+    keeper, name = (bench.services.plans, "put_columns") if path == "/plans" else (bench.services.answers, "once")
+    keep = getattr(keeper, name)
+
+    def meanwhile(*arguments):
+        bench.delete({"image": "reconstruction"}.get(kind, kind), needed)
+        return keep(*arguments)
+
+    monkeypatch.setattr(keeper, name, meanwhile)
+    answer = bench.post(path, **body(needed))
+    assert (answer.status_code, answer.json()["code"]) == (404, "not-found"), answer.text
+    assert needed in answer.json()["detail"]
+
+
+def test_a_mask_to_look_through_that_is_deleted_meanwhile_is_a_404(bench, monkeypatch):
+    scan, mask, once = bench.scan(), bench.mask(), bench.services.answers.once
+
+    def meanwhile(*arguments):
+        bench.delete("mask", mask)
+        return once(*arguments)
+
+    monkeypatch.setattr(bench.services.answers, "once", meanwhile)
+    body = {"scan_id": scan, "through": {"mask_id": mask}, "parameters": SMALL}
+    answer = bench.post("/reconstructions", **body)
+    assert (answer.status_code, mask in answer.json()["detail"]) == (404, True), answer.text
+
+
+@pytest.mark.parametrize("bench", [pytest.param("postgres", marks=pytest.mark.long)], indirect=True)
+def test_a_deletion_waits_for_what_is_being_made_and_then_names_it(bench):
+    mask, plan = bench.mask(), bench.services.plans.get(bench.plan())
+    copy = {column.name: getattr(plan, column.name) for column in PlanRow.__table__.columns} | {"mask_id": mask}
+    answers = []
+    deleting = threading.Thread(target=lambda: answers.append(bench.ask("DELETE", f"/masks/{mask}")))
+    with bench.services.database.write() as session:
+        session.add(PlanRow(**copy | {"sequence": None, "id": "pnew"}))
+        session.flush()
+        deleting.start()
+        waiting = "SELECT count(*) FROM pg_locks WHERE NOT granted"
+        deadline = time.monotonic() + 60
+        while not session.scalar(text(waiting)):
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+    deleting.join(60)
+    assert (answers[0].status_code, answers[0].json()["code"]) == (409, "has-dependents"), answers[0].text
+    assert answers[0].json()["dependents"] == ["/api/v1/plans/pnew"]
