@@ -1,4 +1,4 @@
-"""A TCP proxy in front of PostgreSQL's socket that a test can cut, or let hang."""
+"""A TCP proxy in front of PostgreSQL's socket that a test can cut."""
 
 import contextlib
 import socket
@@ -15,8 +15,7 @@ class Proxy:
         folder = parts.query["host"]
         self._target = f"{folder}/.s.PGSQL.{parts.port or 5432}"
         self._listener = socket.create_server(("127.0.0.1", 0))
-        self._open, self._flows, self._pairs = True, threading.Event(), []
-        self._flows.set()
+        self._open, self._pairs = True, []
         port = self._listener.getsockname()[1]
         self.url = f"postgresql://{parts.username}@127.0.0.1:{port}/{parts.database}"
         threading.Thread(target=self._accept, daemon=True).start()
@@ -30,17 +29,11 @@ class Proxy:
                     end.shutdown(socket.SHUT_RDWR)
 
     def mend(self):
-        """Take connections again, and pass on what was held back."""
+        """Take connections again."""
         self._open = True
-        self._flows.set()
-
-    def hang(self):
-        """Keep all connections and pass nothing on."""
-        self._flows.clear()
 
     def close(self):
         """End all connections and take no new ones."""
-        self._flows.set()
         self.cut()
         with contextlib.suppress(OSError):
             self._listener.shutdown(socket.SHUT_RDWR)  # else its thread goes on waiting
@@ -69,7 +62,6 @@ class Proxy:
     def _pass_on(self, source, sink):
         with contextlib.suppress(OSError):
             while data := source.recv(65_536):
-                self._flows.wait()
                 sink.sendall(data)
         for end in (source, sink):
             with contextlib.suppress(OSError):

@@ -1,9 +1,15 @@
 """What becomes of a job whose row the database refuses to change, has lost, or has in an earlier state."""
 
+import asyncio
 import os
+import sys
+from pathlib import Path
 
 from sqlalchemy import text
 
+from steradian.jobs.ledger import JobLedger
+from steradian.jobs.model import JobRequest, Succeeded
+from steradian.jobs.runner import JobRunner
 from steradian.storage.paths import DataDirectory
 from steradian.storage.states import ReconstructionState
 
@@ -67,3 +73,29 @@ def test_a_note_of_the_newest_start_that_a_power_cut_has_emptied_keeps_no_job_fr
     assert bench.queue.wait("emptied", timeout=60).result == {"start": 1}
     job.begin(1)
     job.check(1)
+
+
+class Overtaken(JobLedger):
+    """A ledger in which another worker starts a job in the moment in which this one brings its result."""
+
+    def settle(self, job_id, fence, outcome, worker):
+        JobLedger(self.database).start(job_id, "other")
+        return super().settle(job_id, fence, outcome, worker)
+
+
+def test_a_result_of_a_start_that_was_overtaken_in_that_moment_is_refused_by_the_ledger_alone(make_bench, tmp_path):
+    """No lock, no look at the job and no file is in its way."""
+    bench = make_bench(tmp_path)
+    ledger = bench.queue.ledger
+    with ledger.database.write() as session:
+        about = {"do": "succeed", "answer": "old", "diary": str(tmp_path / "diary")}
+        ledger.add(session, JobRequest("job", "echo", about))
+    echo = {"echo": [sys.executable, str(Path(__file__).with_name("echo_job.py"))]}
+    runner = JobRunner(bench.settings, Overtaken(ledger.database), echo, "cut-off")
+    assert asyncio.run(runner.run("job")) == R.RUNNING
+    status = ledger.status("job")
+    assert (status.state, status.result, status.attempt) == (R.RUNNING, {}, 2)
+    assert [(start["worker"], start["outcome"]) for start in status.attempts] == [("cut-off", "died"), ("other", None)]
+    ledger.settle("job", 2, Succeeded({"answer": "new"}), "other")
+    assert ledger.status("job").result == {"answer": "new"}
+    bench.queue.close()
