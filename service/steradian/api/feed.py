@@ -53,7 +53,8 @@ class Feed:
         self._moved, self._changed = asyncio.Event(), asyncio.Event()
         """Set, and replaced, when there is something new at all, and when an event is."""
         self._task: asyncio.Task[None] | None = None
-        self._listeners = 0
+        self._listeners = self._watchers = 0
+        """Who listens at all, and who wants progress too."""
         self._events: deque[EventRow] = deque(maxlen=KEPT)
         self._since = self.last = 0
         self.progress: dict[str, Progress] = {}
@@ -62,6 +63,7 @@ class Feed:
     async def listen(self, *, progress: bool = True) -> AsyncGenerator[None, None]:
         """Yield whenever there may be an event or, unless that does not matter, progress, and now and then anyway."""
         self._listeners += 1
+        self._watchers += progress
         if self._task is None:
             self._task = asyncio.create_task(self._look())
         try:
@@ -72,6 +74,7 @@ class Feed:
                     await asyncio.wait_for(changed.wait(), ANYWAY)
         finally:
             self._listeners -= 1
+            self._watchers -= progress
             if not self._listeners and self._task is not None:
                 self._task.cancel()
                 self._task = None
@@ -92,7 +95,7 @@ class Feed:
                     self._since = self.last = (await run_in_threadpool(self._services.log.bounds)).last
                 news = await run_in_threadpool(self._services.log.after, self.last, KEPT)
                 before = self.progress
-                if time.monotonic() - looked >= PROGRESS:
+                if self._watchers and time.monotonic() - looked >= PROGRESS:
                     looked = time.monotonic()
                     self.progress = await run_in_threadpool(self._find_progress)
                 self._take(news)

@@ -53,3 +53,26 @@ def test_forty_waiters_look_seldom_and_hear_of_the_end(tmp_path):
     finally:
         services.close()
     assert idle <= 40 * 6, "four seconds of nothing cost each at most six looks, not one every tenth of a second"
+
+
+def test_who_waits_for_a_job_has_nobody_look_for_progress(tmp_path, monkeypatch):
+    services = Services(Settings.create(data=tmp_path))
+    services.data.create()
+    services.database.migrate()
+    looks, plain = [], services.ledger.unfinished
+    monkeypatch.setattr(services.ledger, "unfinished", lambda: looks.append(1) or plain())
+    feed = Feed(services)
+
+    async def hear(progress):
+        async for _ in feed.listen(progress=progress):
+            if progress and not looks:
+                continue
+            return await asyncio.sleep(0 if progress else 1)
+
+    try:
+        asyncio.run(hear(False))
+        assert not looks
+        asyncio.run(asyncio.wait_for(hear(True), 60))
+        assert looks
+    finally:
+        services.close()
