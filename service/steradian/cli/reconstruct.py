@@ -61,6 +61,17 @@ def reconstruct(
     window: Annotated[str, typer.Option(help="kaiser-bessel or semicircle.")] = "kaiser-bessel",
     time_padding: Annotated[float, typer.Option(help="Extend the record with zeros, times.")] = 1.0,
     lateral_padding: Annotated[float, typer.Option(help="Extend the aperture with zeros, times.")] = 1.0,
+    highest_frequency: Annotated[
+        Any,
+        typer.Option(
+            parser=_frequency_or_signal,
+            metavar="<frequency>|signal",
+            help="Leave out what is above, 20MHz, at about its share of the cost; signal: found.",
+        ),
+    ] = None,
+    depth_step: Annotated[
+        float | None, _option("Distance of slices, at most; default: as the highest frequency allows.", kind=length)
+    ] = None,
     time_zero: Annotated[str, _option("each: every A-line at its own; common: all at the earliest.", SHOTS)] = "each",
     energy: Annotated[
         bool, typer.Option("--energy/--no-energy", help="Divide by the pulse energy.", rich_help_panel=SHOTS)
@@ -121,6 +132,8 @@ def reconstruct(
         window=window,
         time_padding=time_padding,
         lateral_padding=lateral_padding,
+        highest_frequency=highest_frequency,
+        depth_step=depth_step,
         shots={
             "time_zero": time_zero,
             "normalise_energy": energy,
@@ -171,6 +184,7 @@ def reconstruct(
         "pictures": f"from {1e3 * report.near_field_m:.2f} mm depth, colours to the {report.scale_percentile:g}th"
         " percentile",
         **_fit(report),
+        **_band(report),
         "sound speed": f"{report.sound_speed_m_s:g} m/s",
         "sensed": _area(report),
         "seconds": ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in report.seconds.items()),
@@ -180,6 +194,19 @@ def reconstruct(
     if report.missing is not None:
         console().print(f"[yellow]warning[/]: {report.missing}", soft_wrap=True)
     show_end(("volume", output / "volume.h5"), ("all results", output))
+
+
+def _frequency_or_signal(given: str | float) -> float | str:
+    """Read a frequency, or the word for finding it."""
+    return given if given == "signal" else frequency(given)
+
+
+def _band(report: Report) -> dict[str, object]:
+    """Say what was left out of the A-lines."""
+    if report.band is None:
+        return {}
+    end = 1e-6 * report.band.highest_frequency_hz
+    return {"frequencies": f"below {end:.4g} MHz; {100 * report.band.left_out:.2g} % of the A-lines' power left out"}
 
 
 def _fit(report: Report) -> dict[str, object]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from steradian.errors import InvalidInput
+from steradian.imaging.geometry import LEAST_CYCLES
 from steradian.imaging.volume import RealArray
 
 _ABOVE = 2.0  # power of signal plus noise against noise alone where the band ends
@@ -19,18 +21,51 @@ def signal_band(traces: RealArray, sampling_interval: float) -> tuple[float, flo
     The noise is taken from the top quarter of frequencies, where a film's signal has ended; the band ends where the
     mean power of all traces falls below twice the noise's for good.
     """
-    samples = traces.shape[1]
-    power = np.zeros(samples // 2 + 1)
-    for first in range(0, len(traces), _CHUNK):
-        spectrum = np.fft.rfft(traces[first : first + _CHUNK], axis=1)
-        power += (np.abs(spectrum) ** 2).sum(axis=0)
-    power /= len(traces) * samples
+    samples, power = traces.shape[1], _mean_power(traces)
     width = max(1, len(power) // 64)
     smooth = np.convolve(power, np.ones(width) / width, mode="same")
     noise = float(np.median(power[-max(1, len(power) // 4) :]))
     loud = np.flatnonzero(smooth > max(_ABOVE * noise, _FLOOR * float(smooth.max())))
     last = int(loud[-1]) if loud.size else len(power) - 1
     return float((last + 1) / (samples * sampling_interval)), float(np.sqrt(noise))
+
+
+def upper_limit(highest: float | str | None, traces: RealArray, sampling_interval: float) -> float | None:
+    """Return the highest frequency to use, in Hz: as given, or of "signal" where that ends, two cycles at least.
+
+    Raises
+    ------
+    InvalidInput
+        If it is another word, or the traces are no numbers.
+    """
+    if not isinstance(highest, str):
+        return highest
+    if highest != "signal":
+        raise InvalidInput("highest_frequency", highest, 'a frequency in Hz, "signal" or None')
+    if traces.dtype.kind not in "iuf":
+        raise InvalidInput("traces", f"an array of {traces.dtype}", "integers or floating numbers")
+    least: float = LEAST_CYCLES / (traces.shape[1] * sampling_interval)
+    return max(signal_band(traces, sampling_interval)[0], least)
+
+
+def share_above(frequency: float, traces: RealArray, sampling_interval: float) -> float:
+    """Share of the A-lines' power that lies above a frequency in Hz."""
+    power = _mean_power(traces)
+    power[1 : (traces.shape[1] + 1) // 2] *= 2  # those of negative frequencies
+    above = np.arange(len(power)) / (traces.shape[1] * sampling_interval) >= frequency
+    total = float(power.sum())
+    return float(power[above].sum()) / total if total > 0 else 0.0
+
+
+def _mean_power(traces: RealArray) -> NDArray[np.float64]:
+    """Mean of |G|²/N_t at each frequency that is not negative."""
+    samples = traces.shape[1]
+    power = np.zeros(samples // 2 + 1)
+    for first in range(0, len(traces), _CHUNK):
+        spectrum = np.fft.rfft(traces[first : first + _CHUNK], axis=1)
+        power += (np.abs(spectrum) ** 2).sum(axis=0)
+    power /= len(traces) * samples
+    return power
 
 
 def thinning(highest: float, sampling_interval: float) -> int:

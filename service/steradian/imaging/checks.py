@@ -193,5 +193,14 @@ def numbers(field: str, values: ArrayLike, allowed: str) -> Floats:
         raise InvalidInput(field, _kind(values), allowed) from None
 
 
+def first_bad(traces: NDArray[Any]) -> str:
+    """Say what is wrong with A-lines (M, N_t) that cannot be reconstructed."""
+    for m, row in enumerate(traces):
+        bad = np.flatnonzero(~np.isfinite(row))
+        if bad.size:
+            return f"{row[bad[0]]} at row {m}, column {bad[0]}"
+    return "beyond the range of the working precision"
+
+
 def _kind(values: object) -> str:
     return f"an array of {values.dtype}" if isinstance(values, np.ndarray) else f"a {type(values).__name__}"

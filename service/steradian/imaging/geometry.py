@@ -12,10 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 from steradian.errors import InvalidInput
 from steradian.imaging import checks
 from steradian.imaging.checks import Sensors
-from steradian.imaging.transforms.sizes import fast_record
+from steradian.imaging.transforms.sizes import fast_record, fast_size
 from steradian.imaging.volume import Axes
 from steradian.imaging.weights import sensor_areas
-from steradian.ranges import SAMPLING_INTERVAL, SOUND_SPEED
+from steradian.ranges import SAMPLING_INTERVAL, SOUND_SPEED, real
+
+LEAST_CYCLES = 2
+"""Of the highest frequency in a record."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +40,10 @@ class Geometry:
         would make the transform slow.
     sampling_interval, sound_speed, time_zero
         dt, c, and the time of the first sample after the laser pulse.
+    highest_frequency
+        End of the band in Hz that is used; None: all up to the Nyquist frequency.
+    depth_points
+        Points N_z that the record's depth c·N_t·dt is divided into: N_t, or fewer where they hold the band.
     depth
         First depth index and one past the last.
     upsampling
@@ -54,6 +61,8 @@ class Geometry:
     sampling_interval: float
     sound_speed: float
     time_zero: float
+    highest_frequency: float | None
+    depth_points: int
     depth: tuple[int, int]
     upsampling: int
 
@@ -64,8 +73,16 @@ class Geometry:
 
     @property
     def depth_step(self) -> float:
-        """Δz = c·dt in metres."""
-        return self.sound_speed * self.sampling_interval
+        """Δz in metres: c·dt, times N_t/N_z."""
+        return self.sound_speed * self.sampling_interval * self.record / self.depth_points
+
+    @property
+    def band(self) -> float:
+        """Bound of κ, in cycles a record."""
+        nyquist = 0.5 * self.record
+        if self.highest_frequency is None:
+            return nyquist
+        return min(nyquist, self.highest_frequency * self.sampling_interval * self.record)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -78,7 +95,7 @@ class Geometry:
         return (*(X / n / self.upsampling for X, n in zip(self.aperture, self.modes, strict=True)), self.depth_step)
 
     def axes(self) -> Axes:
-        """Coordinates of the voxels: lateral index i is (i/upsampling − N//2)·X/N, depth index n is n·c·dt."""
+        """Coordinates of the voxels: lateral index i is (i/upsampling − N//2)·X/N, depth index n is n·Δz."""
         lateral = [
             (np.arange(n * self.upsampling, dtype=np.float64) / self.upsampling - n // 2) * (X / n)
             for X, n in zip(self.aperture, self.modes, strict=True)
@@ -105,14 +122,45 @@ def _weights(
     return checks.areas(h, x, period)
 
 
-def _depths(depth_range: tuple[float, float] | None, samples: int, record: int, step: float) -> tuple[int, int]:
+def _depths(
+    depth_range: tuple[float, float] | None, samples: int, record: int, points: int, fine: float
+) -> tuple[int, int]:
+    """First index and one past the last of ``points`` in a record whose samples are ``fine`` metres apart."""
     if depth_range is None:
-        return 0, samples
-    low, high = checks.depths(depth_range, (record - 1) * step)
+        return 0, -(-samples * points // record)
+    low, high = checks.depths(depth_range, (record - 1) * fine)
+    step = fine * record / points
     first, last = int(np.ceil(low / step - 1e-6)), int(np.floor(high / step + 1e-6)) + 1
     if last <= first:
         raise InvalidInput("depth_range", depth_range, f"a range with at least one slice (step {step:.4g} m)")
-    return first, min(last, record)
+    return first, min(last, points)
+
+
+def _frequency(value: object, record: int, interval: float) -> float | None:
+    if value is None:
+        return None
+    least = LEAST_CYCLES / (record * interval)
+    allowed = f"a frequency from {least:.4g} Hz, {LEAST_CYCLES} cycles a record, or None"
+    if isinstance(value, str):
+        allowed += '; "signal" is for reconstruct(), which has the A-lines'
+    frequency = real("highest_frequency", value, allowed)
+    if frequency < least:
+        raise InvalidInput("highest_frequency", value, allowed)
+    return frequency
+
+
+def _depth_points(highest: float | None, depth_step: float | None, record: int, interval: float, speed: float) -> int:
+    points = record
+    if highest is not None:
+        points = min(record, fast_size(2 * np.ceil(highest * interval * record)))
+    if depth_step is None:
+        return points
+    length = record * interval * speed
+    allowed = f"{length / record:.4g} (c·dt) to {length:.4g} m, or None"
+    step = real("depth_step", depth_step, allowed)
+    if not length / record * (1 - 1e-6) <= step <= length:
+        raise InvalidInput("depth_step", depth_step, allowed)
+    return max(points, min(record, int(np.ceil(length / step - 1e-6))))
 
 
 def geometry(
@@ -130,6 +178,8 @@ def geometry(
     time_padding: float = 1.0,
     lateral_padding: float = 1.0,
     wrap: bool = False,
+    highest_frequency: float | None = None,
+    depth_step: float | None = None,
 ) -> Geometry:
     """Check and complete what the user gave; parameters as in :func:`steradian.imaging.reconstruct`.
 
@@ -154,6 +204,8 @@ def geometry(
         raise InvalidInput("aperture", aperture, f"at least the sensors' extent about 0 ({needed} m), or wrap=True")
     padded = tuple(int(np.ceil(n * lateral_padding - 1e-9)) for n in number)
     record = fast_record(int(np.ceil(samples * time_padding - 1e-9)))
+    highest = _frequency(highest_frequency, record, interval)
+    points = _depth_points(highest, depth_step, record, interval, speed)
     return Geometry(
         positions=x,
         weights=_weights(weights, x, period),
@@ -166,6 +218,8 @@ def geometry(
         sampling_interval=interval,
         sound_speed=speed,
         time_zero=checks.start_time(time_zero),
-        depth=_depths(depth_range, samples, record, interval * speed),
+        highest_frequency=highest,
+        depth_points=points,
+        depth=_depths(depth_range, samples, record, points, interval * speed),
         upsampling=checks.whole("upsampling", upsampling, 1, 16),
     )

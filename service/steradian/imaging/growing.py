@@ -64,7 +64,7 @@ class GrowingReconstruction:
         self.measured = np.zeros(count, bool)
         self._factors = np.zeros(count)  # of h, of each sensor's part of the sum
         self._neighbours = _neighbours(plan.geometry.positions) if fitted else None
-        self._traces = np.zeros((count if fitted else 0, plan.geometry.samples), plan.dtype)
+        self._traces = np.zeros((count if fitted else 0, plan.tables.time.samples), plan.dtype)
         self._sum: Any = None  # modes over time, of the plan's engine
 
     @property
@@ -184,7 +184,7 @@ class GrowingReconstruction:
         data = data.astype(self.plan.dtype, copy=False)
         if not np.isfinite(data).all():
             raise InvalidInput("traces", "a sample that is not finite", "finite numbers")
-        return which, data
+        return which, self.plan.decimated(data)
 
 
 def _neighbours(positions: NDArray[np.float64]) -> NDArray[np.int64]:

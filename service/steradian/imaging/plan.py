@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from steradian.errors import InvalidInput
 from steradian.imaging import checks, memory
 from steradian.imaging.checks import Sensors
-from steradian.imaging.engines import Watch, image_of
+from steradian.imaging.engines import NOBODY, Watch, image_of
 from steradian.imaging.engines.numba.engine import NumbaEngine
 from steradian.imaging.engines.numba.room import least_bytes
 from steradian.imaging.geometry import Geometry, geometry
@@ -69,6 +69,8 @@ class ReconstructionPlan:
         time_padding: float = 1.0,
         lateral_padding: float = 1.0,
         wrap: bool = False,
+        highest_frequency: float | None = None,
+        depth_step: float | None = None,
         correction: Correction | None = None,
         dtype: DTypeLike | None = None,
         memory_limit: int | None = None,
@@ -96,6 +98,8 @@ class ReconstructionPlan:
             time_padding=time_padding,
             lateral_padding=lateral_padding,
             wrap=wrap,
+            highest_frequency=highest_frequency,
+            depth_step=depth_step,
         )
         self._memory_limit = memory_limit
         memory.require(least_bytes(found, precision), memory_limit, found.shape)
@@ -182,8 +186,24 @@ class ReconstructionPlan:
             return [self._one(frame, scale, watch) for frame in data]
         return self._one(data, scale, watch)
 
+    def decimated(self, traces: NDArray[Any], watch: Watch = NOBODY) -> NDArray[Any]:
+        """Return A-lines (K, N_t) with the samples that the engine takes: fewer where ``highest_frequency`` allows.
+
+        Raises
+        ------
+        InvalidInput
+            If a sample is not finite.
+        """
+        fewer = self.tables.decimation
+        if fewer is None:
+            return traces
+        result = fewer.apply(traces, self.dtype, threads=self.threads, **watch._asdict())
+        if not np.isfinite(result).all():
+            raise InvalidInput("traces", checks.first_bad(traces), "finite numbers")
+        return result
+
     def _one(self, data: NDArray[Any], scale: float, watch: Watch) -> Volume:
-        g = self.geometry
+        g, data = self.geometry, self.decimated(data, watch)
         if data.dtype not in (np.float32, np.float64, np.int16, np.int32):
             data = data.astype(np.int32 if data.dtype.kind in "iu" and data.dtype.itemsize < 4 else np.float64)
         return Volume(image_of(self.engine, data, watch, scale=scale), g.axes(), g.spacing, g.sound_speed)

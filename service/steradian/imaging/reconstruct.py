@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, DTypeLike
 
 from steradian.errors import InvalidInput
 from steradian.imaging import checks
+from steradian.imaging.band import upper_limit
 from steradian.imaging.checks import Sensors
 from steradian.imaging.iterative_options import Iterative
 from steradian.imaging.plan import ReconstructionPlan
@@ -18,6 +19,7 @@ from steradian.imaging.tables import Method as DirectMethod
 from steradian.imaging.transforms.windows import Shape, Window
 from steradian.imaging.volume import Volume
 from steradian.progress import IsCancelled, Progress
+from steradian.ranges import SAMPLING_INTERVAL
 
 if TYPE_CHECKING:
     from steradian.imaging.iterative import IterativeResult
@@ -43,6 +45,8 @@ def reconstruct(
     time_padding: float = 1.0,
     lateral_padding: float | None = None,
     wrap: bool = False,
+    highest_frequency: float | Literal["signal"] | None = None,
+    depth_step: float | None = None,
     correction: Correction | None = None,
     iterative: Iterative | None = None,
     on_fit: Callable[[IterativeResult], None] | None = None,
@@ -65,7 +69,7 @@ def reconstruct(
     sampling_interval
         dt in seconds.
     sound_speed
-        c in m/s. The depth step is c·dt.
+        c in m/s. The depth step is c·dt, if nothing else is asked for.
     aperture
         Lateral period X in metres, one number or (X, Y); None: the mask's.
     modes
@@ -103,6 +107,13 @@ def reconstruct(
         for "iterative". Records whose length has a prime factor above 127 get a few zeros more.
     wrap
         Allow sensors outside the aperture; they count where the periodic aperture has them.
+    highest_frequency
+        Leave out what is above, in Hz: κ ends there. The run then costs about its share of the Nyquist frequency,
+        0.5/dt, and the image has as many slices as that band needs. "signal": where the A-lines' signal ends in noise
+        (:func:`steradian.imaging.band.signal_band`). None: all. Not for "iterative", whose options have one.
+    depth_step
+        Distance of slices in metres, at most, from c·dt: with ``highest_frequency`` the image is interpolated (zeros
+        above the band) to as many slices as that takes. None: c·dt, or with a limit as far apart as the band allows.
     correction
         Of the film's response over frequency and angle: a regularised filter, or for "iterative" part of the model.
     iterative
@@ -139,6 +150,11 @@ def reconstruct(
         raise InvalidInput("traces", f"an array of shape {data.shape}", "shape (M, N_t): one row a sensor")
     if method == "iterative":
         _refuse_unused(window, time_padding, correction)
+        if highest_frequency is not None or depth_step is not None:
+            name, value = (
+                ("depth_step", depth_step) if highest_frequency is None else ("highest_frequency", highest_frequency)
+            )
+            raise InvalidInput(name, value, "None with the method iterative, whose options have a highest_frequency")
         from steradian.imaging.iterative import reconstruct_iteratively
 
         found = reconstruct_iteratively(
@@ -187,6 +203,10 @@ def reconstruct(
         time_padding=time_padding,
         lateral_padding=1.0 if lateral_padding is None else lateral_padding,
         wrap=wrap,
+        highest_frequency=upper_limit(
+            highest_frequency, data, SAMPLING_INTERVAL.check("sampling_interval", sampling_interval)
+        ),
+        depth_step=depth_step,
         correction=correction,
         dtype=dtype,
         memory_limit=memory_limit,

@@ -14,6 +14,7 @@ from steradian.errors import InvalidInput
 from steradian.imaging import checks
 from steradian.imaging.geometry import Geometry
 from steradian.imaging.response import FilmResponse, tabulated
+from steradian.imaging.transforms.decimation import Decimation, decimation
 from steradian.imaging.transforms.depth import Interpolation, KappaRule, exact, simple
 from steradian.imaging.transforms.lateral import Lateral, filled, grid_of, gridded, non_uniform
 from steradian.imaging.transforms.sizes import lateral_grid
@@ -38,9 +39,11 @@ class Tables:
     lateral
         Sensors to lateral modes.
     time
-        Transform over time.
+        Transform over time, of A-lines after the decimation.
     rule
         From which κ which depth frequency comes, and how.
+    decimation
+        What is done to A-lines first, if anything.
     """
 
     geometry: Geometry
@@ -49,6 +52,7 @@ class Tables:
     lateral: Lateral
     time: Interpolation
     rule: KappaRule
+    decimation: Decimation | None = None
 
     @property
     def depths(self) -> int:
@@ -101,12 +105,17 @@ def direct_tables(
         sizes, found = lateral_grid(modes, len(places), window, share)
         lateral = non_uniform(places, geometry.weights / point, modes, found, sizes)
     if method in ("linear", "nearest"):
+        fewer = None  # these interpolate between the frequencies of the record as it is
         time = simple(geometry.samples, geometry.record, method == "nearest")
     else:
-        time = exact(geometry.samples, geometry.record, window, share, 0.05 * tolerance)
+        fewer = decimation(geometry.samples, geometry.band / geometry.record, 0.2 * tolerance)
+        samples, record = geometry.samples, float(geometry.record)
+        if fewer is not None:
+            samples, record = fewer.samples, geometry.record / fewer.every
+        time = exact(samples, record, window, share, 0.05 * tolerance)
     used: Method = "ner" if method == "nedner" and grid is not None else method
-    rule = _rule(geometry, time, 0.5 * geometry.record, "rising", correction)
-    return Tables(geometry, used, dtype, lateral, time, rule)
+    rule = _rule(geometry, time, geometry.band, "rising", correction, fewer)
+    return Tables(geometry, used, dtype, lateral, time, rule, fewer)
 
 
 def model_tables(
@@ -151,13 +160,19 @@ class _Turned:
 
 
 def _rule(
-    g: Geometry, time: Interpolation, band: float, waves: Literal["rising", "both"], response: FilmResponse | None
+    g: Geometry,
+    time: Interpolation,
+    band: float,
+    waves: Literal["rising", "both"],
+    response: FilmResponse | None,
+    fewer: Decimation | None = None,
 ) -> KappaRule:
     table, steps = tabulated(
         response, nyquist=0.5 / g.sampling_interval, bandwidth=0.5 * g.record, sound_speed=g.sound_speed
     )
-    scales = [g.record * g.depth_step / X for X in g.period]
-    turns = (time.centre + g.time_zero / g.sampling_interval) / g.record
+    scales = [g.record * g.sound_speed * g.sampling_interval / X for X in g.period]
+    first = g.time_zero / g.sampling_interval + (0.0 if fewer is None else fewer.first)
+    turns = time.centre / time.record + first / g.record
     return KappaRule((0.0, scales[0]) if len(scales) == 1 else (scales[0], scales[1]), turns, band, waves, table, steps)
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from steradian.drafts import draft
 from steradian.imaging import Volume, outlines, reconstruct
+from steradian.imaging.band import share_above, upper_limit
 from steradian.imaging.weights import sensed_outline
 from steradian.plain import plain
 from steradian.progress import IsCancelled, Progress
@@ -63,6 +64,22 @@ class Fit:
     misfits: tuple[float, ...]
 
 
+@dataclass(frozen=True)
+class Band:
+    """What was left out of the A-lines.
+
+    Attributes
+    ----------
+    highest_frequency_hz
+        Only frequencies below were used.
+    left_out
+        Share of the A-lines' power that was above.
+    """
+
+    highest_frequency_hz: float
+    left_out: float
+
+
 @dataclass
 class Report:
     """Figures of a finished reconstruction, as written to ``report.json``."""
@@ -86,6 +103,8 @@ class Report:
     """What a partly measured scan lacks."""
     fit: Fit | None = None
     """How the method iterative found the image."""
+    band: Band | None = None
+    """Up to which frequency A-lines were used, where that was asked for."""
     shots: Unevenness = field(default_factory=Unevenness)
     """What A-lines differed in, and how many were left out."""
     near_field_m: float = 0.0
@@ -105,6 +124,11 @@ class Report:
         """Note how an image was found."""
         misfits = tuple(round(value, 6) for value in found.residuals)
         self.fit = Fit(found.iterations, found.stopped, misfits[-1], misfits)
+
+    def note_band(self, band: Band) -> None:
+        """Note which frequencies were used; the parameters say it in Hz."""
+        self.band = band
+        self.parameters["highest_frequency"] = band.highest_frequency_hz
 
     @contextmanager
     def timed(self, stage: str) -> Iterator[None]:
@@ -174,7 +198,13 @@ def write_reconstruction(
             recording, report.shots = even_out(recording, chosen.shots)
     with report.timed("reconstruct"):
         volume = reconstruct_recording(
-            recording, chosen, plans=plans, on_fit=report.note_fit, progress=progress, cancelled=cancelled
+            recording,
+            chosen,
+            plans=plans,
+            on_fit=report.note_fit,
+            on_band=report.note_band,
+            progress=progress,
+            cancelled=cancelled,
         )
     report.axes = ", ".join(volume.names)
     report.shape, report.spacing_m = volume.values.shape, tuple(map(float, volume.spacing))
@@ -223,6 +253,7 @@ def reconstruct_recording(
     *,
     plans: KeptPlans | None = None,
     on_fit: Callable[[IterativeResult], None] | None = None,
+    on_band: Callable[[Band], None] | None = None,
     progress: Progress | None = None,
     cancelled: IsCancelled | None = None,
 ) -> Volume:
@@ -230,6 +261,11 @@ def reconstruct_recording(
     recording, _ = even_out(recording, parameters.shots)
     traces = conditioned(recording, parameters)
     options = plan_options(recording, parameters)
+    highest = options["highest_frequency"] = upper_limit(
+        parameters.highest_frequency, traces, recording.sampling_interval
+    )
+    if highest is not None and on_band is not None:
+        on_band(Band(highest, share_above(highest, traces, recording.sampling_interval)))
     correction = parameters.film.correction()
     fitted = parameters.method == "iterative"
     if fitted and options["lateral_padding"] == 1:

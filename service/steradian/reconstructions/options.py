@@ -56,6 +56,8 @@ def plan_options(recording: Recording, parameters: ReconstructionParameters) -> 
         "time_zero": recording.time_zero + parameters.conditioning.delay,
         "time_padding": parameters.time_padding,
         "lateral_padding": parameters.lateral_padding,
+        "highest_frequency": parameters.highest_frequency,
+        "depth_step": parameters.depth_step,
     }
 
 

@@ -45,6 +45,18 @@ class ReconstructionParameters(Value):
     lateral_padding: float = quantity(
         "times", "Zeros around the aperture against sources outside it", ge=1, le=16, default=1.0
     )
+    highest_frequency: float | Literal["signal"] | None = Field(
+        default=None,
+        description="Leave out what is above (Hz): fewer slices, at about that share of the cost; signal: where the "
+        "A-lines' signal ends in noise; none: all",
+    )
+    depth_step: float | None = quantity(
+        "m",
+        "Distance of slices, at most; none: that of samples, with a highest frequency as far apart as it allows",
+        gt=0,
+        le=1,
+        default=None,
+    )
     iterative: Iterative = Field(
         default=Iterative(), description="Regulariser and stopping rule of the method iterative"
     )
@@ -57,6 +69,13 @@ class ReconstructionParameters(Value):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        highest = self.highest_frequency
+        if highest is not None and highest != "signal" and highest <= 0:
+            raise InvalidInput("highest_frequency", highest, 'a frequency above 0 Hz, "signal" or none')
+        if self.method == "iterative" and highest is not None:
+            raise InvalidInput("highest_frequency", highest, "none with the method iterative; iterative has one")
+        if self.method == "iterative" and self.depth_step is not None:
+            raise InvalidInput("depth_step", self.depth_step, "none with the method iterative")
         if self.depth_range is not None:
             first, last = self.depth_range
             if (first or 0.0) < 0 or (last is not None and last <= (first or 0.0)):

@@ -44,7 +44,13 @@ class Preview:
         if depths is not None:  # the last slice may lie between two of the preview's
             step = interval * options["sound_speed"]
             depths = (step * (depths[0] // step), step * (depths[1] // step))
-        return options | {"modes": self.modes, "sampling_interval": interval, "depth_range": depths, "upsampling": 1}
+        changed = {"modes": self.modes, "sampling_interval": interval, "depth_range": depths, "upsampling": 1}
+        highest = options["highest_frequency"]
+        if self.decimation > 1:  # that leaves out enough
+            changed |= {"highest_frequency": None, "depth_step": None}
+        elif isinstance(highest, str):  # of A-lines that are still to come
+            changed |= {"highest_frequency": None}
+        return options | changed
 
     def samples(self, samples: int) -> int:
         """Count the samples of a preview's A-line."""

@@ -28,15 +28,22 @@ OPTIONAL: dict[str, st.SearchStrategy[Any]] = {
     "time_padding": st.floats(1, 3),
     "lateral_padding": st.floats(1, 3),
     "wrap": st.booleans(),
+    "highest_frequency": st.one_of(st.just("signal"), st.floats(1e5, 1e9)),
+    "depth_step": st.floats(1e-6, 1e-2),
     "scale": st.floats(-1e3, 1e3),
     "dtype": st.sampled_from([None, "float32", np.float64, "float16"]),
 }
 ANY = st.floats(allow_nan=False, allow_infinity=False)
 ODD = st.dictionaries(
-    st.sampled_from([*NEEDED, "upsampling", "tolerance", "time_zero", "time_padding", "lateral_padding", "scale"]),
+    st.sampled_from(
+        [
+            *NEEDED, "upsampling", "tolerance", "time_zero", "time_padding", "lateral_padding", "scale",
+            "highest_frequency", "depth_step",
+        ]
+    ),
     ANY,
     max_size=1,
-)
+)  # fmt: skip
 WINDOW = st.tuples(st.sampled_from(["kaiser-bessel", "semicircle"]), st.integers(1, 50), st.floats(0.9, 4), SIDE)
 KNOWN = {*NEEDED, *OPTIONAL, "positions", "traces", "memory_limit", "width", "oversampling"}
 

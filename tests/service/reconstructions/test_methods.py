@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,10 +13,13 @@ from typer.testing import CliRunner
 
 from steradian.cli.app import app
 from steradian.errors import InvalidInput
+from steradian.imaging import Volume
 from steradian.imaging.conditioning import Display
 from steradian.reconstructions.job import Report, reconstruct_recording, reconstruct_scan, write_reconstruction
 from steradian.reconstructions.kept_plans import KeptPlans
+from steradian.reconstructions.options import plan_options
 from steradian.reconstructions.parameters import ReconstructionParameters
+from steradian.reconstructions.preview import Preview
 from steradian.reconstructions.volume_file import read_volume
 from steradian.scans.opening import open_recording
 
@@ -68,6 +72,53 @@ def test_a_corrected_film_changes_the_image_with_kept_plans_as_well(recording: P
     images = [reconstruct_recording(found, p, plans=KeptPlans()).values for p in (plain, filtered)]
     assert images[1].max() > 1.05 * images[0].max()
     np.testing.assert_allclose(images[1], reconstruct_recording(found, filtered).values)
+
+
+def test_the_command_line_leaves_out_what_is_above_a_frequency_and_says_so(recording: Path, tmp_path: Path) -> None:
+    """The ball's A-lines end near 5 MHz; Nyquist is 25 MHz."""
+
+    def run(*options: str) -> tuple[dict[str, Any], Volume, str]:
+        out = tmp_path / "-".join(("out", *options))
+        command = ["reconstruct", str(recording), "-o", str(out), *options]
+        result = CliRunner().invoke(app, command, env={"COLUMNS": "200"})
+        assert result.exit_code == 0, result.output
+        return json.loads((out / "report.json").read_text()), read_volume(out / "volume.h5"), result.output
+
+    full, whole, _ = run()
+    assert full["band"] is None
+    report, volume, said = run("--highest-frequency", "10MHz")
+    assert report["parameters"]["highest_frequency"] == report["band"]["highest_frequency_hz"] == 10e6
+    assert 0 < report["band"]["left_out"] < 0.01
+    assert "below 10 MHz" in said
+    assert volume.values.shape[-1] == 40
+    assert report["spacing_m"][-1] == pytest.approx(20e-9 * 1500 * 100 / 40)
+    found, volume, _ = run("--highest-frequency", "signal", "--depth-step", "30um")
+    assert 3e6 < found["band"]["highest_frequency_hz"] == found["parameters"]["highest_frequency"] < 20e6
+    np.testing.assert_allclose(volume.axes.z, whole.axes.z)
+    assert np.linalg.norm(volume.values - whole.values) < 0.01 * np.linalg.norm(whole.values)
+    assert ReconstructionParameters.create(**found["parameters"]).depth_step == pytest.approx(30e-6)
+
+
+def test_a_limit_that_is_none_is_refused_before_anything_is_read() -> None:
+    for bad in ({"highest_frequency": 0}, {"highest_frequency": "loud"}, {"depth_step": 0}):
+        with pytest.raises(InvalidInput, match=next(iter(bad))):
+            ReconstructionParameters.create(**bad)
+    for more in ({"highest_frequency": 2e7}, {"highest_frequency": "signal"}, {"depth_step": 2e-5}):
+        with pytest.raises(InvalidInput, match="iterative"):
+            ReconstructionParameters.create(method="iterative", **more)
+
+
+def test_kept_plans_and_an_image_that_grows_leave_out_the_same(recording: Path) -> None:
+    found = open_recording(recording)
+    for highest in (10e6, "signal"):
+        parameters = ReconstructionParameters.create(highest_frequency=highest)
+        plain = reconstruct_recording(found, parameters).values
+        np.testing.assert_array_equal(plain, reconstruct_recording(found, parameters, plans=KeptPlans()).values)
+    options = plan_options(found, parameters)
+    for preview in (Preview(16, 1), Preview(16, 2)):  # what is still to come has no end of its signal
+        assert preview.plan_options(options)["highest_frequency"] is None
+    options = plan_options(found, parameters.replace(highest_frequency=10e6))
+    assert Preview(16, 1).plan_options(options)["highest_frequency"] == 10e6
 
 
 def test_pictures_may_leave_out_what_is_below_zero(recording: Path) -> None:

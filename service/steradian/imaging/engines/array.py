@@ -64,18 +64,18 @@ class ArrayEngine:
 
     def to_depth(self, modes: Any, watch: Watch = NOBODY, *, kept: bool = False) -> Any:
         """See :class:`steradian.imaging.engines.Engine`."""
-        xp, record = self._xp, self.tables.time.record
+        xp, g = self._xp, self.tables.geometry
         rising = xp.concat([self._interpolated(modes, i) for i in range(modes.shape[0])], axis=0)
         # those of −κ, as the traces are real: the conjugates at the opposite modes
         falling = xp.conj(xp.roll(xp.flip(rising, axis=(0, 1)), (1, 1), axis=(0, 1)))
         if self.tables.rule.waves == "both":
             rising = falling = rising + falling
-        gap = xp.zeros((*rising.shape[:2], record + 1 - 2 * rising.shape[2]), dtype=self._complex)
-        first, last = self.tables.geometry.depth
+        gap = xp.zeros((*rising.shape[:2], g.depth_points + 1 - 2 * rising.shape[2]), dtype=self._complex)
+        (first, last), share = g.depth, g.depth_points / g.record
         rows = []
         for i in range(rising.shape[0]):  # row by row: less memory
             both = xp.concat([rising[i, ...], gap[i, ...], xp.flip(falling[i, :, 1:], axis=1)], axis=1)
-            rows.append(xp.fft.ifft(both, axis=1)[None, :, first:last])
+            rows.append(xp.fft.ifft(both, axis=1)[None, :, first:last] * share)
         return xp.concat(rows, axis=0)
 
     def to_image(self, modes: Any, watch: Watch = NOBODY) -> Any:
@@ -105,14 +105,15 @@ class ArrayEngine:
     def to_depth_adjoint(self, modes: Any, watch: Watch = NOBODY) -> Any:
         """See :class:`steradian.imaging.engines.Engine`."""
         xp, time, (first, last) = self._xp, self.tables.time, self.tables.geometry.depth
+        record = self.tables.geometry.record  # that of the model: its depths are no fewer
         left = xp.zeros((*modes.shape[1:2], first), dtype=self._complex)
-        right = xp.zeros((*modes.shape[1:2], time.record - last), dtype=self._complex)
+        right = xp.zeros((*modes.shape[1:2], record - last), dtype=self._complex)
         rows = []
         for i in range(modes.shape[0]):
-            spectrum = xp.fft.fft(xp.concat([left, modes[i, ...], right], axis=1), axis=1) / time.record
+            spectrum = xp.fft.fft(xp.concat([left, modes[i, ...], right], axis=1), axis=1) / record
             cells, taps, factor = self._stencils(i)
             count = factor.shape[1]
-            opposite = xp.flip(spectrum[:, time.record - count + 1 :], axis=1)
+            opposite = xp.flip(spectrum[:, record - count + 1 :], axis=1)
             both = spectrum[:, :count] + xp.concat([spectrum[:, :1] * 0, opposite], axis=1)
             line = xp.zeros(modes.shape[1] * time.length, dtype=self._complex)
             start = xp.arange(modes.shape[1])[:, None] * time.length
@@ -171,7 +172,7 @@ class ArrayEngine:
     def _stencils(self, i: int) -> tuple[list[Any], list[Any], Any]:
         """Cells and weights, a tap after the other, and the factor, of the modes [i, y] at each l ≥ 0 (float64)."""
         time, rule = self.tables.time, self.tables.rule
-        l = np.arange((time.record + 1) // 2)  # noqa: E741
+        l = np.arange((self.tables.geometry.depth_points + 1) // 2)  # noqa: E741
         across = np.hypot(rule.scales[0] * self._numbers[0][i], rule.scales[1] * self._numbers[1])[:, None]
         kappa = np.sqrt(l**2 + across**2)
         width = time.taps.shape[0]

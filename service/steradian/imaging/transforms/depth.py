@@ -25,7 +25,8 @@ class Interpolation:
     Parameters
     ----------
     samples, record
-        Of a trace, and N_t of the formula.
+        Of a trace, and N_t of the formula; in new samples where the trace is decimated, of which a record need not last
+        a whole number.
     centre, length
         As above.
     divided
@@ -37,7 +38,7 @@ class Interpolation:
     """
 
     samples: int
-    record: int
+    record: float
     centre: int
     length: int
     divided: Floats
@@ -79,7 +80,7 @@ class KappaRule:
     steps: Floats
 
 
-def exact(samples: int, record: int, window: Shape | Window, share: float, accuracy: float) -> Interpolation:
+def exact(samples: int, record: float, window: Shape | Window, share: float, accuracy: float) -> Interpolation:
     """Interpolate with a window, to the relative error ``share``; its taps to ``accuracy``."""
     centre = samples // 2
     length, found = time_grid(2 * max(centre, samples - centre), record, window, share)

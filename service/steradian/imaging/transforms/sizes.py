@@ -68,7 +68,7 @@ def lateral_grid(
     return best[1], best[2]
 
 
-def time_grid(samples: int, record: int, window: Shape | Window, share: float) -> tuple[int, Window]:
+def time_grid(samples: int, record: float, window: Shape | Window, share: float) -> tuple[int, Window]:
     """Length of the time transform, and window, for records with ``samples`` non-zero around their centre."""
     best: tuple[float, int, Window] | None = None
     for factor in _OVERSAMPLINGS if not isinstance(window, Window) else (window.oversampling,):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from steradian.errors import InvalidInput
 from steradian.imaging import memory, workers
+from steradian.imaging.checks import first_bad
 from steradian.imaging.engines import NOBODY, Watch
 from steradian.imaging.engines.numba.arguments import Batch, Columns, Plane, Rule, Sensors, Side, Stored, Workspace
 from steradian.imaging.engines.numba.blocks import Blocks, blocks
@@ -171,7 +172,7 @@ class NumbaEngine:
             start = piece * BATCH
             batch = Batch(start, min(BATCH, samples - start), self.room.source_stride)
             if not pack(flat, samples, sensors, batch, space.packed, space.packed.view(integer), mask, most):
-                raise InvalidInput("traces", _first_bad(traces), "finite numbers")
+                raise InvalidInput("traces", first_bad(traces), "finite numbers")
             type1(sensors, plane, stored, target, batch, add, space, flag)
 
         def scratch() -> Workspace:
@@ -189,7 +190,7 @@ class NumbaEngine:
             return Side(values, real, np.where(rows < 0, spare, rows + 1) * stride, *more)
 
         none = _NONE.astype(t.dtype)
-        forward, back = transform(t.time.length, t.dtype), transform(t.time.record, t.dtype)
+        forward, back = transform(t.time.length, t.dtype), transform(g.depth_points, t.dtype)
         divided = t.time.divided.astype(t.dtype)
         times = side(
             over_time, table.source, room.source_rows, room.source_stride, t.time.samples, t.time.centre, divided,
@@ -220,7 +221,7 @@ class NumbaEngine:
 
     def _column_space(self, tmp: int) -> Callable[[], Columns]:
         dtype, time = self.tables.dtype, self.tables.time
-        cells = 32 * (max(time.length, time.record) + 2 * PAD)
+        cells = 32 * (max(time.length, self.tables.geometry.depth_points) + 2 * PAD)
         sizes = (PIECE, PIECE, PIECE, PIECE * len(time.taps), tmp * 32)
 
         def scratch() -> Columns:
@@ -242,14 +243,6 @@ class NumbaEngine:
 
     def _run(self, stage: str, pieces: int, scratch: Callable[[], Any], work: Work, watch: Watch) -> None:
         workers.run(stage, pieces, scratch, work, threads=self._threads, **watch._asdict())
-
-
-def _first_bad(traces: NDArray[Any]) -> str:
-    for m, row in enumerate(traces):
-        bad = np.flatnonzero(~np.isfinite(row))
-        if bad.size:
-            return f"{row[bad[0]]} at row {m}, column {bad[0]}"
-    return "beyond the range of the working precision"
 
 
 if TYPE_CHECKING:

@@ -87,6 +87,8 @@ def room_of(tables: Tables, stored: Stored, threads: int) -> Room:
         needed = target + max(0 if shared else image, len(tables.lateral.scale) * samples * item)
     else:  # a source of its own is freed before the image is made
         needed = max((source if replicated else 0) + target, target + (0 if shared else image))
+    if tables.decimation is not None:
+        needed += tables.decimation.bytes(len(tables.lateral.scale), threads, tables.dtype)
     return Room(
         source_rows, source_stride, target_rows, target_stride, shared, threads, image, target if shared else image,
         needed + threads * scratch,
@@ -98,7 +100,7 @@ def least_bytes(g: Geometry, dtype: str) -> int:
     nx, ny = (1, *g.padded_modes)[-2:]
     columns = nx * (ny // 2 + 1)
     tables = columns * _COLUMN_BYTES + g.samples * _SAMPLE_BYTES
-    sizes = {g.record, *(n * g.upsampling for n in g.padded_modes)}
+    sizes = {g.depth_points, *(n * g.upsampling for n in g.padded_modes)}
     tables += sum(table_bytes(n) for n in sizes)
     image = max(2 * columns, prod(g.shape[:-1])) * g.shape[-1] * np.dtype(dtype).itemsize
     return max(tables, image)
@@ -116,4 +118,5 @@ def _scratch(tables: Tables, stored: Stored) -> int:
         lateral = packed + 2 * line + 2 * half * (nx | 1)
     image = 4 * max(ix, iy) + tables.shown[0][1] * (iy | 1)
     aligned = 8  # cells: what :func:`empty` leaves out
-    return 32 * (aligned + max(lateral, image, 2 * (max(tables.time.length, tables.time.record) + 2 * PAD) + 200))
+    columns = 2 * (max(tables.time.length, tables.geometry.depth_points) + 2 * PAD) + 200
+    return 32 * (aligned + max(lateral, image, columns))

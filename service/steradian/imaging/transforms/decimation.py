@@ -1,0 +1,113 @@
+"""A-lines with fewer samples: as many as a band of frequencies needs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import floor, log10
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.imaging import workers
+from steradian.imaging.volume import RealArray
+from steradian.progress import IsCancelled, Progress
+
+_OVERSAMPLINGS = (1.06, 1.08, 1.1, 1.12, 1.15, 1.2, 1.25, 1.3, 1.4, 1.5, 1.75, 2.0)
+_WORTH = 0.9  # of the samples; a decimation to more of them is left
+_VECTORS = 32  # taps are a multiple of this: no remainder for the processor to do one by one
+_ROWS = 256  # A-lines decimated together
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Decimation:
+    """A low-pass and a coarser sampling in one, whose transform over time is the A-lines' own within the band.
+
+    Sample n of the result, at ``first`` + n·``every``, is the sum of the A-line's samples times a windowed sinc about
+    that place. The result reaches beyond both ends of the A-line as far as the sinc does: nothing of it is cut off.
+    Σ over the new samples of e^{−2πi f t} is Σ over the old ones: amplitudes are ``every`` times those in between.
+
+    Parameters
+    ----------
+    every, first
+        In samples of the A-line.
+    starts, taps
+        Sample n of the result is Σ_t taps[n, t]·(the A-line's sample starts[n] + t); (N',) and (N', w).
+    """
+
+    every: float
+    first: float
+    starts: NDArray[np.int64]
+    taps: NDArray[np.float64]
+
+    @property
+    def samples(self) -> int:
+        """Of the result."""
+        return len(self.starts)
+
+    def bytes(self, count: int, threads: int, dtype: str) -> int:
+        """Memory that :meth:`apply` takes for ``count`` A-lines."""
+        longest = int(self.starts[-1]) + self.taps.shape[1]
+        numbers = count * self.samples + self.taps.size + threads * _ROWS * longest
+        return int(numbers) * np.dtype(dtype).itemsize
+
+    def apply(
+        self,
+        traces: NDArray[Any],
+        dtype: str,
+        *,
+        threads: int = 1,
+        progress: Progress | None = None,
+        cancelled: IsCancelled | None = None,
+    ) -> RealArray:
+        """Decimate A-lines (M, N), of any real type; values that are not finite stay so."""
+        from steradian.imaging.transforms.summing import weighted_sums
+
+        result: RealArray = np.empty((len(traces), self.samples), dtype)
+        taps = self.taps.astype(dtype)
+
+        def work(piece: int, space: None, flag: NDArray[np.uint8]) -> None:
+            rows = slice(piece * _ROWS, (piece + 1) * _ROWS)
+            with np.errstate(over="ignore"):
+                part = np.ascontiguousarray(traces[rows], dtype)
+            weighted_sums(part, self.starts, taps, result[rows])
+
+        pieces = -(-len(traces) // _ROWS)
+        workers.run("decimation", pieces, lambda: None, work, threads=threads, progress=progress, cancelled=cancelled)
+        return result
+
+
+def decimation(samples: int, band: float, accuracy: float) -> Decimation | None:
+    """Choose the fewest samples for frequencies below ``band``; None where that saves little.
+
+    Parameters
+    ----------
+    samples
+        Of an A-line.
+    band
+        In cycles a sample, at most ½.
+    accuracy
+        Relative, of a frequency in the band; of what is above it that much comes into it.
+    """
+    # Kaiser's formulas (J. F. Kaiser, Proc. IEEE ISCAS 1974): steepness and length for an attenuation in dB
+    attenuation = max(60.0, -20 * log10(accuracy))
+    beta = 0.1102 * (attenuation - 8.7)
+    best: tuple[int, float, float] | None = None
+    for oversampling in _OVERSAMPLINGS:
+        every = 0.5 / (band * oversampling)
+        reach = 0.5 * (attenuation - 7.95) / (2.285 * 2 * np.pi * (1 - 1 / oversampling))  # samples of the result
+        count = floor((samples - 1) / every + 2 * reach) + 1
+        if best is None or count < best[0]:
+            best = count, every, reach
+    assert best is not None  # noqa: S101
+    count, every, reach = best
+    if count > _WORTH * samples:
+        return None
+    # Kaiser-windowed sinc
+    places = np.arange(count) - reach  # in samples of the result, from the A-line's first
+    width = min(samples, _VECTORS * -(-(floor(2 * reach * every) + 1) // _VECTORS))
+    starts = np.clip(np.ceil((places - reach) * every), 0, samples - width).astype(np.int64)
+    v = places[:, None] - (starts[:, None] + np.arange(width)) / every
+    root = np.sqrt(np.maximum(1 - (v / reach) ** 2, 0))
+    taps = np.where(np.abs(v) <= reach, np.sinc(v) * np.i0(beta * root) / np.i0(beta), 0.0)
+    return Decimation(every, -reach * every, starts, taps)
