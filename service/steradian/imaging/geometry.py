@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from steradian.errors import InvalidInput
 from steradian.imaging import checks
 from steradian.imaging.checks import Sensors
-from steradian.imaging.transforms.sizes import fast_record, fast_size
+from steradian.imaging.transforms.sizes import fast_multiple, fast_record
 from steradian.imaging.volume import Axes
 from steradian.imaging.weights import sensor_areas
 from steradian.ranges import SAMPLING_INTERVAL, SOUND_SPEED, real
@@ -152,7 +152,7 @@ def _frequency(value: object, record: int, interval: float) -> float | None:
 def _depth_points(highest: float | None, depth_step: float | None, record: int, interval: float, speed: float) -> int:
     points = record
     if highest is not None:
-        points = min(record, fast_size(2 * np.ceil(highest * interval * record)))
+        points = min(record, fast_multiple(2 * np.ceil(min(highest * interval * record, record))))
     if depth_step is None:
         return points
     length = record * interval * speed

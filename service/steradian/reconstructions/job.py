@@ -19,6 +19,7 @@ from steradian.imaging.band import share_above, upper_limit
 from steradian.imaging.weights import sensed_outline
 from steradian.plain import plain
 from steradian.progress import IsCancelled, Progress
+from steradian.reconstructions.found import Band, Fit
 from steradian.reconstructions.kept_plans import KeptPlans
 from steradian.reconstructions.missing import Missing, missing_points
 from steradian.reconstructions.near_field import from_depth, near_field
@@ -40,44 +41,6 @@ NOT_AREAS = 0.05
 LOWERED = "the regulariser lowers amplitudes, by a third and more from few sensors; take those of a direct method"
 WITHOUT_WEIGHTS = ("interpolated", "iterative")
 """Methods that weights play no part in."""
-
-
-@dataclass(frozen=True)
-class Fit:
-    """How the method iterative found an image.
-
-    Attributes
-    ----------
-    iterations
-        How many were done.
-    stopped
-        "discrepancy", "change" or "iterations": what ended them.
-    misfit
-        ‖A f − g‖/‖g‖ when it was last looked at.
-    misfits
-        The same at the start of each iteration.
-    """
-
-    iterations: int
-    stopped: str
-    misfit: float
-    misfits: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class Band:
-    """What was left out of the A-lines.
-
-    Attributes
-    ----------
-    highest_frequency_hz
-        Only frequencies below were used.
-    left_out
-        Share of the A-lines' power that was above.
-    """
-
-    highest_frequency_hz: float
-    left_out: float
 
 
 @dataclass

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.imaging import workers
+from steradian.imaging.transforms.sizes import LINE
 from steradian.imaging.volume import RealArray
 from steradian.progress import IsCancelled, Progress
 
@@ -96,7 +97,7 @@ def decimation(samples: int, band: float, accuracy: float) -> Decimation | None:
     for oversampling in _OVERSAMPLINGS:
         every = 0.5 / (band * oversampling)
         reach = 0.5 * (attenuation - 7.95) / (2.285 * 2 * np.pi * (1 - 1 / oversampling))  # samples of the result
-        count = floor((samples - 1) / every + 2 * reach) + 1
+        count = LINE * (floor((samples - 1) / every + 2 * reach) // LINE + 1)
         if best is None or count < best[0]:
             best = count, every, reach
     assert best is not None  # noqa: S101

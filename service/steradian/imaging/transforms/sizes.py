@@ -11,6 +11,8 @@ from steradian.imaging.transforms.windows import Shape, Window, choose
 
 MOST_PRIME = 127
 """Primes up to this one cost a transform of a record less than a tenth; 226 mirror positions are 2 · 113."""
+LINE = 16
+"""Numbers that a processor brings at once, about; a line of samples or slices of such a length is read fastest."""
 _OVERSAMPLINGS = (1.2, 1.25, 1.3, 1.35, 1.4, 1.5, 1.6, 1.75, 2.0)
 _TRANSFORM = 10.0  # a point of a transform
 _SPREAD = 1.7  # a grid point of a sensor's stencil
@@ -40,6 +42,13 @@ def fast_record(samples: int) -> int:
     from scipy.fft import next_fast_len
 
     return int(next_fast_len(samples))
+
+
+def fast_multiple(least: float) -> int:
+    """Smallest fast size ≥ ``least`` that is a multiple of :data:`LINE`."""
+    from scipy.fft import next_fast_len
+
+    return LINE * int(next_fast_len(-(-int(least) // LINE)))
 
 
 def _sized(window: Shape | Window, share: float, needed: int, size: int) -> Window | None:

@@ -1,0 +1,43 @@
+"""What a reconstruction found out on its way: how its fit went, and what it left out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How the method iterative found an image.
+
+    Attributes
+    ----------
+    iterations
+        How many were done.
+    stopped
+        "discrepancy", "change" or "iterations": what ended them.
+    misfit
+        ‖A f − g‖/‖g‖ when it was last looked at.
+    misfits
+        The same at the start of each iteration.
+    """
+
+    iterations: int
+    stopped: str
+    misfit: float
+    misfits: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Band:
+    """What was left out of the A-lines.
+
+    Attributes
+    ----------
+    highest_frequency_hz
+        Only frequencies below were used.
+    left_out
+        Share of the A-lines' power that was above.
+    """
+
+    highest_frequency_hz: float
+    left_out: float
