@@ -10,6 +10,7 @@ from fastapi import FastAPI
 from steradian import __version__
 from steradian.api import (
     batches,
+    contract,
     deletion,
     documentation,
     events,
@@ -29,7 +30,7 @@ from steradian.api import (
     uploads,
 )
 from steradian.api.feed import Feed
-from steradian.api.middleware import BodyLimit, Observe, OnlyText, RequestId, StreamLimit
+from steradian.api.middleware import BodyLimit, Head, Observe, OnlyText, RequestId, StreamLimit
 from steradian.api.security import Authenticate
 from steradian.api.services import Services
 from steradian.api.together import Together
@@ -62,13 +63,15 @@ def create_app(settings: Settings) -> FastAPI:
         docs_url=None,
         redoc_url=None,
         lifespan=lifespan,
-        responses=problems.RESPONSES,
+        license_info={"name": "Apache 2.0", "identifier": "Apache-2.0"},
+        generate_unique_id_function=contract.name_operation,
     )
     app.state.services = services
     app.state.routes = []
     app.state.feed = Feed(services)
     app.state.metrics = metrics.Metrics(services)
     app.add_middleware(Together)
+    app.add_middleware(Head)
     app.add_middleware(BodyLimit, settings=settings)
     app.add_middleware(Authenticate, keeper=services)
     app.add_middleware(OnlyText)
@@ -79,5 +82,5 @@ def create_app(settings: Settings) -> FastAPI:
     for module in (*RESOURCES, health, metrics, documentation):
         app.include_router(module.router)
         app.state.routes += module.router.routes
-    documentation.describe(app)
+    contract.describe(app)
     return app

@@ -15,6 +15,8 @@ import numpy as np
 from fastapi import Request
 from fastapi.responses import Response, StreamingResponse
 from starlette.exceptions import HTTPException
+from werkzeug.datastructures import MIMEAccept
+from werkzeug.http import parse_accept_header
 
 from steradian.errors import DamagedFile, InvalidInput
 from steradian.plain import nulls
@@ -41,16 +43,11 @@ def negotiate(request: Request, offered: tuple[str, ...]) -> str:
     HTTPException
         406, with the list of what there is.
     """
-    accepted: list[tuple[float, str]] = []
-    for part in request.headers.get("accept", "*/*").split(","):
-        kind, *parameters = (piece.strip() for piece in part.split(";"))
-        stated = next((p[2:] for p in parameters if p.startswith("q=")), "1")
-        accepted.append((float(stated) if re.fullmatch(r"[01](\.[0-9]{0,3})?", stated) else 0.0, kind.lower()))
-    for weight, kind in sorted(accepted, key=lambda pair: -pair[0]):
-        for offer in offered:
-            if weight > 0 and kind in {offer, "*/*", offer.partition("/")[0] + "/*"}:
-                return offer
-    raise HTTPException(406, f"this can be had as {', '.join(offered)}")
+    stated = ", ".join(request.headers.getlist("accept")) or "*/*"
+    chosen = parse_accept_header(stated, MIMEAccept).best_match(offered)
+    if chosen is None:
+        raise HTTPException(406, f"this can be had as {', '.join(offered)}")
+    return chosen
 
 
 @dataclass(frozen=True)

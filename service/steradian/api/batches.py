@@ -184,7 +184,7 @@ def read_batch(services: ServicesNeeded, batch_id: BATCH_ID) -> BatchView:
 
 
 @router.put("/{batch_id}/desired-state", summary="Cancel what is left of a batch")
-def wish(services: ServicesNeeded, who: Who, batch_id: BATCH_ID, wanted: JobWish) -> BatchView:
+def set_batch_desired_state(services: ServicesNeeded, who: Who, batch_id: BATCH_ID, wanted: JobWish) -> BatchView:
     """Cancel every job that waits or runs; repeating it changes nothing."""
     row = services.batches.get(batch_id)
     for member in services.reconstructions.of_batch(batch_id):

@@ -7,7 +7,7 @@ import hashlib
 import re
 from collections.abc import Callable
 from contextlib import aclosing, suppress
-from typing import Annotated, TypeAlias, TypeVar
+from typing import Annotated, Any, Final, TypeAlias, TypeVar
 
 from fastapi import Depends, Header, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
@@ -21,6 +21,9 @@ from steradian.storage.idempotency import Answer, Key
 MAX_WAIT = 120.0
 """Longest that a request is held (s); the client asks again."""
 _WAIT_HELP = f"'wait=SECONDS' (RFC 7240) holds the answer until the work is over, {MAX_WAIT:g} s at most"
+
+MAX_KEY: Final = 200
+_KEY: Final = re.compile(r"^[\x21-\x7e]+$")
 
 T = TypeVar("T")
 
@@ -48,6 +51,8 @@ class Patience:
         It is looked again when the event log has grown, which one task watches for all, and now and then anyway.
         """
         seen = await run_in_threadpool(look)
+        if self.seconds:
+            self._request.state.preference_applied = f"wait={self.seconds:g}"
         if not self.seconds or is_over(seen):
             return seen
         with suppress(TimeoutError):
@@ -60,21 +65,27 @@ class Patience:
 
 
 async def _wait(
-    request: Request, response: Response, prefer: Annotated[list[str] | None, Header(description=_WAIT_HELP)] = None
+    request: Request,
+    prefer: Annotated[str | None, Header(alias="Prefer", description=_WAIT_HELP, examples=["wait=60"])] = None,
 ) -> Patience:
-    for preference in ",".join(prefer or []).split(","):
+    # It may come in several lines, but is declared as one text: common generators know no other headers.
+    for preference in ",".join(request.headers.getlist("prefer")).split(","):
         found = re.fullmatch(r"\s*wait\s*=\s*\"?([0-9]{1,9})\"?\s*", preference)
         if found:
-            seconds = min(float(found[1]), MAX_WAIT)
-            response.headers["Preference-Applied"] = f"wait={seconds:g}"
-            return Patience(request, seconds)
+            return Patience(request, min(float(found[1]), MAX_WAIT))
     return Patience(request, 0.0)
+
+
+def _key_header(what: str) -> Any:
+    """Declare the header; its limits are checked by :func:`_read_key`, whose refusal says them in words."""
+    limits: dict[str, Any] = {"minLength": 1, "maxLength": MAX_KEY, "pattern": _KEY.pattern}
+    return Header(alias="Idempotency-Key", description=what, json_schema_extra=limits, examples=["phantom-7"])
 
 
 async def _key(
     request: Request,
     idempotency_key: Annotated[
-        str | None, Header(description="A repeated request with it is done once and gets the first one's answer")
+        str | None, _key_header("A repeated request with it is done once and gets the first one's answer")
     ] = None,
 ) -> Key | None:
     return None if idempotency_key is None else await _read_key(request, idempotency_key)
@@ -83,15 +94,15 @@ async def _key(
 async def _required_key(
     request: Request,
     idempotency_key: Annotated[
-        str, Header(description="Any text of your own, new for each scan: a repeated request never fires twice")
+        str, _key_header("Any text of your own, new for each scan: a repeated request never fires twice")
     ],
 ) -> Key:
     return await _read_key(request, idempotency_key)
 
 
 async def _read_key(request: Request, text: str) -> Key:
-    if not re.fullmatch(r"[\x21-\x7e]{1,200}", text):
-        raise InvalidInput("Idempotency-Key", text, "1 to 200 visible ASCII characters")
+    if not _KEY.fullmatch(text) or len(text) > MAX_KEY:
+        raise InvalidInput("Idempotency-Key", text, f"1 to {MAX_KEY} visible ASCII characters")
     digest = hashlib.sha256(await request.body()).hexdigest()
     return Key(request.state.principal.name, request.url.path, text, digest)
 

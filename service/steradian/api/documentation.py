@@ -1,4 +1,4 @@
-"""The OpenAPI document, completed, and a page that shows it without loading anything from elsewhere."""
+"""A page that shows the OpenAPI document without loading anything from elsewhere."""
 
 from __future__ import annotations
 
@@ -6,52 +6,13 @@ import html
 import json
 from typing import Any
 
-from fastapi import APIRouter, FastAPI, Request
+from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse, JSONResponse, RedirectResponse, Response
 
 from steradian.api.headers import POLICY
-from steradian.api.problems import Problem
 from steradian.api.security import V1
 
 router = APIRouter()
-
-
-SECURITY = {
-    "key": {
-        "type": "http",
-        "scheme": "bearer",
-        "description": "An API key (`steradian key create`). Not needed on a service that only its own machine reaches",
-    },
-    "ticket": {
-        "type": "apiKey",
-        "in": "query",
-        "name": "ticket",
-        "description": "A ticket from POST /tickets, good for one event stream that begins within 30 s",
-    },
-}
-
-
-def describe(app: FastAPI) -> None:
-    """Complete the document: the problem's schema in place of the framework's own, and the ways to prove oneself."""
-    plain = app.openapi
-
-    def openapi() -> dict[str, Any]:
-        document = plain()
-        components = document.setdefault("components", {})
-        schemas = components.setdefault("schemas", {})
-        own = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
-        schemas |= own.pop("$defs", {}) | {"Problem": own}
-        for name in ("HTTPValidationError", "ValidationError"):
-            schemas.pop(name, None)
-        components["securitySchemes"] = SECURITY
-        for path, operations in document["paths"].items():
-            for operation in operations.values():
-                if path.startswith("/api/") or path == "/metrics":
-                    ways: list[dict[str, list[str]]] = [{}, {"key": []}]
-                    operation["security"] = [*ways, {"ticket": []}] if path.endswith("/events") else ways
-        return document
-
-    app.openapi = openapi  # type: ignore[method-assign]
 
 
 @router.get("/", include_in_schema=False)

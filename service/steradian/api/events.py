@@ -100,7 +100,7 @@ def create_ticket(services: ServicesNeeded, who: Who) -> TicketView:
     response_class=EventSourceResponse,
     responses={200: {"description": "A stream that ends only when one side leaves"}},
 )
-async def stream(
+async def follow_events(
     services: ServicesNeeded, who: Who, feed: Annotated[Feed, Depends(_feed)], wanted: Annotated[Filter, Depends()]
 ) -> AsyncIterator[ServerSentEvent]:
     """Follow changes of state (events named scan, reconstruction, job, batch, scanner) and progress.

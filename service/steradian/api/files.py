@@ -2,10 +2,30 @@
 
 from __future__ import annotations
 
+from typing import Any, Final
+
 from fastapi.responses import FileResponse
 from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.types import Message, Receive, Scope, Send
+
+RANGED: Final[dict[str, Any]] = {
+    "parameters": [
+        {
+            "name": "Range",
+            "in": "header",
+            "description": "Which bytes; the answer is 206 with these alone",
+            "schema": {"type": "string", "examples": ["bytes=0-1048575"]},
+        },
+        {
+            "name": "If-Range",
+            "in": "header",
+            "description": "ETag of what you have a part of; if it is another one now, the whole file comes",
+            "schema": {"type": "string"},
+        },
+    ]
+}
+"""What an operation declares that answers with a :class:`RangedFile`."""
 
 
 class RangedFile(FileResponse):

@@ -37,7 +37,7 @@ class Readiness(BaseModel):
 
 
 @router.get("/healthz", summary="Whether the process answers")
-async def healthz() -> Health:
+async def read_health() -> Health:
     """Answer, touching nothing."""
     return Health()
 
@@ -47,7 +47,7 @@ async def healthz() -> Health:
     summary="Whether work can be taken",
     responses={503: {"model": Readiness, "description": "Something that work needs is missing"}},
 )
-def readyz(services: ServicesNeeded, response: Response) -> Readiness:
+def read_readiness(services: ServicesNeeded, response: Response) -> Readiness:
     """Check database, store, queue and processes; a scanner that is unplugged does not make it unready."""
     checks = _checks(services, time.time())
     ready = all(checks.values())

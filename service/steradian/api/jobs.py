@@ -9,9 +9,9 @@ from pydantic import Field
 from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 
-from steradian.api.conditions import ConditionsNeeded, etag_of, etag_of_file
+from steradian.api.conditions import ChangeConditionsNeeded, ConditionsNeeded, etag_of, etag_of_file
 from steradian.api.dependencies import Before, Limit, OptionalKey, ServicesNeeded, Wait, Who, link_next, replay
-from steradian.api.files import RangedFile
+from steradian.api.files import RANGED, RangedFile
 from steradian.api.identifiers import FILE_NAME, JOB_ID
 from steradian.api.job_checks import check_work
 from steradian.api.job_views import JobView
@@ -79,9 +79,7 @@ async def queue_job(
     if not wait.seconds or answer.replayed:
         return replay(answer)
     view = await _view(services, identifier, wait)
-    response = replay(Answer(201 if view.is_over else 202, answer.location, view.model_dump_json()))
-    response.headers["Preference-Applied"] = f"wait={wait.seconds:g}"
-    return response
+    return replay(Answer(201 if view.is_over else 202, answer.location, view.model_dump_json()))
 
 
 Kind = Annotated[
@@ -109,31 +107,32 @@ def list_jobs(
 async def read_job(services: ServicesNeeded, job_id: JOB_ID, wait: Wait, conditions: ConditionsNeeded) -> JobView:
     """Show how a job stands, and what it found when it has succeeded."""
     job = await wait.until(lambda: services.ledger.status(job_id), lambda seen: seen.is_over)
-    if not wait.seconds:
-        conditions.tag(etag_of(job_id, job.revision))
-    return JobView.of(job)
+    view = JobView.of(job)
+    conditions.tag(etag_of(job_id, job.revision, view))
+    return view
 
 
 @router.patch("/{job_id}", summary="Move a waiting job in the queue")
 def change_job(
-    services: ServicesNeeded, job_id: JOB_ID, wanted: PriorityChange, conditions: ConditionsNeeded
+    services: ServicesNeeded, job_id: JOB_ID, wanted: PriorityChange, conditions: ChangeConditionsNeeded
 ) -> JobView:
     """Give a job that waits another priority; with If-Match only if it has not changed since."""
     services.ledger.get(job_id)
     job = services.queue.set_priority(job_id, wanted.priority, conditions.revision(job_id))
-    conditions.tag(etag_of(job_id, job.revision))
-    return JobView.of(job)
+    view = JobView.of(job)
+    conditions.tag(etag_of(job_id, job.revision, view))
+    return view
 
 
 @router.put("/{job_id}/desired-state", summary="Cancel a job")
-def wish(services: ServicesNeeded, who: Who, job_id: JOB_ID, wanted: JobWish) -> JobView:
+def set_job_desired_state(services: ServicesNeeded, who: Who, job_id: JOB_ID, wanted: JobWish) -> JobView:
     """Cancel a job that waits or runs; repeating it changes nothing."""
     services.ledger.get(job_id)
     return JobView.of(services.cancel(job_id, who.name, wanted.reason))
 
 
 @router.get("/{job_id}/attempts", summary="Every start of a job")
-def read_attempts(services: ServicesNeeded, job_id: JOB_ID) -> AttemptsView:
+def read_job_attempts(services: ServicesNeeded, job_id: JOB_ID) -> AttemptsView:
     """Show which worker started the job when, and how each start ended."""
     return AttemptsView(items=services.ledger.status(job_id).attempts)
 
@@ -144,7 +143,7 @@ def read_attempts(services: ServicesNeeded, job_id: JOB_ID) -> AttemptsView:
     response_class=Response,
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
 )
-def read_log(services: ServicesNeeded, job_id: JOB_ID) -> Response:
+def read_job_log(services: ServicesNeeded, job_id: JOB_ID) -> Response:
     """Show the log of all attempts; empty before the first."""
     services.ledger.get(job_id)
     path = services.data.job(job_id).log
@@ -156,13 +155,12 @@ def read_log(services: ServicesNeeded, job_id: JOB_ID) -> Response:
     "/{job_id}/files/{name}",
     summary="A file that a job left",
     response_class=RangedFile,
+    openapi_extra=RANGED,
     responses={
         200: {"content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}},
-        206: {"description": "A range of it"},
-        304: {"description": "The one you have is still right"},
     },
 )
-async def read_file(
+async def read_job_file(
     services: ServicesNeeded, job_id: JOB_ID, name: FILE_NAME, wait: Wait, conditions: ConditionsNeeded
 ) -> RangedFile:
     """Download a file of a job's ``files``, also in ranges."""

@@ -14,7 +14,7 @@ from starlette.concurrency import run_in_threadpool
 from steradian.api.arrays import CSV, JSON, NPY, negotiate
 from steradian.api.conditions import ConditionsNeeded, etag_of
 from steradian.api.dependencies import Before, Limit, ServicesNeeded, link_next
-from steradian.api.files import RangedFile
+from steradian.api.files import RANGED, RangedFile
 from steradian.api.identifiers import MASK_ID
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.views import Listing, MaskView, PointsView
@@ -81,14 +81,18 @@ def read_mask(services: ServicesNeeded, mask_id: MASK_ID, conditions: Conditions
     "/{mask_id}/points",
     summary="Positions and weights of a mask",
     response_model=PointsView,
-    responses={200: {"content": {CSV: {"schema": {"type": "string"}}, NPY: {"schema": {"type": "string"}}}}},
+    responses={
+        200: {"content": {CSV: {"schema": {"type": "string"}}, NPY: {"schema": {"type": "string", "format": "binary"}}}}
+    },
 )
-def read_points(services: ServicesNeeded, request: Request, mask_id: MASK_ID, conditions: ConditionsNeeded) -> Response:
+def read_mask_points(
+    services: ServicesNeeded, request: Request, mask_id: MASK_ID, conditions: ConditionsNeeded
+) -> Response:
     """Show the points as JSON, as CSV (x, y, weight) or as an npy array (count, 3) of x, y and weight."""
     kind = negotiate(request, (JSON, CSV, NPY))
     row = services.masks.get(mask_id)
     etag = etag_of(row.id, kind.rpartition("/")[2])
-    conditions.tag(etag)
+    conditions.tag(etag, vary="Accept")
     body = _written(services.masks.load(mask_id), kind)
     return Response(body, media_type=kind, headers={"ETag": etag, "Vary": "Accept"})
 
@@ -97,12 +101,10 @@ def read_points(services: ServicesNeeded, request: Request, mask_id: MASK_ID, co
     "/{mask_id}/picture",
     summary="A picture of a mask",
     response_class=RangedFile,
-    responses={
-        200: {"content": {"image/png": {"schema": {"type": "string", "format": "binary"}}}},
-        304: {"description": "The one you have is still right"},
-    },
+    openapi_extra=RANGED,
+    responses={200: {"content": {"image/png": {"schema": {"type": "string", "format": "binary"}}}}},
 )
-async def read_picture(services: ServicesNeeded, mask_id: MASK_ID, conditions: ConditionsNeeded) -> RangedFile:
+async def read_mask_picture(services: ServicesNeeded, mask_id: MASK_ID, conditions: ConditionsNeeded) -> RangedFile:
     """Draw where the mask senses, how densely and what it can see; drawn once, then kept."""
     mask = await run_in_threadpool(services.masks.load, mask_id)
     etag = etag_of(mask.id, "picture")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import re
 import time
+from contextlib import suppress
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
@@ -105,6 +106,33 @@ class OnlyText:
             return await self.app(scope, receive, send)
         identifier, text = scope["state"]["request_id"], "an address with U+0000 names nothing"
         return await problem(identifier, 404, "not-found", text)(scope, receive, send)
+
+
+class Head:
+    """Answers HEAD as GET is answered, without the body, which is not even made where it comes in pieces."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve."""
+        if scope["type"] != "http" or scope["method"] != "HEAD":
+            return await self.app(scope, receive, send)
+
+        async def without_body(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                return await send(message)
+            await send({"type": "http.response.body", "body": b""})
+            raise _HeadersSent
+
+        inner = {**scope, "method": "GET"}  # the server looks at its own
+        with suppress(_HeadersSent):
+            await self.app(inner, receive, without_body)
+        scope["route"] = inner.get("route")
+
+
+class _HeadersSent(Exception):
+    """There is nothing more to send."""
 
 
 class StreamLimit:

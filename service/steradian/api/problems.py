@@ -103,25 +103,26 @@ class Problem(BaseModel):
     available_bytes: int | None = Field(default=None, description="Of a full disk (507): what it may take")
 
 
-_REFUSALS: dict[int | str, str] = {
-    400: "The body is no JSON, or the request is malformed",
-    401: "A key is needed, or the one sent is unknown, revoked or expired",
-    403: "The key does not allow this",
-    404: "Nothing has that identifier",
-    406: "It cannot be had in any of the formats that are accepted",
-    409: "The request does not fit the present state",
-    412: "The resource has changed since If-Match's ETag",
-    413: "The body is too large",
-    415: "The body is not application/json",
-    422: "A value is outside its allowed range",
-    429: "The key is used more often than it may be; Retry-After says when to go on",
+_REFUSALS: dict[str, str] = {
+    "400": "The body is no JSON, or the request is malformed",
+    "401": "A key is needed, or the one sent is unknown, revoked or expired",
+    "403": "The key does not allow this",
+    "404": "Nothing has that identifier",
+    "406": "It cannot be had in any of the formats that are accepted",
+    "409": "The request does not fit the present state",
+    "412": "The resource has changed since If-Match's ETag",
+    "413": "The body is too large",
+    "415": "The body is not application/json",
+    "416": "The file ends before the range",
+    "422": "A value is outside its allowed range",
+    "429": "The key is used more often than it may be; Retry-After says when to go on",
     "5XX": "The service failed; the log has more under the request id",
 }
-RESPONSES: dict[int | str, dict[str, Any]] = {
+RESPONSES: dict[str, dict[str, Any]] = {
     status: {"description": text, "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}}
     for status, text in _REFUSALS.items()
 }
-"""What any operation may answer besides its own."""
+"""What operations may answer besides their own."""
 
 
 def install(app: FastAPI) -> None:
@@ -216,12 +217,13 @@ async def _refused(request: Request, error: Exception) -> JSONResponse:
 def _methods(request: Request) -> set[str]:
     """Collect the methods of all routes to the request's path; the router knows only the first one's."""
     routes = (route for route in request.app.state.routes if route.matches(request.scope)[0] is not Match.NONE)
-    return {method for route in routes for method in getattr(route, "methods", None) or ()}
+    found = {method for route in routes for method in getattr(route, "methods", None) or ()}
+    return found | {"HEAD"} if "GET" in found else found
 
 
 async def _not_modified(_request: Request, error: Exception) -> Response:
     assert isinstance(error, NotModified)  # noqa: S101
-    return Response(status_code=304, headers={"ETag": error.etag})
+    return Response(status_code=304, headers=error.headers)
 
 
 async def _gone(request: Request, error: Exception) -> Response:

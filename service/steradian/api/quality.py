@@ -51,7 +51,7 @@ class QualityView(BaseModel):
     response_model=JobView,
     responses={201: {"model": JobView, "description": "It was over within the time waited for"}},
 )
-async def create_quality(
+async def create_reconstruction_quality(
     services: ServicesNeeded,
     who: Who,
     reconstruction_id: RECONSTRUCTION_ID,
@@ -65,7 +65,7 @@ async def create_quality(
 
 
 @router.get("/{reconstruction_id}/quality", summary="What a reconstruction was compared with")
-def read_quality(services: ServicesNeeded, reconstruction_id: RECONSTRUCTION_ID) -> Listing[QualityView]:
+def list_reconstruction_quality(services: ServicesNeeded, reconstruction_id: RECONSTRUCTION_ID) -> Listing[QualityView]:
     """List the comparisons of a reconstruction, newest first."""
     services.reconstructions.get(reconstruction_id)
     page = services.ledger.page_of(MOST, None, "quality", reconstruction_id=reconstruction_id)

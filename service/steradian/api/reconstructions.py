@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 
-from steradian.api.conditions import ConditionsNeeded, etag_of
+from steradian.api.conditions import ChangeConditionsNeeded, ConditionsNeeded, etag_of
 from steradian.api.dependencies import Before, Limit, OptionalKey, ServicesNeeded, Wait, Who, link_next, replay
 from steradian.api.identifiers import RECONSTRUCTION_ID
 from steradian.api.job_checks import check_reconstruction
@@ -82,9 +82,7 @@ async def create_reconstruction(
         return replay(answer)
     view = await view_of(services, identifier, wait)
     status = 201 if is_over(view) else 202
-    response = replay(Answer(status, answer.location, view.model_dump_json()))
-    response.headers["Preference-Applied"] = f"wait={wait.seconds:g}"
-    return response
+    return replay(Answer(status, answer.location, view.model_dump_json()))
 
 
 @router.get("", summary="Reconstructions, newest first")
@@ -104,9 +102,9 @@ async def read_reconstruction(
 ) -> ReconstructionView:
     """Show a reconstruction."""
     row, job = await _look(services, reconstruction_id, wait)
-    if not wait.seconds:
-        conditions.tag(etag_of(reconstruction_id, job.revision))
-    return ReconstructionView.of(row, job)
+    view = ReconstructionView.of(row, job)
+    conditions.tag(etag_of(reconstruction_id, job.revision, view))
+    return view
 
 
 @router.patch("/{reconstruction_id}", summary="Move a waiting reconstruction in the queue")
@@ -114,17 +112,18 @@ def change_reconstruction(
     services: ServicesNeeded,
     reconstruction_id: RECONSTRUCTION_ID,
     wanted: PriorityChange,
-    conditions: ConditionsNeeded,
+    conditions: ChangeConditionsNeeded,
 ) -> ReconstructionView:
     """Give a reconstruction that waits another priority; with If-Match only if it has not changed since."""
     row = services.reconstructions.get(reconstruction_id)
     job = services.queue.set_priority(row.id, wanted.priority, conditions.revision(row.id))
-    conditions.tag(etag_of(row.id, job.revision))
-    return ReconstructionView.of(row, job)
+    view = ReconstructionView.of(row, job)
+    conditions.tag(etag_of(row.id, job.revision, view))
+    return view
 
 
 @router.put("/{reconstruction_id}/desired-state", summary="Cancel a reconstruction")
-def wish(
+def set_reconstruction_desired_state(
     services: ServicesNeeded, who: Who, reconstruction_id: RECONSTRUCTION_ID, wanted: JobWish
 ) -> ReconstructionView:
     """Cancel a reconstruction that waits or runs; repeating it changes nothing."""
@@ -133,7 +132,7 @@ def wish(
 
 
 @router.get("/{reconstruction_id}/attempts", summary="Every start of the job")
-def read_attempts(services: ServicesNeeded, reconstruction_id: RECONSTRUCTION_ID) -> AttemptsView:
+def read_reconstruction_attempts(services: ServicesNeeded, reconstruction_id: RECONSTRUCTION_ID) -> AttemptsView:
     """Show which worker started the job when, and how each start ended."""
     services.reconstructions.get(reconstruction_id)
     return AttemptsView(items=services.ledger.status(reconstruction_id).attempts)

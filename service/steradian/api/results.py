@@ -22,7 +22,6 @@ from steradian.jobs.kinds import LIVE
 from steradian.storage.states import ReconstructionState
 
 router = APIRouter(prefix=f"{V1}/reconstructions", tags=["reconstructions"], route_class=GuardedRoute)
-_SAME = {"description": "The one you have is still right"}
 
 
 class RevisionView(BaseModel):
@@ -52,9 +51,9 @@ Slice = Annotated[
     "/{reconstruction_id}/mip",
     summary="A maximum-intensity projection as PNG",
     response_class=Response,
-    responses={200: {"content": {"image/png": {"schema": {"type": "string", "format": "binary"}}}}, 304: _SAME},
+    responses={200: {"content": {"image/png": {"schema": {"type": "string", "format": "binary"}}}}},
 )
-async def read_mip(
+async def read_reconstruction_mip(
     services: ServicesNeeded,
     reconstruction_id: RECONSTRUCTION_ID,
     wait: Wait,
@@ -80,9 +79,8 @@ async def read_mip(
 @router.get(
     "/{reconstruction_id}/revision",
     summary="How good the newest revision is while a scan is followed",
-    responses={304: _SAME},
 )
-async def read_revision(
+async def read_reconstruction_revision(
     services: ServicesNeeded, response: Response, reconstruction_id: RECONSTRUCTION_ID, conditions: ConditionsNeeded
 ) -> RevisionView:
     """Show number, coverage and quality of the image that /mip shows; the last one is the full reconstruction."""
@@ -106,9 +104,9 @@ async def read_revision(
     "/{reconstruction_id}/volume",
     summary="The volume, or a slice of it",
     response_class=Response,
-    responses={200: {"content": ARRAY_FORMATS}, 304: _SAME},
+    responses={200: {"content": ARRAY_FORMATS}},
 )
-async def read_volume(
+async def read_reconstruction_volume(
     services: ServicesNeeded,
     request: Request,
     reconstruction_id: RECONSTRUCTION_ID,
@@ -120,8 +118,8 @@ async def read_volume(
     kind = negotiate(request, (NPY, RAW, JSON))
     await _succeeded(services, reconstruction_id, wait)
     path = await _existing(services.data.job(reconstruction_id).volume, "volume of", reconstruction_id)
-    etag = etag_of_file(path)
-    conditions.tag(etag)
+    etag = etag_of_file(path, kind=kind)
+    conditions.tag(etag, vary="Accept")
     headers = {"ETag": etag, "X-Axes": "x,y,z", "Vary": "Accept"}
     if kind == NPY:
         headers["Content-Disposition"] = f'attachment; filename="{reconstruction_id}.npy"'
@@ -135,7 +133,7 @@ async def read_volume(
     response_class=Response,
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
 )
-def read_log(services: ServicesNeeded, reconstruction_id: RECONSTRUCTION_ID) -> Response:
+def read_reconstruction_log(services: ServicesNeeded, reconstruction_id: RECONSTRUCTION_ID) -> Response:
     """Show the log of all attempts; empty before the first."""
     services.reconstructions.get(reconstruction_id)
     path = services.data.job(reconstruction_id).log

@@ -13,7 +13,7 @@ from starlette.concurrency import run_in_threadpool
 from steradian.api.arrays import ARRAY_FORMATS, JSON, NPY, RAW, Selection, negotiate, respond
 from steradian.api.conditions import ConditionsNeeded, etag_of_file
 from steradian.api.dependencies import ServicesNeeded, Wait
-from steradian.api.files import RangedFile
+from steradian.api.files import RANGED, RangedFile
 from steradian.api.identifiers import SCAN_ID
 from steradian.api.problems import NotReady
 from steradian.api.scans import is_settled
@@ -69,13 +69,14 @@ class CoverageView(BaseModel):
     "/{scan_id}/file",
     summary="The A-lines as HDF5",
     response_class=RangedFile,
+    openapi_extra=RANGED,
     responses={
         200: {"content": {"application/x-hdf5": {"schema": {"type": "string", "format": "binary"}}}},
-        206: {"description": "A range of it"},
-        304: {"description": "The one you have is still right"},
     },
 )
-async def read_file(services: ServicesNeeded, scan_id: SCAN_ID, wait: Wait, conditions: ConditionsNeeded) -> RangedFile:
+async def read_scan_file(
+    services: ServicesNeeded, scan_id: SCAN_ID, wait: Wait, conditions: ConditionsNeeded
+) -> RangedFile:
     """Download the scan file, also in ranges."""
     row = await wait.until(lambda: services.scans.get(scan_id), is_settled)
     if not is_settled(row):
@@ -87,7 +88,7 @@ async def read_file(services: ServicesNeeded, scan_id: SCAN_ID, wait: Wait, cond
 
 
 @router.get("/{scan_id}/shots", summary="What became of each shot")
-def read_shots(services: ServicesNeeded, scan_id: SCAN_ID, points: Points = None) -> ShotsView:
+def read_scan_shots(services: ServicesNeeded, scan_id: SCAN_ID, points: Points = None) -> ShotsView:
     """Show status, shot number, time, energy and quality of each point, also while the scan runs."""
     columns = _columns(services, scan_id)
     count = len(columns["status"])
@@ -115,16 +116,21 @@ def read_shots(services: ServicesNeeded, scan_id: SCAN_ID, points: Points = None
     response_class=Response,
     responses={200: {"content": ARRAY_FORMATS}},
 )
-def read_alines(services: ServicesNeeded, request: Request, scan_id: SCAN_ID, slice: Slice = None) -> Response:
-    """Read A-lines (points, samples) in digitiser counts, also while the scan runs."""
+def read_scan_alines(
+    services: ServicesNeeded, request: Request, scan_id: SCAN_ID, conditions: ConditionsNeeded, slice: Slice = None
+) -> Response:
+    """Read A-lines (points, samples) in digitiser counts, also while the scan runs; an ETag comes when it is over."""
     kind = negotiate(request, (NPY, RAW, JSON))
     path = _file(services, scan_id)
     headers = {"X-Axes": "point,time", "Vary": "Accept"}
+    if is_settled(services.scans.get(scan_id)):
+        headers["ETag"] = etag_of_file(path, kind=kind)
+        conditions.tag(headers["ETag"], vary="Accept")
     return respond(path, "alines/samples", slice, kind, limit=services.settings.max_volume_bytes, headers=headers)
 
 
 @router.get("/{scan_id}/coverage", summary="How much of the mask is measured")
-def read_coverage(services: ServicesNeeded, scan_id: SCAN_ID) -> CoverageView:
+def read_scan_coverage(services: ServicesNeeded, scan_id: SCAN_ID) -> CoverageView:
     """Count points and the area they stand for, also while the scan runs."""
     columns = _columns(services, scan_id)
     stored = columns["status"] == schema.STORED

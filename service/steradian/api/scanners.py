@@ -60,14 +60,13 @@ def list_scanners(services: ServicesNeeded) -> Listing[ScannerView]:
 def read_scanner(services: ServicesNeeded, scanner_id: SCANNER_ID, conditions: ConditionsNeeded) -> ScannerView:
     """Show a scanner: its connection, what it does, its last error, who holds it."""
     row = services.scanner.get(scanner_id)
-    press = services.emergency.standing
-    stop = f"{press.number}{services.emergency.deed(press)}{services.emergency.is_recorded(press)}" if press else ""
-    conditions.tag(etag_of(row.id, f"{row.revision}{'h' if services.scanner.is_held(row) else ''}{stop}"))
-    return _view(services, row)
+    view = _view(services, row)
+    conditions.tag(etag_of(row.id, row.revision, view))
+    return view
 
 
 @router.put("/{scanner_id}/lease", summary="Take a scanner, or hold it for longer")
-def take_lease(
+def take_scanner_lease(
     services: ServicesNeeded, who: Who, scanner_id: SCANNER_ID, wanted: LeaseRequest, lease: Lease = None
 ) -> ScannerView:
     """Be the one operator until the lease ends; its number (fence) grows with every new lease.
@@ -80,7 +79,7 @@ def take_lease(
 
 
 @router.delete("/{scanner_id}/lease", status_code=204, summary="Give a scanner back")
-def give_lease_back(services: ServicesNeeded, who: Who, scanner_id: SCANNER_ID, lease: Number) -> Response:
+def return_scanner_lease(services: ServicesNeeded, who: Who, scanner_id: SCANNER_ID, lease: Number) -> Response:
     """End the lease; nothing happens when there is none. An admin may end another's."""
     services.scanner.get(scanner_id)
     services.scanner.release(lease, who.name, whoever=who.may(Scope.ADMIN))

@@ -9,7 +9,7 @@ from pydantic import ConfigDict, Field, StringConstraints
 from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 
-from steradian.api.conditions import ConditionsNeeded, etag_of
+from steradian.api.conditions import ChangeConditionsNeeded, ConditionsNeeded, etag_of
 from steradian.api.dependencies import Before, Limit, RequiredKey, ServicesNeeded, Wait, Who, link_next, replay
 from steradian.api.identifiers import SCAN_ID
 from steradian.api.scanners import Lease
@@ -89,7 +89,6 @@ async def create_scan(
         identifier = answer.location.rpartition("/")[2]
         row = await wait.until(lambda: services.scans.get(identifier), is_settled)
         response = replay(Answer(201, answer.location, ScanView.of(row).model_dump_json()))
-        response.headers["Preference-Applied"] = f"wait={wait.seconds:g}"
     return response
 
 
@@ -107,27 +106,29 @@ def list_scans(
 async def read_scan(services: ServicesNeeded, scan_id: SCAN_ID, wait: Wait, conditions: ConditionsNeeded) -> ScanView:
     """Show a scan."""
     row = await wait.until(lambda: services.scans.get(scan_id), is_settled)
-    conditions.tag(etag_of(row.id, row.revision))
-    return ScanView.of(row)
+    view = ScanView.of(row)
+    conditions.tag(etag_of(row.id, row.revision, view))
+    return view
 
 
 @router.patch("/{scan_id}", summary="Label a scan")
 def change_scan(
-    services: ServicesNeeded, scan_id: SCAN_ID, wanted: ScanChange, conditions: ConditionsNeeded
+    services: ServicesNeeded, scan_id: SCAN_ID, wanted: ScanChange, conditions: ChangeConditionsNeeded
 ) -> ScanView:
     """Set or take away labels; with If-Match only if the scan has not changed since."""
     row = services.scans.label(scan_id, wanted.labels, conditions.revision(scan_id))
-    conditions.tag(etag_of(row.id, row.revision))
-    return ScanView.of(row)
+    view = ScanView.of(row)
+    conditions.tag(etag_of(row.id, row.revision, view))
+    return view
 
 
 @router.put("/{scan_id}/desired-state", summary="Run, pause, stop or abort a scan")
-def wish(
+def set_scan_desired_state(
     services: ServicesNeeded,
     who: Who,
     scan_id: SCAN_ID,
     wanted: ScanWish,
-    conditions: ConditionsNeeded,
+    conditions: ChangeConditionsNeeded,
     lease: Lease = None,
 ) -> ScanView:
     """Say what a scan should become; repeating it changes nothing. ``running`` needs the scanner's lease, if one runs.
@@ -144,8 +145,9 @@ def wish(
         revision,
         admit=lambda session: _admit(services, session, lease, who),
     )
-    conditions.tag(etag_of(row.id, row.revision))
-    return ScanView.of(row)
+    view = ScanView.of(row)
+    conditions.tag(etag_of(row.id, row.revision, view))
+    return view
 
 
 def is_settled(row: ScanRow) -> bool:

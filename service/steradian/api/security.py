@@ -236,7 +236,7 @@ class GuardedRoute(APIRoute):
         handle = super().get_route_handler()
 
         async def guarded(request: Request) -> Response:
-            need = SCOPES[request.method if request.method != "HEAD" else "GET", self.path_format]
+            need = SCOPES[request.method, self.path_format]
             principal: Principal | None = request.state.principal
             if principal is None:
                 raise Unauthorized("a key is needed")
@@ -244,10 +244,13 @@ class GuardedRoute(APIRoute):
                 raise Forbidden(f"this needs a key with the scope {need}")
             checked = JsonRequest(request.scope, request.receive)
             try:
-                return await handle(checked)
+                answer = await handle(checked)
             except HTTPException:
                 if checked.refusal is not None:
                     raise checked.refusal from None
                 raise
+            if applied := getattr(request.state, "preference_applied", None):
+                answer.headers["Preference-Applied"] = applied
+            return answer
 
         return guarded

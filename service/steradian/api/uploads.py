@@ -38,7 +38,6 @@ class UploadView(BaseModel):
     status_code=201,
     summary="Send a file to be imported",
     openapi_extra={"requestBody": {"required": True, "content": _BINARY}},
-    responses={507: {"description": "The disk is full"}},
 )
 async def create_upload(services: ServicesNeeded, request: Request, response: Response) -> UploadView:
     """Keep the body as a file: IPASC, k-Wave or MATLAB HDF5, npy, npz, CSV, or a scan of this program.

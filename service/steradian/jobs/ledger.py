@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from sqlalchemy import exists, func, select
+from sqlalchemy import exists, func, select, update
 from sqlalchemy.orm import Session
 
 from steradian.errors import Conflict, NotFound, Superseded
@@ -233,11 +233,15 @@ class JobLedger(Repository[JobRow]):
         row.priority = priority
 
     def report(self, job_id: str, fence: int, stage: str, done: int, total: int) -> None:
-        """Note how far a start has come; raises :class:`Superseded` like :meth:`settle`."""
+        """Note how far a start has come; raises :class:`Superseded` like :meth:`settle`.
 
-        def change(_session: Session, row: JobRow) -> None:
+        The job's revision stays, as nothing has changed that anybody could change.
+        """
+
+        def change(session: Session, row: JobRow) -> None:
             if row.state is _R.RUNNING:
-                row.stage, row.done, row.total = stage[:120], done, total
+                progress = update(JobRow).where(JobRow.id == row.id)
+                session.execute(progress.values(stage=stage[:120], done=done, total=total))
 
         self._fenced(job_id, fence, change)
 

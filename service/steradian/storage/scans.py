@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from sqlalchemy import func, select
+from sqlalchemy import func, select, update
 from sqlalchemy.orm import Session
 
 from steradian.errors import Conflict
@@ -174,10 +174,10 @@ class ScanRepository(Repository[ScanRow]):
             record(session, self.clock(), "scan", row.id, data)
 
     def report(self, identifier: str, stage: str, done: int, total: int) -> None:
-        """Note how far a scan has come."""
+        """Note how far a scan has come; its revision stays, as nothing has changed that anybody could change."""
+        progress = update(ScanRow).where(ScanRow.id == identifier).values(stage=stage[:120], done=done, total=total)
         with self.database.write() as session:
-            row = self._find(session, identifier, lock=True)
-            row.stage, row.done, row.total = stage[:120], done, total
+            session.execute(progress)
 
     def label(self, identifier: str, labels: dict[str, str | None], revision: int | None = None) -> ScanRow:
         """Set labels; ``None`` takes one away. With ``revision``, only if the scan has not changed since.

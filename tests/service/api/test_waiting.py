@@ -15,7 +15,7 @@ class Present:
     """A request whose client stays."""
 
     def __init__(self, feed):
-        self.app = SimpleNamespace(state=SimpleNamespace(feed=feed))
+        self.app, self.state = SimpleNamespace(state=SimpleNamespace(feed=feed)), SimpleNamespace()
 
     async def is_disconnected(self):
         return False
