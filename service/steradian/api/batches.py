@@ -17,6 +17,7 @@ from steradian.api.dependencies import Before, Limit, OptionalKey, ServicesNeede
 from steradian.api.identifiers import BATCH_ID
 from steradian.api.job_checks import check_parts, check_reconstruction, check_room, frames_of
 from steradian.api.reconstructions import JobWish, note_reconstruction
+from steradian.api.reports import ReportView
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.api.views import BASE, Listing
@@ -104,7 +105,7 @@ class MemberView(BaseModel):
     varied: dict[str, Any]
     state: str
     progress: float = Field(description="0 to 1 within the present stage")
-    figures: dict[str, Any] | None = Field(description="Its report's figures, when it has succeeded")
+    figures: ReportView | None = Field(description="Its report, when it has succeeded")
 
 
 class BatchView(BaseModel):
@@ -210,7 +211,8 @@ def _member(batch: BatchRow, row: ReconstructionRow, job: JobStatus) -> MemberVi
     asked = {**row.parameters, **job.payload, **(job.payload.get("through") or {})}
     varied = {name: asked.get(name) for name in batch.vary}
     progress = 1.0 if job.is_over else job.done / job.total if job.total else 0.0
-    return MemberView(id=row.id, varied=varied, state=job.state, progress=progress, figures=job.result or None)
+    result = ReportView.model_validate(job.result) if job.result else None
+    return MemberView(id=row.id, varied=varied, state=job.state, progress=progress, figures=result)
 
 
 def _state(counts: Counter[str]) -> Any:

@@ -66,7 +66,7 @@ class Patience:
 
 async def _wait(
     request: Request,
-    prefer: Annotated[str | None, Header(alias="Prefer", description=_WAIT_HELP, examples=["wait=60"])] = None,
+    prefer: Annotated[str | None, Header(alias="Prefer", description=_WAIT_HELP)] = None,
 ) -> Patience:
     # It may come in several lines, but is declared as one text: common generators know no other headers.
     for preference in ",".join(request.headers.getlist("prefer")).split(","):

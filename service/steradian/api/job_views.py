@@ -7,6 +7,7 @@ from typing import Any, Self
 
 from pydantic import BaseModel, Field
 
+from steradian.api.reports import HistoryView, Result, result_of
 from steradian.api.views import BASE, ErrorView, ProgressView
 from steradian.jobs.kinds import resource_of
 from steradian.jobs.model import JobStatus
@@ -26,12 +27,12 @@ class JobView(BaseModel):
     attempt: int = Field(description="1 for the first start, 0 before it")
     progress: ProgressView
     error: ErrorView | None
-    result: dict[str, Any] | None = Field(description="What it found, when it has succeeded")
+    result: Result | None = Field(description="What it found, when it has succeeded; which of these, its kind says")
     files: list[str] = Field(description="Names of the files it left, behind links.files", examples=[["volume.nii.gz"]])
     created: datetime | None
     started: datetime | None
     ended: datetime | None
-    history: list[dict[str, Any]] = Field(description="state, at, who and why of every change")
+    history: list[HistoryView] = Field(description="Every change of state, oldest first")
     links: dict[str, str] = Field(examples=[{"self": "/api/v1/…"}])
 
     @classmethod
@@ -50,13 +51,15 @@ class JobView(BaseModel):
             attempt=job.attempt,
             progress=ProgressView(stage=job.stage, done=job.done, total=job.total),
             error=ErrorView(code=job.error_code, detail=job.error or "") if job.error_code else None,
-            result=result or None,
+            result=result_of(job.kind, result),
             files=[str(name) for name in job.result.get("files", [])],
             created=job.created,
             started=job.started,
             ended=job.ended,
-            history=job.history,
-            links={"self": here, "log": f"{here}/log", "attempts": f"{here}/attempts", **_links(here, job)},
+            history=[HistoryView.model_validate(change) for change in job.history],
+            links={"self": here}
+            | {name: f"{here}/{name}" for name in ("log", "attempts", "desired-state")}
+            | _links(here, job),
         )
 
     @property

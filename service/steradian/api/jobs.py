@@ -134,7 +134,7 @@ def set_job_desired_state(services: ServicesNeeded, who: Who, job_id: JOB_ID, wa
 @router.get("/{job_id}/attempts", summary="Every start of a job")
 def read_job_attempts(services: ServicesNeeded, job_id: JOB_ID) -> AttemptsView:
     """Show which worker started the job when, and how each start ended."""
-    return AttemptsView(items=services.ledger.status(job_id).attempts)
+    return AttemptsView.of(services.ledger.status(job_id))
 
 
 @router.get(

@@ -11,6 +11,7 @@ from starlette.concurrency import run_in_threadpool
 from steradian.api.conditions import ConditionsNeeded, etag_of
 from steradian.api.dependencies import Before, Limit, ServicesNeeded, link_next
 from steradian.api.identifiers import PLAN_ID
+from steradian.api.reports import PreviewView
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.api.views import Listing, PlanView
@@ -78,10 +79,9 @@ async def create_plan(services: ServicesNeeded, response: Response, wanted: Plan
 
 
 @router.post("/preview", summary="What a plan would cost", responses={200: {"description": "Nothing is stored"}})
-async def preview_plan(services: ServicesNeeded, wanted: PlanRequest) -> dict[str, Any]:
+async def preview_plan(services: ServicesNeeded, wanted: PlanRequest) -> PreviewView:
     """Work out time, bytes and findings of a plan, storing nothing."""
-    preview: dict[str, Any] = (await _worked_out(services, wanted))["preview"]
-    return preview
+    return PreviewView.model_validate((await _worked_out(services, wanted))["preview"])
 
 
 @router.get("", summary="Plans, newest first")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal, Self
 
 from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
@@ -13,6 +13,7 @@ from steradian.api.conditions import ChangeConditionsNeeded, ConditionsNeeded, e
 from steradian.api.dependencies import Before, Limit, OptionalKey, ServicesNeeded, Wait, Who, link_next, replay
 from steradian.api.identifiers import RECONSTRUCTION_ID
 from steradian.api.job_checks import check_reconstruction
+from steradian.api.reports import AttemptView
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.api.views import Listing, ReconstructionView
@@ -47,10 +48,12 @@ class JobWish(Value):
 class AttemptsView(BaseModel):
     """Every start of a job with its end."""
 
-    items: list[dict[str, Any]] = Field(
-        description="number, worker, started, ended, outcome, detail",
-        examples=[[{"number": 1, "worker": "worker-0", "outcome": "died", "detail": "killed by signal SIGKILL"}]],
-    )
+    items: list[AttemptView]
+
+    @classmethod
+    def of(cls, job: JobStatus) -> Self:
+        """Show the starts of a job."""
+        return cls(items=[AttemptView.model_validate(start) for start in job.attempts])
 
 
 @router.post(
@@ -122,20 +125,20 @@ def change_reconstruction(
     return view
 
 
-@router.put("/{reconstruction_id}/desired-state", summary="Cancel a reconstruction")
+@router.put("/{reconstruction_id}/desired-state", summary="Cancel a reconstruction", deprecated=True)
 def set_reconstruction_desired_state(
     services: ServicesNeeded, who: Who, reconstruction_id: RECONSTRUCTION_ID, wanted: JobWish
 ) -> ReconstructionView:
-    """Cancel a reconstruction that waits or runs; repeating it changes nothing."""
+    """Do the same as PUT /jobs/{id}/desired-state, which is the address for every kind of job."""
     row = services.reconstructions.get(reconstruction_id)
     return ReconstructionView.of(row, services.cancel(row.id, who.name, wanted.reason))
 
 
-@router.get("/{reconstruction_id}/attempts", summary="Every start of the job")
+@router.get("/{reconstruction_id}/attempts", summary="Every start of the job", deprecated=True)
 def read_reconstruction_attempts(services: ServicesNeeded, reconstruction_id: RECONSTRUCTION_ID) -> AttemptsView:
-    """Show which worker started the job when, and how each start ended."""
+    """Show the same as GET /jobs/{id}/attempts, which is the address for every kind of job."""
     services.reconstructions.get(reconstruction_id)
-    return AttemptsView(items=services.ledger.status(reconstruction_id).attempts)
+    return AttemptsView.of(services.ledger.status(reconstruction_id))
 
 
 async def view_of(services: Services, identifier: str, wait: Wait) -> ReconstructionView:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, Field
@@ -15,6 +15,7 @@ from steradian.api.dependencies import ServicesNeeded, Wait
 from steradian.api.identifiers import RECONSTRUCTION_ID
 from steradian.api.problems import NotReady
 from steradian.api.reconstructions import is_over, view_of
+from steradian.api.reports import ImageView
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.errors import Conflict, NotFound
@@ -37,7 +38,7 @@ class RevisionView(BaseModel):
     quality: dict[str, float | None] = Field(
         description="Correlation with the revision before, sharpness, maximum", examples=[{"sharpness": 0.1}]
     )
-    image: dict[str, Any] = Field(description="Its shape and spacing", examples=[{"shape": [226, 226, 256]}])
+    image: ImageView = Field(description="Its shape and spacing")
     seconds: dict[str, float] = Field(description="What it cost", examples=[{"total": 0.2}])
 
 
@@ -130,11 +131,12 @@ async def read_reconstruction_volume(
 @router.get(
     "/{reconstruction_id}/log",
     summary="What the job wrote while it ran",
+    deprecated=True,
     response_class=Response,
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
 )
 def read_reconstruction_log(services: ServicesNeeded, reconstruction_id: RECONSTRUCTION_ID) -> Response:
-    """Show the log of all attempts; empty before the first."""
+    """Show the same as GET /jobs/{id}/log, which is the address for every kind of job."""
     services.reconstructions.get(reconstruction_id)
     path = services.data.job(reconstruction_id).log
     text = path.read_bytes() if path.is_file() else b""

@@ -7,6 +7,7 @@ from typing import Any, Generic, Literal, Self, TypeVar, cast
 
 from pydantic import BaseModel, Field
 
+from steradian.api.reports import HistoryView, PreviewView, ReportView, SummaryView
 from steradian.jobs.kinds import LIVE
 from steradian.jobs.model import JobStatus
 from steradian.plans import VisitOrder
@@ -97,17 +98,16 @@ class PlanView(BaseModel):
     order: VisitOrder
     frames: int = Field(default=1, description="How often the mask is measured at each excitation wavelength")
     excitation: list[float] = Field(default_factory=list, description="Excitation wavelengths (m)", examples=[[7.5e-7]])
-    preview: dict[str, Any] = Field(description="laser_seconds (s), travel (m), bytes, findings")
+    preview: PreviewView = Field(description="What it costs")
     created: datetime
     links: dict[str, str] = Field(examples=[{"self": "/api/v1/…"}])
 
     @classmethod
     def of(cls, row: PlanRow) -> Self:
         """Show a row."""
+        preview = PreviewView.model_validate(row.preview)
         links = {"self": f"{BASE}/plans/{row.id}", "mask": f"{BASE}/masks/{row.mask_id}"}
-        return cls(
-            id=row.id, mask_id=row.mask_id, preview=row.preview, created=row.created, links=links, **row.parameters
-        )
+        return cls(id=row.id, mask_id=row.mask_id, created=row.created, links=links, preview=preview, **row.parameters)
 
 
 class ScanView(BaseModel):
@@ -124,11 +124,11 @@ class ScanView(BaseModel):
     fence: int = Field(description="Number of the scanner lease under which it was asked for")
     progress: ProgressView
     error: ErrorView | None
-    summary: dict[str, Any] | None = Field(description="points, fired, stored; when the scan is over")
+    summary: SummaryView | None = Field(description="When the scan is over")
     created: datetime
     started: datetime | None
     ended: datetime | None
-    history: list[dict[str, Any]] = Field(description="state, at, who and why of every change")
+    history: list[HistoryView] = Field(description="Every change of state, oldest first")
     links: dict[str, str] = Field(examples=[{"self": "/api/v1/…"}])
 
     @classmethod
@@ -148,11 +148,11 @@ class ScanView(BaseModel):
             fence=row.fence,
             progress=ProgressView(stage=row.stage, done=row.done or 0, total=row.total or 0),
             error=ErrorView(code=row.error_code, detail=row.error or "") if row.error_code else None,
-            summary=row.summary,
+            summary=SummaryView.model_validate(row.summary) if row.summary else None,
             created=row.created,
             started=row.started,
             ended=row.ended,
-            history=row.history,
+            history=[HistoryView.model_validate(change) for change in row.history],
             links={"self": here, "plan": f"{BASE}/plans/{row.plan_id}", **parts},
         )
 
@@ -175,19 +175,21 @@ class ReconstructionView(BaseModel):
     attempt: int = Field(description="1 for the first start, 0 before it")
     progress: ProgressView
     error: ErrorView | None
-    report: dict[str, Any] | None = Field(description="Figures and provenance, when it has succeeded")
+    report: ReportView | None = Field(description="Figures and provenance, when it has succeeded")
     created: datetime
     started: datetime | None
     ended: datetime | None
-    history: list[dict[str, Any]] = Field(description="state, at, who and why of every change")
+    history: list[HistoryView] = Field(description="Every change of state, oldest first")
     links: dict[str, str] = Field(examples=[{"self": "/api/v1/…"}])
 
     @classmethod
     def of(cls, row: ReconstructionRow, job: JobStatus) -> Self:
         """Show a row and its job."""
         here = f"{BASE}/reconstructions/{row.id}"
+        job_at = f"{BASE}/jobs/{row.id}"
         mips = {f"mip_{axis}": f"{here}/mip?axis={axis}" for axis in ("x", "y", "z", "depth")}
-        parts = {name: f"{here}/{name}" for name in ("volume", "quality", "log", "attempts")}
+        parts = {name: f"{here}/{name}" for name in ("volume", "quality")}
+        parts |= {"job": job_at} | {name: f"{job_at}/{name}" for name in ("log", "attempts", "desired-state")}
         if job.kind == LIVE:
             parts["revision"] = f"{here}/revision"
         links = {"self": here, "scan": f"{BASE}/scans/{row.scan_id}", **parts}
@@ -207,11 +209,11 @@ class ReconstructionView(BaseModel):
             attempt=job.attempt,
             progress=ProgressView(stage=job.stage, done=job.done, total=job.total),
             error=ErrorView(code=job.error_code, detail=job.error or "") if job.error_code else None,
-            report=job.result or None,
+            report=ReportView.model_validate(job.result) if job.result else None,
             created=row.created,
             started=job.started,
             ended=job.ended,
-            history=job.history,
+            history=[HistoryView.model_validate(change) for change in job.history],
             links=links | mips,
         )
 

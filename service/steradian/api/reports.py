@@ -1,0 +1,172 @@
+"""What work leaves behind in figures, as JSON: a scan's counts, a plan's cost, what each kind of job found.
+
+Figures may gain members: what is not named here is passed on as it is.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any, Literal, TypeAlias
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class Figures(BaseModel):
+    """Figures that were noted some time ago, by this version or another."""
+
+    model_config = ConfigDict(extra="allow")
+
+
+class HistoryView(Figures):
+    """A change of state."""
+
+    state: str = Field(description="What it became", examples=["running"])
+    at: datetime
+    who: str = Field(description="The key's name, or the process", examples=["local"])
+    why: str | None
+
+
+class AttemptView(Figures):
+    """A start of a job, and its end."""
+
+    number: int = Field(description="Counts starts, but not those that were put back", examples=[1])
+    worker: str = Field(examples=["worker-0"])
+    started: datetime
+    ended: datetime | None
+    outcome: str | None = Field(description="succeeded, failed, died, interrupted, put back or cancelled")
+    detail: str | None = Field(examples=["killed by signal SIGKILL"])
+
+
+class SummaryView(Figures):
+    """Counts of a scan that is over."""
+
+    points: int | None = Field(default=None, description="A-lines that were planned, of all frames")
+    stored: int | None = Field(default=None, description="A-lines that are kept")
+    fired: int | None = Field(default=None, description="Shots that the scanner fired")
+
+
+class RemarkView(BaseModel):
+    """One remark about a plan: an error refuses the scan, a warning does not."""
+
+    severity: Literal["error", "warning"]
+    field: str = Field(description="The field of the plan to change", examples=["pulse_rate"])
+    message: str
+    allowed: str = Field(
+        description="The range of the field that would do", examples=["at most 92.1 Hz over this link"]
+    )
+
+
+class PreviewView(Figures):
+    """What a plan costs."""
+
+    seconds: dict[str, float] = Field(
+        description="Time (s) each part needs by itself: laser, mover, tuning, link, disk", examples=[{"laser": 32.0}]
+    )
+    laser_seconds: float = Field(description="s")
+    total_seconds: float = Field(description="Time of the scan (s); the parts overlap")
+    limiting: Literal["laser", "mover", "tuning", "link", "disk"] = Field(description="The part that decides the time")
+    travel: float = Field(description="Way of the beam (m)")
+    retunings: int = Field(description="How often the bias wavelength changes")
+    bytes: int = Field(description="Size of the A-lines' samples")
+    findings: list[RemarkView]
+
+
+class FitView(Figures):
+    """How an iterative reconstruction found its image."""
+
+    iterations: int
+    stopped: str = Field(description="What ended it: discrepancy, change or iterations")
+    misfit: float = Field(description="Of the image, relative to the A-lines")
+    misfits: list[float] = Field(description="After each iteration")
+
+
+class UnevennessView(Figures):
+    """What A-lines differed in, and how many were left out."""
+
+    left_out: dict[str, int] = Field(default_factory=dict, description="A-lines not used, by flag")
+    energy: list[float] | None = Field(default=None, description="Least and greatest pulse energy, relative to nominal")
+    time_zero_s: list[float] | None = Field(default=None, description="Earliest and latest time zero (s)")
+
+
+class ReportView(Figures):
+    """Figures and provenance of a reconstruction."""
+
+    shape: list[int] = Field(description="Voxels along each axis", examples=[[226, 226, 512]])
+    spacing_m: list[float] | None = Field(default=None, description="Distance of voxels along each axis (m)")
+    origin_m: list[float] | None = Field(default=None, description="Centre of the first voxel along each axis (m)")
+    axes: str | None = Field(default=None, examples=["x, y, z"])
+    sensors: int | None = Field(default=None, description="A-lines the image is made of")
+    planned: int | None = Field(default=None, description="A-lines that the scan was to have")
+    sound_speed_m_s: float | None = Field(default=None, description="m/s")
+    sensed_area_m2: float | None = Field(default=None, description="Sum of the weights (m², m for a line)")
+    notes: list[str] | None = Field(default=None, description="What to know of the image before it is trusted")
+    parameters: dict[str, Any] | None = Field(default=None, description="As they took effect")
+    provenance: dict[str, Any] | None = Field(default=None, description="Of what it was made")
+    missing: dict[str, Any] | None = Field(default=None, description="What a partly measured scan lacks")
+    fit: FitView | None = None
+    shots: UnevennessView | None = None
+    near_field_m: float | None = Field(default=None, description="Depth from which on the pictures show it (m)")
+    scale_percentile: float | None = None
+    scale_ends: dict[str, float] | None = Field(default=None, description="Value at the end of each picture's scale")
+    seconds: dict[str, float] | None = Field(default=None, description="Wall time of each stage (s)")
+    what_if: dict[str, Any] | None = Field(default=None, description="How much it is like the image of all points")
+    files: list[str] | None = Field(default=None, description="Names of the files it left")
+
+
+class SoundSpeedView(Figures):
+    """The speed of sound at which an image is sharpest."""
+
+    sound_speeds: list[float] = Field(description="Speeds tried, rising (m/s)")
+    sharpness: list[float] = Field(description="At each of them, normalised")
+    best: float = Field(description="Speed of the maximum (m/s)")
+    standard_error: float | None = Field(description="Of best (m/s), where it was asked for")
+    at_edge: bool = Field(description="Whether the sharpest is the first or last: the range should be moved")
+
+
+class ComparisonView(Figures):
+    """How much one volume is like another."""
+
+    figures: dict[str, float | None] = Field(
+        description="Correlations, sharpness and error", examples=[{"volume_correlation": 0.48}]
+    )
+
+
+class ExportView(Figures):
+    """What was written for another program."""
+
+    bytes: int = Field(description="Size of the file")
+
+
+class ImportView(Figures):
+    """What a recording became."""
+
+    scan_id: str
+    plan_id: str
+    mask_id: str
+    points: int | None = Field(default=None, description="A-lines that were planned, of all frames")
+    stored: int | None = Field(default=None, description="A-lines that are kept")
+    fired: int | None = Field(default=None, description="Shots that the scanner fired")
+
+
+class ImageView(Figures):
+    """The voxels of an image that grows with its scan."""
+
+    shape: list[int] = Field(default_factory=list, examples=[[226, 226, 256]])
+    spacing_m: list[float] | None = Field(default=None, description="Distance of voxels along each axis (m)")
+    decimation: int | None = Field(default=None, description="How much coarser than the full image it is in depth")
+    modes: int | None = None
+
+
+Result: TypeAlias = SoundSpeedView | ComparisonView | ExportView | ImportView | ReportView
+"""What a job found."""
+_RESULTS: dict[str, type[Result]] = {
+    "sound-speed": SoundSpeedView,
+    "quality": ComparisonView,
+    "export": ExportView,
+    "import": ImportView,
+}
+
+
+def result_of(kind: str, found: dict[str, Any]) -> Result | None:
+    """Show what a job of a kind found; ``None`` while there is nothing."""
+    return _RESULTS.get(kind, ReportView).model_validate(found) if found else None
