@@ -15,6 +15,7 @@ from steradian.imaging.volume import RealArray
 from steradian.progress import IsCancelled, Progress
 
 _OVERSAMPLINGS = (1.06, 1.08, 1.1, 1.12, 1.15, 1.2, 1.25, 1.3, 1.4, 1.5, 1.75, 2.0)
+_OTHERS = 500  # products of a tap and a sample that cost what the other steps take for a sample, about
 _WORTH = 0.9  # of the samples; a decimation to more of them is left
 _VECTORS = 32  # taps are a multiple of this: no remainder for the processor to do one by one
 _ROWS = 256  # A-lines decimated together
@@ -93,15 +94,16 @@ def decimation(samples: int, band: float, accuracy: float) -> Decimation | None:
     # Kaiser's formulas (J. F. Kaiser, Proc. IEEE ISCAS 1974): steepness and length for an attenuation in dB
     attenuation = max(60.0, -20 * log10(accuracy))
     beta = 0.1102 * (attenuation - 8.7)
-    best: tuple[int, float, float] | None = None
+    best: tuple[float, int, float, float] | None = None
     for oversampling in _OVERSAMPLINGS:
         every = 0.5 / (band * oversampling)
         reach = 0.5 * (attenuation - 7.95) / (2.285 * 2 * np.pi * (1 - 1 / oversampling))  # samples of the result
         count = LINE * (floor((samples - 1) / every + 2 * reach) // LINE + 1)
-        if best is None or count < best[0]:
-            best = count, every, reach
+        cost = count * (_OTHERS + 2 * reach * every)
+        if best is None or cost < best[0]:
+            best = cost, count, every, reach
     assert best is not None  # noqa: S101
-    count, every, reach = best
+    _, count, every, reach = best
     if count > _WORTH * samples:
         return None
     # Kaiser-windowed sinc
