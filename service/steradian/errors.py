@@ -85,14 +85,16 @@ class DiskFull(SteradianError):
 
     Parameters
     ----------
-    needed, available
-        Bytes, where they are known.
+    needed, available, promised
+        Bytes, where they are known: what is needed, what there is for it, and what others were promised.
     """
 
     code = "disk-full"
 
-    def __init__(self, message: str, *, needed: int | None = None, available: int | None = None) -> None:
-        self.needed, self.available = needed, available
+    def __init__(
+        self, message: str, *, needed: int | None = None, available: int | None = None, promised: int | None = None
+    ) -> None:
+        self.needed, self.available, self.promised = needed, available, promised
         super().__init__(message)
 
 

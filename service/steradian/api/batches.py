@@ -15,7 +15,7 @@ from starlette.concurrency import run_in_threadpool
 
 from steradian.api.dependencies import Before, Limit, OptionalKey, ServicesNeeded, Who, link_next, replay
 from steradian.api.identifiers import BATCH_ID
-from steradian.api.job_checks import check_parts, check_reconstruction, check_room, frames_of
+from steradian.api.job_checks import check_parts, check_reconstruction, frames_of, room_of
 from steradian.api.reconstructions import JobWish, note_reconstruction
 from steradian.api.reports import ReportView
 from steradian.api.security import V1, GuardedRoute
@@ -149,8 +149,12 @@ async def create_batch(services: ServicesNeeded, who: Who, wanted: BatchRequest,
     """Queue a reconstruction for every combination of values; all are queued or none is."""
 
     def make(session: Session) -> Answer:
+        services.require_room(session, sum(rooms), f"the batch of {len(rooms)} volumes")
         batch = services.batches.add(session, scan, vary, wanted.parameters, who.name)
-        noted = [note_reconstruction(services, session, scan, one, who, batch) for one in chosen]
+        noted = [
+            note_reconstruction(services, session, scan, one, who, room, batch)
+            for one, room in zip(chosen, rooms, strict=True)
+        ]
         members = [row for row, _ in noted]
         view = BatchView.of(batch, members, {row.id: to_status(job) for row, job in noted})
         return Answer(202, view.links["self"], view.model_dump_json())
@@ -163,7 +167,7 @@ async def create_batch(services: ServicesNeeded, who: Who, wanted: BatchRequest,
         scan = await run_in_threadpool(check_reconstruction, services, chosen[0])
         for one in chosen:
             await run_in_threadpool(check_parts, services, scan, one)
-        await run_in_threadpool(check_room, services, scan, chosen)
+        rooms = await run_in_threadpool(lambda: [room_of(services, scan, one) for one in chosen])
         answer = await run_in_threadpool(services.answers.once, key, make)
     return replay(answer)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -37,26 +36,17 @@ def check_reconstruction(services: Services, wanted: ReconstructionRequest) -> S
     if scan.state in SETTLED_SCAN_STATES:
         _check_alines(services, scan)
     check_parts(services, scan, wanted)
-    check_room(services, scan, [wanted])
     return scan
 
 
-def check_room(services: Services, scan: ScanRow, wanted: Sequence[ReconstructionRequest]) -> None:
-    """Refuse reconstructions whose volumes do not fit on the disk, all of them together.
+def room_of(services: Services, scan: ScanRow, wanted: ReconstructionRequest) -> int:
+    """Return how many bytes a reconstruction may write.
 
-    Each leaves its values and three projections (float32); one that follows a scan holds the last image beside the one
+    It leaves its values and three projections (float32); one that follows a scan holds the last image beside the one
     that it writes.
-
-    Raises
-    ------
-    DiskFull
-        With what is needed and what is there.
     """
-    need = 0
-    for one in wanted:
-        across, deep = _shape(services, scan, one.parameters)
-        need += 4 * (across**2 * deep + across**2 + 2 * across * deep) * (2 if one.follow else 1)
-    services.disk.require(need, "the volume" if len(wanted) == 1 else f"the batch of {len(wanted)} volumes")
+    across, deep = _shape(services, scan, wanted.parameters)
+    return 4 * (across**2 * deep + across**2 + 2 * across * deep) * (2 if wanted.follow else 1)
 
 
 def check_parts(services: Services, scan: ScanRow, wanted: ReconstructionRequest) -> None:
@@ -71,8 +61,8 @@ def check_parts(services: Services, scan: ScanRow, wanted: ReconstructionRequest
             raise InvalidInput("through.mask_id", mask_id, f"a mask of the scan's aperture, {aperture:g} m")
 
 
-def check_work(services: Services, wanted: WorkRequest) -> None:
-    """Refuse what cannot work of what is no reconstruction.
+def check_work(services: Services, wanted: WorkRequest) -> int:
+    """Refuse what cannot work of what is no reconstruction; return how many bytes it will write, about.
 
     Raises
     ------
@@ -86,16 +76,18 @@ def check_work(services: Services, wanted: WorkRequest) -> None:
             _check_pair(services, wanted)
         case ExportRequest(scan_id=str(scan_id)):
             _measured(services, scan_id)
-            services.disk.require(services.data.scan_file(scan_id).stat().st_size, "the export")
+            return services.data.scan_file(scan_id).stat().st_size
         case ExportRequest(reconstruction_id=str(reconstruction_id)):
-            volume = existing_volume(services, reconstruction_id, "reconstruction_id")
-            services.disk.require(volume.stat().st_size, "the export")
+            return existing_volume(services, reconstruction_id, "reconstruction_id").stat().st_size
         case ImportRequest():
-            for identifier in (wanted.upload_id, wanted.companion_id):
-                if identifier is not None and not services.data.upload(identifier).is_file():
+            uploads = [wanted.upload_id] + ([] if wanted.companion_id is None else [wanted.companion_id])
+            for identifier in uploads:
+                if not services.data.upload(identifier).is_file():
                     raise NotFound("upload", identifier)
+            return sum(services.data.upload(identifier).stat().st_size for identifier in uploads)
         case _:
             raise AssertionError(f"no check of {wanted!r}")
+    return 0
 
 
 def frames_of(plan: dict[str, Any]) -> list[float]:

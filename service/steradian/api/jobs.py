@@ -66,14 +66,15 @@ async def queue_job(
     """Check what is wanted, note it, hand it to the queue and, where the client waits, wait."""
 
     def make(session: Session) -> Answer:
-        row = services.submit(session, job_of(new_id("j"), wanted, principal=who.name))
+        services.require_room(session, room, f"the {wanted.kind}")
+        row = services.submit(session, job_of(new_id("j"), wanted, principal=who.name, promised=room))
         session.flush()
         view = JobView.of(to_status(row))
         return Answer(202, view.links["self"], view.model_dump_json())
 
     answer = await run_in_threadpool(services.answers.kept, key)
     if answer is None:
-        await run_in_threadpool(check_work, services, wanted)
+        room = await run_in_threadpool(check_work, services, wanted)
         answer = await run_in_threadpool(services.answers.once, key, make)
     identifier = answer.location.rpartition("/")[2]
     if not wait.seconds or answer.replayed:

@@ -101,6 +101,9 @@ class Problem(BaseModel):
     dependents: list[str] | None = Field(default=None, description="What needs the thing that was to be deleted (409)")
     needed_bytes: int | None = Field(default=None, description="Of a full disk (507): what the request needs")
     available_bytes: int | None = Field(default=None, description="Of a full disk (507): what it may take")
+    promised_bytes: int | None = Field(
+        default=None, description="Of a full disk (507): what jobs that wait or run will still write"
+    )
 
 
 _REFUSALS: dict[str, str] = {
@@ -182,7 +185,11 @@ async def _ours(request: Request, error: Exception) -> JSONResponse:
     headers = {"Retry-After": str(getattr(error, "retry_after", 1))} if error.code in RETRYABLE else {}
     more: dict[str, Any] = {}
     if isinstance(error, DiskFull):
-        more = {"needed_bytes": error.needed, "available_bytes": error.available}
+        more = {
+            "needed_bytes": error.needed,
+            "available_bytes": error.available,
+            "promised_bytes": error.promised,
+        }
     elif isinstance(error, HasDependents):
         more = {"dependents": [f"/api/v1/{_NOUNS[one.kind]}/{one.id}" for one in error.dependents[:MOST_NAMED]]}
     return problem(request_id_of(request), status, error.code, str(error), errors=errors, headers=headers, **more)

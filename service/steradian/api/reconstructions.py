@@ -12,7 +12,7 @@ from starlette.concurrency import run_in_threadpool
 from steradian.api.conditions import ChangeConditionsNeeded, ConditionsNeeded, etag_of
 from steradian.api.dependencies import Before, Limit, OptionalKey, ServicesNeeded, Wait, Who, link_next, replay
 from steradian.api.identifiers import RECONSTRUCTION_ID
-from steradian.api.job_checks import check_reconstruction
+from steradian.api.job_checks import check_reconstruction, room_of
 from steradian.api.reports import AttemptView
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
@@ -72,13 +72,15 @@ async def create_reconstruction(
     """
 
     def make(session: Session) -> Answer:
-        row, job = note_reconstruction(services, session, scan, wanted, who)
+        services.require_room(session, room, "the volume")
+        row, job = note_reconstruction(services, session, scan, wanted, who, room)
         view = ReconstructionView.of(row, to_status(job))
         return Answer(202, view.links["self"], view.model_dump_json())
 
     answer = await run_in_threadpool(services.answers.kept, key)
     if answer is None:
         scan = await run_in_threadpool(check_reconstruction, services, wanted)
+        room = await run_in_threadpool(room_of, services, scan, wanted)
         answer = await run_in_threadpool(services.answers.once, key, make)
     identifier = answer.location.rpartition("/")[2]
     if not wait.seconds or answer.replayed:
@@ -164,10 +166,11 @@ def note_reconstruction(
     scan: ScanRow,
     wanted: ReconstructionRequest,
     who: Principal,
+    room: int,
     batch: BatchRow | None = None,
 ) -> tuple[ReconstructionRow, JobRow]:
-    """Note a reconstruction and its job in the present transaction."""
+    """Note a reconstruction and its job, which may write ``room`` bytes, in the present transaction."""
     row = services.reconstructions.add(session, scan, wanted.parameters.model_dump(mode="json"), batch)
-    job = services.submit(session, job_of(row.id, wanted, principal=who.name, batch_id=row.batch_id))
+    job = services.submit(session, job_of(row.id, wanted, principal=who.name, batch_id=row.batch_id, promised=room))
     session.flush()
     return row, job

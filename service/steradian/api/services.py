@@ -24,7 +24,7 @@ from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url
 from steradian.storage.deletion import Deletion, remove_files, waiting_import
 from steradian.storage.dependence import Resource, hold_needs, needed
-from steradian.storage.disk import Disk
+from steradian.storage.disk import Disk, promised
 from steradian.storage.emergency import EmergencyLatch
 from steradian.storage.events import EventLog
 from steradian.storage.idempotency import Answers
@@ -57,7 +57,7 @@ class Services:
     def __init__(self, settings: Settings, clock: Clock = utc_now) -> None:
         self.settings, self.clock = settings, clock
         self.data = DataDirectory(settings.data)
-        self.disk = Disk(self.data.root, settings.disk_reserve_bytes)
+        self.disk = Disk(self.data.root, settings.disk_reserve_bytes, settings.quota_bytes)
         self.database = Database(metadata_url(settings))
         self.masks = MaskRepository(self.database, clock)
         self.plans = PlanRepository(self.database, clock)
@@ -109,6 +109,16 @@ class Services:
     def queue_is_open(self) -> bool:
         """Whether jobs can be taken at once."""
         return self._opened.is_set()
+
+    def require_room(self, session: Session, need: int, what: str) -> None:
+        """Refuse what does not fit beside all that waits; ask in the transaction that queues it, or two could share.
+
+        Raises
+        ------
+        DiskFull
+            With what is needed, what is there and what of it is promised.
+        """
+        self.disk.require(need, what, promised(session, self.data))
 
     def submit(self, session: Session, request: JobRequest) -> JobRow:
         """Note a job and queue it in the present transaction; one that is noted before the queue is open waits.

@@ -14,10 +14,12 @@ from starlette.concurrency import run_in_threadpool
 from steradian.api.dependencies import ServicesNeeded
 from steradian.api.identifiers import UPLOAD_ID
 from steradian.api.security import V1, GuardedRoute
+from steradian.api.services import Services
 from steradian.api.views import BASE
 from steradian.drafts import sync_folder
 from steradian.errors import InvalidInput, NotFound
 from steradian.storage.deletion import InUse, waiting_import
+from steradian.storage.disk import promised
 from steradian.storage.repository import new_id
 
 router = APIRouter(prefix=f"{V1}/uploads", tags=["jobs"], route_class=GuardedRoute)
@@ -44,14 +46,15 @@ async def create_upload(services: ServicesNeeded, request: Request, response: Re
 
     Then POST /jobs with kind ``import``. A file that nobody imports is deleted after a day.
     """
-    services.disk.require(int(request.headers.get("content-length", 0)), "the upload")
+    taken, used = await run_in_threadpool(_taken, services)
+    services.disk.require(int(request.headers.get("content-length", 0)), "the upload", taken, used)
     identifier = new_id("u")
     path = services.data.upload(identifier)
     draft = path.with_name(f"{identifier}.part")
     digest, size = hashlib.sha256(), 0
 
     def keep(file: BinaryIO, piece: bytes) -> None:
-        services.disk.require(len(piece), f"the upload, of which {size / 1e6:.1f} MB have come,")
+        services.disk.require(len(piece), f"the upload, of which {size / 1e6:.1f} MB have come,", taken, used + size)
         digest.update(piece)
         file.write(piece)
 
@@ -87,6 +90,12 @@ def delete_upload(services: ServicesNeeded, upload_id: UPLOAD_ID) -> Response:
             raise InUse(f"upload {upload_id} cannot be deleted while job {job} waits or runs")
         services.data.upload(upload_id).unlink(missing_ok=True)
     return Response(status_code=204)
+
+
+def _taken(services: Services) -> tuple[int, int]:
+    """Return the bytes that jobs will still write, and, where there is a quota, those that are in use."""
+    with services.database.read() as session:
+        return promised(session, services.data), services.disk.used if services.disk.quota is not None else 0
 
 
 def _is_name(upload_id: str) -> bool:

@@ -52,6 +52,7 @@ class JobLedger(Repository[JobRow]):
             batch_id=request.batch_id,
             priority=request.priority,
             timeout=request.timeout,
+            promised=request.promised,
             state=_R.QUEUED,
             fence=0,
             desired_state=DesiredJobState.SUCCEEDED,

@@ -45,6 +45,8 @@ class JobRequest:
         Who asked for it.
     batch_id
         The batch it belongs to.
+    promised
+        Bytes of the disk that it may write.
     """
 
     id: str
@@ -54,6 +56,7 @@ class JobRequest:
     timeout: float | None = None
     principal: str = "local"
     batch_id: str | None = None
+    promised: int = 0
 
 
 @dataclass(frozen=True)

@@ -176,11 +176,16 @@ WorkRequest: TypeAlias = SoundSpeedRequest | QualityRequest | ExportRequest | Im
 
 
 def job_of(
-    job_id: str, request: ReconstructionRequest | WorkRequest, *, principal: str = "local", batch_id: str | None = None
+    job_id: str,
+    request: ReconstructionRequest | WorkRequest,
+    *,
+    principal: str = "local",
+    batch_id: str | None = None,
+    promised: int = 0,
 ) -> JobRequest:
     """Make a job of a request."""
     payload = request.model_dump(mode="json")
-    return JobRequest(job_id, request.kind, payload, request.priority, request.timeout, principal, batch_id)
+    return JobRequest(job_id, request.kind, payload, request.priority, request.timeout, principal, batch_id, promised)
 
 
 def imported_scan_id(job_id: str) -> str:

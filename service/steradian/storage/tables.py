@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Any, ClassVar
 
-from sqlalchemy import JSON, Double, ForeignKey, Index, String, Text
+from sqlalchemy import JSON, BigInteger, Double, ForeignKey, Index, String, Text
 from sqlalchemy.engine import Dialect
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 from sqlalchemy.types import TypeDecorator
@@ -129,7 +129,8 @@ class JobRow(Table):
     """A job of the queue: its state, every attempt at it and its progress.
 
     The queue's engine decides who runs a job and when; this row is what everybody else reads. ``fence`` counts its
-    starts, also those that were put back: what an earlier start than the newest has to say is refused.
+    starts, also those that were put back: what an earlier start than the newest has to say is refused. ``promised`` is
+    how many bytes it may write.
     """
 
     __tablename__ = "jobs"
@@ -141,6 +142,7 @@ class JobRow(Table):
     batch_id: Mapped[str | None] = mapped_column(String(40))
     priority: Mapped[int]
     timeout: Mapped[float | None]
+    promised: Mapped[int] = mapped_column(BigInteger, default=0, server_default="0")
     state: Mapped[ReconstructionState] = mapped_column(Name(ReconstructionState), index=True)
     desired_state: Mapped[DesiredJobState] = mapped_column(Name(DesiredJobState))
     reason: Mapped[str | None] = mapped_column(Text)

@@ -121,7 +121,6 @@ def test_jobs_whose_volumes_do_not_fit_are_refused_with_what_they_need(small, st
         scan, samples = scan_of(server, http, samples=512), 512
         volume = {"scan_id": scan, "parameters": {"modes": 128}}
         one = 4 * (128**2 * samples)
-        assert http.post("/reconstructions", json=volume).status_code == 202
         sweep = volume | {"vary": {"sound_speed": [1480, 1490, 1500]}}
         for path, body, count in (
             ("/batches", sweep, 3),
@@ -132,5 +131,10 @@ def test_jobs_whose_volumes_do_not_fit_are_refused_with_what_they_need(small, st
             assert (answer.status_code, answer.json()["code"]) == (507, "disk-full"), answer.text
             assert count * one < answer.json()["needed_bytes"] < 1.1 * count * one
             assert one < answer.json()["available_bytes"] < 2 * one
+        assert http.post("/reconstructions", json=volume).status_code == 202
+        answer = http.post("/reconstructions", json=volume)
+        assert (answer.status_code, answer.json()["code"]) == (507, "disk-full"), "the first one's place is promised"
+        assert one < answer.json()["promised_bytes"] < 1.1 * one
+        assert answer.json()["available_bytes"] < one < answer.json()["needed_bytes"]
         assert len(http.get("/jobs").json()["items"]) == 1
         assert http.get("/batches").json()["items"] == []
