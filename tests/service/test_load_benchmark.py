@@ -16,6 +16,11 @@ def test_nothing_is_lost_under_a_small_load(tmp_path):
     assert total["events"] > 0
     assert total["jobs_succeeded"] > 0
     assert {row["route"] for row in kinds["route"]} > set(WEIGHTS)
+    met = {row["clients"]: row["met_with"] for row in kinds["rude"]}
+    for what in ("headers", "bodies"):
+        assert met[f"300 half-sent {what}"] == {"closed": 300, "kept": 0}
+    for what in ("of positions", "where a few bytes belong"):
+        assert met[f"60 MiB {what}"] == {"413": 2}, "the refusal can be read"
     page = tmp_path / "load.md"
     page.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n")
     write_page(page, rows)

@@ -16,7 +16,15 @@ from typing import Any
 
 from steradian.benchmarks.http_client import Connection, connect, head, read_head
 from steradian.benchmarks.rude import rude_clients
-from steradian.benchmarks.service import RunningService, api_process, finish, make_scan, memory_mib, running_service
+from steradian.benchmarks.service import (
+    RunningService,
+    api_process,
+    finish,
+    make_scan,
+    memory_mib,
+    processor_seconds,
+    running_service,
+)
 from steradian.progress import Progress
 from steradian.settings import Settings
 
@@ -93,7 +101,7 @@ async def _measure(
     at("readers")
     rows += await _fast_readers(service, things, max(1.0, seconds / 12))
     at("rude clients")
-    return rows + await rude_clients(service, patience=max(2.0, seconds / 4))
+    return rows + await rude_clients(service)
 
 
 async def _mixed(
@@ -102,6 +110,7 @@ async def _mixed(
     """Let clients ask and streams listen while a scan and one job after the other run."""
     pid = api_process(service.pid)
     before = memory_mib(pid)
+    used, own = processor_seconds(pid, children=False), time.process_time()
     scan, wanted = await asyncio.to_thread(_long_scan, service, seconds)
     over = asyncio.Event()
     times: dict[str, list[float]] = defaultdict(list)
@@ -117,7 +126,9 @@ async def _mixed(
     await asyncio.sleep(seconds)
     over.set()
     await asyncio.gather(*asking, *listening)
-    took, jobs = time.monotonic() - begun, await working
+    took = time.monotonic() - begun
+    used, own = processor_seconds(pid, children=False) - used, time.process_time() - own
+    jobs = await working
     after = memory_mib(pid)
     view = await asyncio.to_thread(_settled, service, scan)
     answered = sum(len(found) for found in times.values())
@@ -131,6 +142,8 @@ async def _mixed(
             "streams": streams,
             "seconds": took,
             "requests_per_second": answered / took,
+            "api_cpu_ms_per_request": 1e3 * used / max(1, answered),
+            "clients_cpu_ms_per_request": 1e3 * own / max(1, answered),
             "server_errors": sum(count for status, count in statuses.items() if status >= 500 or not status),
             "statuses": {str(status): count for status, count in sorted(statuses.items())},
             "events": events[0],

@@ -28,6 +28,8 @@ def _total(row: Row) -> str:
     return (
         f"{row['clients']} clients and {row['streams']} event streams for {row['seconds']:.0f} s:"
         f" {row['requests_per_second']:.0f} requests a second, {row['server_errors']} server errors;"
+        f" {row['api_cpu_ms_per_request']:.1f} ms of processor time a request in the API (its streams included) and"
+        f" {row['clients_cpu_ms_per_request']:.1f} ms in the clients, on the same processors;"
         f" {row['alines'] - row['alines_lost']:,} of {row['alines']:,} A-lines, the scan {row['scan']};"
         f" {row['jobs_succeeded']} jobs succeeded; the API's memory {row['memory_before_mib']:.0f} MiB before"
         f" and {row['memory_after_mib']:.0f} MiB after."

@@ -111,16 +111,17 @@ def memory_mib(pid: int) -> float:
     return 0.0
 
 
-def processor_seconds(pid: int) -> float:
-    """Processor time of a process and all below it, in seconds; 0 where the system does not tell."""
+def processor_seconds(pid: int, *, children: bool = True) -> float:
+    """Processor time of a process and, unless told otherwise, all below it, in s; 0 where the system does not tell."""
     table: dict[int, tuple[int, float]] = {}
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError, ValueError, IndexError):
             fields = (folder / "stat").read_text().rpartition(")")[2].split()
-            ticks = sum(int(fields[number]) for number in (11, 12, 13, 14))  # own and of ended children
+            # own, and of ended children
+            ticks = sum(int(fields[number]) for number in ((11, 12, 13, 14) if children else (11, 12)))
             table[int(folder.name)] = (int(fields[1]), ticks / os.sysconf("SC_CLK_TCK"))
     family, found = {pid}, 0
-    while len(family) != found:
+    while children and len(family) != found:
         found = len(family)
         family |= {child for child, (parent, _) in table.items() if parent in family}
     return sum(table[member][1] for member in family if member in table)
