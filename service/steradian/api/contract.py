@@ -190,11 +190,12 @@ def _headers(operation: dict[str, Any], method: str, status: str, sent: set[str]
 
 
 def _tidy_schema(part: dict[str, Any], schemas: dict[str, Any]) -> None:
-    """Make a schema plain: units as an extension, tuples closed, tags required, streams as texts."""
+    """Make a schema plain: units as an extension, tuples as lists, tags required, streams as texts."""
     if isinstance(part.get("unit"), str):
         part["x-unit"] = part.pop("unit")
     if "prefixItems" in part:
-        part.setdefault("items", False)
+        parts = part.pop("prefixItems")
+        part["items"] = parts[0] if all(one == parts[0] for one in parts) else {"anyOf": parts}
     if "itemSchema" in part:  # of a later version of OpenAPI
         part["schema"] = {"type": "string", "description": "Server-sent events"}
         del part["itemSchema"]
