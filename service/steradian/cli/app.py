@@ -22,6 +22,7 @@ from steradian.cli import (
     scan,
     serve,
     sound_speed,
+    storage,
     what_if,
     worker,
 )
@@ -40,7 +41,7 @@ EXIT_CODES: dict[type[SteradianError], int] = {
 
 ORDER = (
     *("mask", "plan", "scan", "reconstruct", "what-if", "sound-speed", "import", "export"),
-    *("demo", "benchmark", "serve", "worker", "key", "check"),
+    *("demo", "benchmark", "serve", "worker", "key", "storage", "check"),
 )
 """Commands as help lists them: in the order of the work."""
 
@@ -78,6 +79,7 @@ app.command("demo")(demo.demo)
 app.command("serve")(serve.serve)
 app.command("worker")(worker.worker)
 app.add_typer(key.app, name="key")
+app.add_typer(storage.app, name="storage")
 app.command("check")(check.check)
 
 

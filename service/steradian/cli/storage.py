@@ -1,0 +1,73 @@
+"""``steradian storage``: what a service's data folder holds, and deleting of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from steradian.cli.console import human_size, say, show_figures
+
+if TYPE_CHECKING:
+    from steradian.settings import Settings
+    from steradian.storage.database import Database
+
+app = typer.Typer(help="Show what a service's data folder holds, and delete of it.", no_args_is_help=True)
+Data = Annotated[Path, typer.Option(help="The service's data folder.")]
+KINDS = ("mask", "plan", "scan", "batch", "reconstruction", "job")
+
+
+@app.command()
+def show(data: Data = Path("data")) -> None:
+    """Show how many bytes scans, reconstructions, jobs and the rest hold, and how many are free and promised."""
+    from steradian.storage.disk import Disk, promised
+    from steradian.storage.paths import DataDirectory
+    from steradian.storage.usage import usage
+
+    settings, database = _open(data)
+    folder, disk = DataDirectory(settings.data), Disk(settings.data, settings.disk_reserve_bytes, settings.quota_bytes)
+    try:
+        with database.read() as session:
+            held, waiting = usage(session, folder), promised(session, folder)
+    finally:
+        database.close()
+    more = {"free on the disk": disk.free, "stays free": disk.reserve, "promised to jobs": waiting}
+    more |= {} if disk.quota is None else {"quota": disk.quota}
+    show_figures(f"{settings.data}", {name: human_size(size) for name, size in (held | more).items()})
+
+
+@app.command()
+def delete(
+    kind: Annotated[str, typer.Argument(help=f"What it is: {', '.join(KINDS)}.")],
+    identifier: Annotated[str, typer.Argument(help="Its identifier.")],
+    dependents: Annotated[bool, typer.Option("--dependents", help="Also delete all that depends on it.")] = False,
+    data: Data = Path("data"),
+) -> None:
+    """Delete a thing with its files, also while the service runs; what waits or runs keeps what it needs."""
+    from steradian.errors import InvalidInput
+    from steradian.storage.deletion import Deletion, remove_files
+    from steradian.storage.paths import DataDirectory
+
+    if kind not in KINDS:
+        raise InvalidInput("kind", kind, ", ".join(KINDS))
+    settings, database = _open(data)
+    try:
+        Deletion(database).delete(kind, identifier, "command line", dependents=dependents, check=lambda _kinds: None)
+        remove_files(database, DataDirectory(settings.data), None)  # the service has its queue forget them
+    finally:
+        database.close()
+    say(f"{kind} {identifier} is deleted from the service in {settings.data}")
+
+
+def _open(data: Path) -> tuple[Settings, Database]:
+    from steradian.errors import NotFound
+    from steradian.settings import Settings
+    from steradian.storage.database import Database, metadata_url
+
+    if not (data / "scans").is_dir():
+        raise NotFound("data folder", str(data))
+    settings = Settings.create(data=data)
+    database = Database(metadata_url(settings))
+    database.migrate()
+    return settings, database
