@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
 from steradian.benchmarks import accuracy, speed
+from steradian.benchmarks.cases import speed_cases
+from steradian.benchmarks.speed import over
+from steradian.benchmarks.speed_page import BEGIN, END, table, write_page
+from steradian.benchmarks.yardsticks import pairs
 
 
 def test_every_row_of_the_accuracy_table_keeps_its_tolerance() -> None:
@@ -15,11 +25,53 @@ def test_every_row_of_the_accuracy_table_keeps_its_tolerance() -> None:
             assert row["error"] < row["tolerance"], row
 
 
-def test_the_speed_benchmark_runs_every_case_in_small() -> None:
-    rows = speed(quick=True, repeats=1)
-    assert len(rows) == 16
+@pytest.fixture(scope="module")
+def rows() -> list[dict[str, Any]]:
+    return speed(quick=True, repeats=1)
+
+
+def test_the_speed_benchmark_runs_every_case_in_small(rows: list[dict[str, Any]]) -> None:
+    assert {row["case"] for row in rows} == {case.name for case in speed_cases()}
     for row in rows:
-        assert row["run_s"] > 0
-        assert row["ratio"] > 0
+        assert min(row["run_s"], row["one_shot_s"], row["traffic_s"], row["arithmetic_s"]) > 0
+        assert min(row["ratio"], row["cpu_ratio"], row["one_shot_ratio"]) > 0
         if row["shape"].count("×") == 2:  # beside the tiny images of the small 2-D cases, scratch is not small
             assert row["extra_memory"] < 1.0, row["case"]
+
+
+def test_what_is_timed_is_right(rows: list[dict[str, Any]]) -> None:
+    """By direct sums; of the rows that have none the image shows a part, or the method is another."""
+    errors = [row["error"] for row in rows if row["error"] is not None]
+    assert len(errors) >= 8
+    assert 1e-7 < min(errors)
+    assert max(errors) < 1e-4
+
+
+def test_cases_of_one_shape_have_one_yardstick_the_faster_of_both(rows: list[dict[str, Any]]) -> None:
+    of_shape: dict[str, set[tuple[str, float]]] = {}
+    for row in rows:
+        of_shape.setdefault(row["shape"], set()).add((row["yardstick"], row["yardstick_s"]))
+    assert all(len(found) == 1 for found in of_shape.values())
+
+
+def test_both_yardsticks_give_the_array_back() -> None:
+    first, *others = (pair() for pair in pairs((6, 5, 8), 1).values())
+    for other in others:
+        np.testing.assert_allclose(other, first, atol=1e-6)
+
+
+def test_a_limit_that_is_exceeded_is_named() -> None:
+    row = {"case": "x", "ratio": 0.6, "limit": 0.55, "one_shot_ratio": 0.7, "one_shot_limit": 0.75}
+    assert over([row, {**row, "ratio": 0.5}]) == ["x: 0.60 instead of 0.55 (ratio)"]
+    assert over([{**row, "limit": None, "one_shot_ratio": 0.76}]) == ["x: 0.76 instead of 0.75 (one_shot_ratio)"]
+
+
+def test_the_page_takes_the_table_between_its_marks(rows: list[dict[str, Any]], tmp_path: Path) -> None:
+    machine = {"cpus": 2, "processor": "P", "compiled_for": "itself", "python": "3.11", "load": 0.5}
+    document = {"measured": "2026-01-01T00:00:00", "machine": machine, "rows": rows}
+    page = tmp_path / "page.md"
+    page.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n", encoding="utf-8")
+    write_page(page, document)
+    assert page.read_text(encoding="utf-8") == f"before\n{BEGIN}\n{table(document)}\n{END}\nafter\n"
+    for row in rows:
+        assert f"| {row['case']} | {row['sensors']:,} | {row['shape']} |" in table(document)

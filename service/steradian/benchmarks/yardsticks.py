@@ -1,0 +1,98 @@
+"""What reconstructions are measured by: the fastest FFT pair one can install, and what the machine does at best."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from importlib.metadata import version
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.imaging import ReconstructionPlan
+
+
+class Seconds(NamedTuple):
+    """Wall clock and processor time, of all threads together."""
+
+    wall: float
+    processor: float
+
+
+def timed(work: Callable[[], object]) -> Seconds:
+    """Call it and tell what it took; what it returns is dropped within that time."""
+    wall, processor = time.perf_counter(), time.process_time()
+    work()
+    return Seconds(time.perf_counter() - wall, time.process_time() - processor)
+
+
+def pairs(shape: tuple[int, ...], threads: int) -> dict[str, Callable[[], object]]:
+    """Real transforms of a float32 array of this shape there and back, by each library that is installed."""
+    from scipy import fft
+
+    array = np.empty(shape, np.float32)
+    array[...] = np.random.default_rng(2).standard_normal(shape[-1], dtype=np.float32)
+    axes = tuple(range(len(shape)))
+
+    def by_scipy() -> object:
+        return fft.irfftn(fft.rfftn(array, workers=threads), shape, workers=threads)
+
+    found: dict[str, Callable[[], object]] = {f"scipy {version('scipy')}": by_scipy}
+    try:
+        import ducc0
+    except ImportError:
+        return found
+
+    def by_ducc() -> object:
+        there = ducc0.fft.r2c(array, axes=axes, nthreads=threads)
+        return ducc0.fft.c2r(there, axes=axes, lastsize=shape[-1], forward=False, inorm=2, nthreads=threads)
+
+    return {f"ducc0 {version('ducc0')}": by_ducc, **found}
+
+
+class Machine(NamedTuple):
+    """Bytes a second of a copy (read and written), and operations a second of a product of float32 matrices."""
+
+    bandwidth: float
+    operations: float
+
+
+def machine(threads: int, *, size: int = 1 << 25) -> Machine:
+    """Measure both on ``threads`` threads: copies of ``size`` numbers; the best of five."""
+    source, target = np.ones(size, np.float32), np.zeros(size, np.float32)
+    parts = list(zip(np.array_split(target, threads), np.array_split(source, threads), strict=True))
+    with ThreadPoolExecutor(threads) as pool:
+
+        def copy() -> object:
+            return list(pool.map(lambda part: np.copyto(*part), parts))
+
+        copied = min(timed(copy).wall for _ in range(5))
+    side = 1024 if size >= 1 << 20 else 128
+    matrix: NDArray[Any] = np.ones((side, side), np.float32)
+    multiplied = min(timed(lambda: matrix @ matrix).wall for _ in range(5))
+    return Machine(2.0 * source.nbytes / copied, 2.0 * side**3 / multiplied)
+
+
+def least(plan: ReconstructionPlan, at_best: Machine) -> tuple[float, float]:
+    """Seconds that memory traffic alone, and arithmetic alone, of a run would take.
+
+    The modes are written once and read and written twice, the last time as the image. Of the arithmetic the transforms
+    count (5 n log2 n each), those over the lateral grid, time, depth and image, and the interpolation of κ.
+    """
+    tables = plan.tables
+    (nx, ny), (mx, my), depths = tables.lateral.grid, tables.lateral.modes, tables.depths
+    columns, (ix, iy) = mx * (my // 2 + 1), tables.image_modes
+    numbers = 5 * plan.output_bytes / at_best.bandwidth
+    # two real batches are one complex grid
+    lateral = tables.time.samples / 2 * (nx * _flops(ny) + min(ny, my + 1) * _flops(nx))
+    image = depths / 2 * (min(iy, my + 1) * _flops(ix) + ix * _flops(iy))
+    taps = len(tables.time.taps)
+    depth = columns * (_flops(tables.time.length) + _flops(tables.time.record) + tables.time.record * 4 * taps)
+    return numbers, (lateral + depth + image) / at_best.operations
+
+
+def _flops(size: int) -> float:
+    return 5 * size * math.log2(size) if size > 1 else 0.0
