@@ -1,19 +1,16 @@
 """A PostgreSQL, and how busy the machine is, for what is claimed in seconds."""
 
-import importlib.util
 import time
-from pathlib import Path
 
 import pytest
+
+from support.postgres import running_postgres
 
 
 @pytest.fixture(scope="session")
 def postgres():
     """A server of its own; skipped where the wheel is absent."""
-    place = importlib.util.spec_from_file_location("postgres", Path(__file__).with_name("postgres.py"))
-    module = importlib.util.module_from_spec(place)
-    place.loader.exec_module(module)
-    with module.running_postgres() as server:
+    with running_postgres() as server:
         yield server
 
 

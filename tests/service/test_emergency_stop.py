@@ -1,82 +1,41 @@
 """The emergency stop of a real service reaches a real simulated laser, whatever has become of the database."""
 
-import importlib.util
 import os
-import re
 import shutil
-import signal
 import socket
 import sqlite3
 import subprocess
-import sys
 import time
 import uuid
 from contextlib import contextmanager, suppress
-from pathlib import Path
 
-import httpx
 import pytest
 
 from fabry_perot.simulator import launch
 from steradian.security.keys import KeyStore, Scope
-from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url
 from steradian.storage.emergency import EmergencyLatch
 from steradian.storage.paths import DataDirectory
+from support.services import Service
+from support.waiting import until
 
-_spec = importlib.util.spec_from_file_location("postgres", Path(__file__).parent / "postgres.py")
-_postgres = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(_postgres)
-STOP = "/api/v1/scanners/scanner-0/emergency-stop"
+STOP = "/scanners/scanner-0/emergency-stop"
 BRIEF = pytest.mark.timeout(300)
 
 
-@pytest.fixture(scope="module")
-def postgres():
-    with _postgres.running_postgres() as server:
-        yield server
-
-
-class Service:
-    """``steradian serve`` on a scanner that tells when it fired."""
+class Watched(Service):
+    """A service on a scanner that tells when it fired."""
 
     def __init__(self, folder, scanner, **settings):
-        self.settings = Settings.create(data=folder, port=0, scanner=scanner.url, workers=1, **settings)
-        self.scanner, self.folder = scanner, folder
-        self.start()
+        self.scanner = scanner
+        super().__init__(folder, scanner=scanner.url, workers=1, **settings)
 
-    def start(self):
-        command = [sys.executable, "-m", "steradian", "serve"]
-        self.process = subprocess.Popen(
-            command,
-            env=self.settings.environment(),
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            text=True,
-            stdin=subprocess.DEVNULL,
-        )
-        url = None
-        while url is None:
-            url = re.search(r"http://[^/ ]+", self.process.stdout.readline())
-        self.http = httpx.Client(base_url=url[0], timeout=60)
-
-    def start_scan(self):
+    def fire(self):
         """Begin a scan of minutes and return its identifier once the laser fires."""
-        equi = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 1600}
-        mask = self.http.post("/api/v1/masks", json=equi).json()
-        plan = self.http.post("/api/v1/plans", json={"mask_id": mask["id"], "samples": 256, "pulse_rate": 10}).json()
         shots = self.scanner.command("report")["shots"]
-        key = {"Idempotency-Key": uuid.uuid4().hex}
-        scan = self.http.post("/api/v1/scans", json={"plan_id": plan["id"]}, headers=key)
-        assert scan.status_code == 201, scan.text
-        self.until(lambda: self.scanner.command("report")["shots"] > shots + 2)
-        return scan.json()["id"]
-
-    def until(self, condition, seconds=60):
-        deadline = time.monotonic() + seconds
-        while not condition():
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
+        scan = self.start_scan(self.plan(1600, pulse_rate=10))
+        until(lambda: self.scanner.command("report")["shots"] > shots + 2)
+        return scan["id"]
 
     def press(self, **headers):
         """Press the stop; returns the answer, and the scanner's own account of the moment before and after it."""
@@ -88,21 +47,15 @@ class Service:
         """No shot since the answer, and none for as long as fifteen pulses would take."""
         assert answer.status_code == 202, answer.text
         assert answer.json()["emergency_stop"]["laser"] == "off", answer.json()
-        self.until(lambda: self.scanner.command("report")["time"] > after["time"] + 1_500_000)
+        until(lambda: self.scanner.command("report")["time"] > after["time"] + 1_500_000)
         later = self.scanner.command("report")
         assert (later["shots"], later["last_shot"]) == (after["shots"], after["last_shot"])
-
-    def close(self):
-        self.http.close()
-        self.process.send_signal(signal.SIGTERM)
-        self.process.wait(30)
-        self.process.stdout.close()
 
 
 @contextmanager
 def running(folder, **settings):
     with launch(tcp="127.0.0.1:0") as scanner:
-        service = Service(folder, scanner, **settings)
+        service = Watched(folder, scanner, **settings).start()
         try:
             yield service
         finally:
@@ -112,7 +65,7 @@ def running(folder, **settings):
 @BRIEF
 def test_a_locked_database_and_threads_that_wait_for_it_delay_no_stop_which_is_recorded_when_it_is_free(tmp_path):
     with running(tmp_path) as service:
-        scan = service.start_scan()
+        scan = service.fire()
         with sqlite3.connect(tmp_path / "steradian.sqlite", isolation_level=None) as holder:
             holder.execute("BEGIN EXCLUSIVE")
             lease = '{"holder": "Ada", "seconds": 5}'
@@ -125,8 +78,8 @@ def test_a_locked_database_and_threads_that_wait_for_it_delay_no_stop_which_is_r
         holder.close()
         for connection in waiting:
             connection.close()
-        service.until(lambda: service.http.get(f"/api/v1/scans/{scan}").json()["state"] in {"aborted", "interrupted"})
-        service.until(lambda: _stop_of(service)["recorded"])
+        until(lambda: service.http.get(f"/scans/{scan}").json()["state"] in {"aborted", "interrupted"})
+        until(lambda: _stop_of(service)["recorded"])
         shown = _stop_of(service)
         assert (shown["by"], shown["reason"], shown["laser"]) == ("local", "smoke", "off")
 
@@ -140,13 +93,13 @@ def test_a_full_disk_delays_no_stop(tmp_path):
     if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64m", "tmpfs", str(small)], capture_output=True).returncode:
         pytest.skip("needs the right to mount a small file system: in a container --cap-add SYS_ADMIN")
     try:
-        with running(small / "data") as service:
-            service.start_scan()
+        with running(small / "data", log=tmp_path / "service.log") as service:
+            service.fire()
             _fill(small / "filler")
             answer, _, after = service.press()
             service.assert_dark(answer, after)
             (small / "filler").unlink()
-            service.until(lambda: _stop_of(service)["recorded"])
+            until(lambda: _stop_of(service)["recorded"])
     finally:
         subprocess.run(["umount", "-l", str(small)], check=True)
 
@@ -157,42 +110,42 @@ def test_a_dead_database_server_delays_no_stop_and_a_key_is_known_without_it(tmp
         store = KeyStore(database := Database(metadata_url(service.settings)))
         key = store.create("ward", [Scope.READ])
         database.close()
-        service.start_scan()
-        assert service.http.get("/api/v1/", headers={"Authorization": f"Bearer {key}"}).is_success
+        service.fire()
+        assert service.http.get("/", headers={"Authorization": f"Bearer {key}"}).is_success
         time.sleep(2.5)  # keys are looked at every second
         postgres.kill()
         try:
-            assert service.http.get("/api/v1/scans").status_code == 503
+            assert service.http.get("/scans").status_code == 503
             unknown = service.http.post(STOP, headers={"Authorization": "Bearer sk_000000000000_x"})
             assert unknown.status_code == 503
             answer, _, after = service.press(Authorization=f"Bearer {key}")
             service.assert_dark(answer, after)
         finally:
             postgres.start()
-        service.until(lambda: service.http.get("/api/v1/scanners/scanner-0").is_success)
-        service.until(lambda: _stop_of(service)["recorded"])
+        until(lambda: service.http.get("/scanners/scanner-0").is_success)
+        until(lambda: _stop_of(service)["recorded"])
         assert "ward" in _stop_of(service)["by"]
 
 
 @BRIEF
 def test_a_stop_outlives_a_restart_and_only_a_release_ends_it(tmp_path):
     with running(tmp_path) as service:
-        scan = service.start_scan()
+        scan = service.fire()
         answer, _, after = service.press()
         service.assert_dark(answer, after)
-        service.until(lambda: service.http.get(f"/api/v1/scans/{scan}").json()["state"] == "aborted")
+        until(lambda: service.http.get(f"/scans/{scan}").json()["state"] == "aborted")
         service.close()
         service.start()
         assert _stop_of(service)["reason"] == "smoke"
-        plan = service.http.get(f"/api/v1/scans/{scan}").json()["plan_id"]
+        plan = service.http.get(f"/scans/{scan}").json()["plan_id"]
         key = {"Idempotency-Key": uuid.uuid4().hex}
-        refused = service.http.post("/api/v1/scans", json={"plan_id": plan}, headers=key)
+        refused = service.http.post("/scans", json={"plan_id": plan}, headers=key)
         assert (refused.status_code, refused.json()["code"]) == (409, "emergency-stopped")
         assert service.http.delete(STOP).json()["emergency_stop"] is None
         key = {"Idempotency-Key": uuid.uuid4().hex}
-        again = service.http.post("/api/v1/scans", json={"plan_id": plan}, headers=key)
+        again = service.http.post("/scans", json={"plan_id": plan}, headers=key)
         assert again.status_code == 201
-        service.until(lambda: service.scanner.command("report")["shots"] > after["shots"])
+        until(lambda: service.scanner.command("report")["shots"] > after["shots"])
 
 
 def test_a_latch_whose_block_is_torn_counts_as_pressed_until_somebody_releases_it(tmp_path):
@@ -217,7 +170,7 @@ def test_a_latch_whose_block_is_torn_counts_as_pressed_until_somebody_releases_i
 
 
 def _stop_of(service):
-    return service.http.get("/api/v1/scanners/scanner-0").json()["emergency_stop"]
+    return service.http.get("/scanners/scanner-0").json()["emergency_stop"]
 
 
 def _fill(path):

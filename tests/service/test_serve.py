@@ -5,9 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
-import uuid
-from pathlib import Path
 
 import h5py
 import httpx
@@ -15,48 +12,22 @@ import matplotlib.image
 import numpy as np
 import pytest
 
+from support.processes import are_gone, runs, tree_of
+from support.services import EQUI, WAIT, Service
+from support.waiting import until
+
 MAIN = [sys.executable, "-c", "from steradian.cli import main; main()"]
-WAIT = {"Prefer": "wait=60"}
-EQUI = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 60}
 
 
-class Service:
-    """A running ``steradian serve`` on a free port."""
+class Simulated(Service):
+    """As a person starts it: what it is told stands behind the command."""
 
     def __init__(self, folder):
-        command = [*MAIN, "serve", "--port", "0", "--data", str(folder)]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        line = self.process.stdout.readline()
-        assert "simulated scanner" in line
-        self.http = httpx.Client(base_url=line.partition(" at ")[2].split()[0], timeout=90)
+        self.command = [*MAIN, "serve", "--port", "0", "--data", str(folder)]
+        super().__init__(folder)
 
-    def make(self, path, **body):
-        answer = self.http.post(path, json=body, headers=WAIT | {"Idempotency-Key": uuid.uuid4().hex})
-        assert answer.status_code in (200, 201), answer.text
-        return answer.json()
-
-    def get(self, path):
-        return self.http.get(path).raise_for_status().json()
-
-    def tree(self):
-        """Processes it started, and those they started."""
-        found = [self.process.pid]
-        parents = {int(p.name): parent_of(p) for p in Path("/proc").iterdir() if p.name.isdecimal()}
-        for pid in found:
-            found += [child for child, parent in parents.items() if parent == pid]
-        return found[1:]
-
-    def end(self, number=signal.SIGINT):
-        self.process.send_signal(number)
-        code = self.process.wait(60)
-        self.close()
-        return code
-
-    def close(self):
-        self.process.kill()
-        self.process.wait()
-        self.process.stdout.close()
-        self.http.close()
+    def read(self, path):
+        return self.get(path).json()
 
 
 @pytest.fixture
@@ -65,7 +36,8 @@ def start(tmp_path):
     started = []
 
     def start():
-        started.append(Service(tmp_path))
+        started.append(Simulated(tmp_path))
+        assert "simulated scanner" in started[-1].start().said
         return started[-1]
 
     yield start
@@ -73,30 +45,11 @@ def start(tmp_path):
         service.close()
 
 
-def parent_of(folder):
-    try:
-        fields = (folder / "stat").read_text().rpartition(")")[2].split()
-    except OSError:
-        return None
-    return None if fields[0] == "Z" else int(fields[1])
-
-
-def wait_for(condition, seconds=60):
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "it did not happen in time"
-        time.sleep(0.05)
-
-
 def answers(service):
     try:
         return service.http.get("/").status_code == 200
     except httpx.TransportError:
         return False
-
-
-def are_gone(pids):
-    return all(parent_of(Path(f"/proc/{pid}")) is None for pid in pids)
 
 
 @pytest.mark.timeout(300)  # the first reconstruction on a machine compiles its kernels
@@ -135,36 +88,36 @@ def test_the_whole_walk_an_end_and_a_second_start(tmp_path, start):
     # Ctrl-C in the middle of a scan and with a job queued: every process ends, nothing is lost.
     slow = service.make("/plans", mask_id=mask["id"], samples=256, pulse_rate=1, averages=10)
     running = service.http.post("/scans", json={"plan_id": slow["id"]}, headers={"Idempotency-Key": "slow"}).json()
-    wait_for(lambda: service.get(f"/scans/{running['id']}")["state"] == "running")
+    until(lambda: service.read(f"/scans/{running['id']}")["state"] == "running")
     queued = service.http.post("/reconstructions", json={"scan_id": scan["id"], "parameters": {"modes": 24}})
     assert queued.status_code == 202
-    processes = service.tree()
+    processes = tree_of(service.process.pid)
     assert len(processes) >= 4, "API, acquisition, simulator, worker"
-    assert service.end() == 0
-    wait_for(lambda: are_gone(processes))
+    assert service.end(signal.SIGINT) == 0
+    until(lambda: are_gone(processes))
 
     # The second start.
     service = start()
     for kind, made in {"masks": mask, "plans": plan, "scans": scan, "reconstructions": reconstruction}.items():
-        assert made in service.get(f"/{kind}")["items"]
+        assert made in service.read(f"/{kind}")["items"]
     done = service.http.get(f"/reconstructions/{queued.json()['id']}", headers=WAIT).json()
     assert (done["state"], done["attempt"]) == ("succeeded", 1)
-    assert service.get(f"/scans/{running['id']}")["state"] == "interrupted", "the laser never starts by itself"
+    assert service.read(f"/scans/{running['id']}")["state"] == "interrupted", "the laser never starts by itself"
     service.http.put(f"/scans/{running['id']}/desired-state", json={"state": "stopped"}).raise_for_status()
-    wait_for(lambda: service.get(f"/scans/{running['id']}")["state"] == "partial")
-    assert service.get(f"/scans/{running['id']}")["summary"]["stored"] > 0
-    wait_for(lambda: httpx.get(str(service.http.base_url.join("/readyz"))).status_code == 200)
+    until(lambda: service.read(f"/scans/{running['id']}")["state"] == "partial")
+    assert service.read(f"/scans/{running['id']}")["summary"]["stored"] > 0
+    until(lambda: httpx.get(f"{service.url}/readyz").status_code == 200)
 
     # A child that is killed is started again; a killed supervisor takes every process with it.
-    processes = service.tree()
-    api = next(pid for pid in processes if b"steradian.api" in Path(f"/proc/{pid}/cmdline").read_bytes())
+    processes = tree_of(service.process.pid)
+    api = next(pid for pid in processes if runs(pid, "steradian.api"))
     os.kill(api, signal.SIGKILL)
-    wait_for(lambda: api not in service.tree())
-    wait_for(lambda: answers(service))
-    assert service.get("/scans")["items"]
-    processes = service.tree()
+    until(lambda: api not in tree_of(service.process.pid))
+    until(lambda: answers(service))
+    assert service.read("/scans")["items"]
+    processes = tree_of(service.process.pid)
     assert service.end(signal.SIGKILL) == -signal.SIGKILL
-    wait_for(lambda: are_gone(processes))
+    until(lambda: are_gone(processes))
 
 
 def test_a_port_in_use_is_named(tmp_path):

@@ -16,6 +16,9 @@ from steradian.storage.events import EventLog
 from steradian.storage.scans import ScanRepository
 from steradian.storage.states import ScanState
 from steradian.storage.tables import RemovalRow
+from support.waiting import until
+
+from .conftest import api_of
 
 GRID = {"arrangement": "grid", "aperture": 0.01, "interval": 1e-4}
 
@@ -106,7 +109,7 @@ def test_all_that_depends_on_a_mask_goes_with_it_when_asked_for_and_events_say_s
     nouns = [f"/masks/{bench.mask}", f"/plans/{bench.plan}", f"/scans/{bench.scan}"]
     assert bench.is_gone(*nouns, *(f"/jobs/{job}" for job in bench.jobs), f"/reconstructions/{bench.first}")
     assert bench.files() == []
-    bench.server.until(lambda: bench.left() == 0)  # the queue may still be opening
+    until(lambda: bench.left() == 0)  # the queue may still be opening
     events = EventLog(bench.server.database).after(before, 100)
     deleted = {(event.kind, event.resource_id) for event in events if event.data["state"] == "deleted"}
     assert deleted == {
@@ -125,7 +128,7 @@ def test_the_images_that_jobs_shared_go_with_their_scan(bench):
     for path in (image, other):
         path.write_bytes(b"volume")
     assert bench.delete(f"/scans/{bench.scan}", dependents=True).status_code == 204
-    bench.server.until(lambda: not image.exists())
+    until(lambda: not image.exists())
     assert other.exists()
 
 
@@ -173,11 +176,11 @@ def test_a_batch_says_how_many_of_its_members_are_gone_and_goes_with_the_others(
     assert bench.is_gone(f"/batches/{batch['id']}", f"/reconstructions/{members[1]}")
 
 
-def test_a_deletion_that_is_killed_before_the_files_went_is_finished_at_the_next_start(tmp_path, start_server):
-    server = start_server(tmp_path)
+def test_a_deletion_that_is_killed_before_the_files_went_is_finished_at_the_next_start(tmp_path):
+    server = api_of(tmp_path)
     server.wait()
     with httpx.Client(base_url=f"{server.url}/api/v1", timeout=90) as http:
-        server.until(lambda: httpx.get(f"{server.url}/readyz", timeout=90).json()["checks"]["queue"])
+        until(lambda: httpx.get(f"{server.url}/readyz", timeout=90).json()["checks"]["queue"])
         bench = Bench(server, http, 4)
         blocked = server.data.job(bench.first)
         with blocked.running():  # its process is still dying: the files stay for now
@@ -189,20 +192,20 @@ def test_a_deletion_that_is_killed_before_the_files_went_is_finished_at_the_next
             os.kill(server.process.pid, signal.SIGKILL)
             server.process.wait()
     server.close()
-    again = start_server(tmp_path)
+    again = api_of(tmp_path)
     try:
         again.wait()
-        again.until(lambda: not blocked.root.exists())
+        until(lambda: not blocked.root.exists())
         bench.server = again
-        again.until(lambda: bench.left() == 0)
+        until(lambda: bench.left() == 0)
     finally:
         again.close()
     assert "Traceback" not in again.log
 
 
-def test_a_deletion_cut_at_any_point_leaves_no_row_without_its_file(tmp_path, start_server):
+def test_a_deletion_cut_at_any_point_leaves_no_row_without_its_file(tmp_path):
     """Killed at a random moment of many deletions: a scan is whole, or gone; what is left of the files goes too."""
-    server = start_server(tmp_path)
+    server = api_of(tmp_path)
     server.wait()
     with httpx.Client(base_url=f"{server.url}/api/v1", timeout=90) as http:
         bench = Bench(server, http, 4)
@@ -220,11 +223,11 @@ def test_a_deletion_cut_at_any_point_leaves_no_row_without_its_file(tmp_path, st
         os.waitpid(pid, 0)
         server.process.wait()
     server.close()
-    again = start_server(tmp_path)
+    again = api_of(tmp_path)
     try:
         again.wait()
         bench.server = again
-        again.until(lambda: bench.left() == 0)
+        until(lambda: bench.left() == 0)
         with httpx.Client(base_url=f"{again.url}/api/v1", timeout=90) as http:
             for scan in scans:
                 there = http.get(f"/scans/{scan}").status_code == 200

@@ -16,12 +16,12 @@ from steradian.api.problems import STATUS_OF
 from steradian.api.services import Services
 from steradian.api.workshop import OutOfReach, Workshop
 
-from .conftest import Server
+from .conftest import api_of
 
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
-    server = Server(tmp_path_factory.mktemp("api"), max_upload_bytes=64 * 2**20, max_mask_points=200_000)
+    server = api_of(tmp_path_factory.mktemp("api"), max_upload_bytes=64 * 2**20, max_mask_points=200_000)
     server.wait()
     yield server
     server.close()

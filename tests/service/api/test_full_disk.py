@@ -11,8 +11,9 @@ import pytest
 
 from steradian.storage.scans import ScanRepository
 from steradian.storage.states import ScanState
+from support.waiting import until
 
-from .conftest import make_scan
+from .conftest import api_of, make_scan
 
 pytestmark = pytest.mark.long
 
@@ -33,8 +34,8 @@ def small(tmp_path):
 
 
 @contextlib.contextmanager
-def serving(start_server, folder, **settings):
-    server = start_server(folder, **settings)
+def serving(folder, **settings):
+    server = api_of(folder, **settings)
     try:
         server.wait()
         with httpx.Client(base_url=f"{server.url}/api/v1", timeout=90) as http:
@@ -56,8 +57,8 @@ def fill(path):
                     file.write(bytes(piece))
 
 
-def test_an_upload_of_unknown_length_leaves_the_reserve_free(small, start_server):
-    with serving(start_server, small / "data", disk_reserve_bytes=20 * MIB) as (server, http):
+def test_an_upload_of_unknown_length_leaves_the_reserve_free(small):
+    with serving(small / "data", disk_reserve_bytes=20 * MIB) as (server, http):
         kept = http.post("/uploads", content=chunked(10))
         assert (kept.status_code, kept.json()["bytes"]) == (201, 10 * MIB)
         answer = http.post("/uploads", content=chunked(60))
@@ -70,11 +71,11 @@ def test_an_upload_of_unknown_length_leaves_the_reserve_free(small, start_server
     assert "Traceback" not in server.log
 
 
-def test_a_full_disk_is_a_507_wherever_it_is_met(small, start_server):
+def test_a_full_disk_is_a_507_wherever_it_is_met(small):
     grid = {"arrangement": "grid", "aperture": 0.01, "count": 3, "interval": 1e-3}
-    with serving(start_server, small / "data", disk_reserve_bytes=0, max_mask_points=50_000) as (server, http):
+    with serving(small / "data", disk_reserve_bytes=0, max_mask_points=50_000) as (server, http):
         mask = http.post("/masks", json=grid).json()
-        server.until(lambda: httpx.get(f"{server.url}/readyz", timeout=90).json()["checks"]["queue"])
+        until(lambda: httpx.get(f"{server.url}/readyz", timeout=90).json()["checks"]["queue"])
         fill(small / "filler")
         answers = [
             http.get(mask["links"]["picture"].removeprefix("/api/v1")),
@@ -92,13 +93,13 @@ def test_a_full_disk_is_a_507_wherever_it_is_met(small, start_server):
     assert "Traceback" not in server.log
 
 
-def test_a_client_that_leaves_in_the_middle_of_an_upload_leaves_nothing(tmp_path, start_server):
-    with serving(start_server, tmp_path) as (server, http):
+def test_a_client_that_leaves_in_the_middle_of_an_upload_leaves_nothing(tmp_path):
+    with serving(tmp_path) as (server, http):
         head = f"POST /api/v1/uploads HTTP/1.1\r\nHost: localhost\r\nContent-Length: {MIB}\r\n\r\n".encode()
         with socket.create_connection(("127.0.0.1", http.base_url.port)) as line:
             line.sendall(head + b"x" * 1000)
-            server.until(lambda: any(server.data.uploads.iterdir()))
-        server.until(lambda: not any(server.data.uploads.iterdir()))
+            until(lambda: any(server.data.uploads.iterdir()))
+        until(lambda: not any(server.data.uploads.iterdir()))
         assert http.get("/").status_code == 200
     assert "Traceback" not in server.log
 
@@ -115,9 +116,9 @@ def scan_of(server, http, samples):
     return scan
 
 
-def test_jobs_whose_volumes_do_not_fit_are_refused_with_what_they_need(small, start_server):
+def test_jobs_whose_volumes_do_not_fit_are_refused_with_what_they_need(small):
     more = {"disk_reserve_bytes": 20 * MIB, "max_volume_bytes": 2**27}
-    with serving(start_server, small / "data", **more) as (server, http):
+    with serving(small / "data", **more) as (server, http):
         scan, samples = scan_of(server, http, samples=512), 512
         volume = {"scan_id": scan, "parameters": {"modes": 128}}
         one = 4 * (128**2 * samples)

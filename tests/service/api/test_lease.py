@@ -11,7 +11,7 @@ from steradian.storage.scanners import ScannerRepository
 from steradian.storage.scans import ScanRepository
 from steradian.storage.states import DesiredScanState, ScanState
 
-from .conftest import EQUI, Server
+from .conftest import EQUI, api_of
 
 LEASE, STOP = "/scanners/scanner-0/lease", "/scanners/scanner-0/emergency-stop"
 
@@ -45,7 +45,7 @@ def client(server, key):
 
 @pytest.fixture(scope="module")
 def guarded(tmp_path_factory):
-    server = Server(tmp_path_factory.mktemp("guarded"), require_key=True, api_key="k" * 24)
+    server = api_of(tmp_path_factory.mktemp("guarded"), require_key=True, api_key="k" * 24)
     with ExitStack() as server.stack:
         server.wait()
         yield server

@@ -2,54 +2,27 @@
 
 import json
 import logging
-import socket
-import subprocess
 import sys
-import time
 
 import httpx
 import pytest
 
 from steradian.runtime.logs import _Json, _Text, request_id
-from steradian.settings import Settings
-from steradian.storage.database import Database
-from steradian.storage.paths import DataDirectory
+from support.apis import ApiProcess
 
 
 @pytest.fixture(scope="module")
 def talk(tmp_path_factory):
     """What three requests are answered, and what the process logged meanwhile."""
-    folder = tmp_path_factory.mktemp("logs")
-    settings = Settings.create(data=folder, log_format="json", log_level="DEBUG")
-    DataDirectory(folder).create()
-    database = Database(DataDirectory(folder).metadata_url)
-    database.migrate()
-    database.close()
-    with socket.create_server(("127.0.0.1", 0)) as listener, (folder / "api.log").open("wb") as log:
-        url = f"http://127.0.0.1:{listener.getsockname()[1]}"
-        process = subprocess.Popen(
-            [sys.executable, "-m", "steradian.api", str(listener.fileno())],
-            env=settings.environment(),
-            stdin=subprocess.PIPE,
-            stderr=log,
-            pass_fds=[listener.fileno()],
-        )
-    deadline = time.monotonic() + 60
-    while True:
-        try:
-            httpx.get(f"{url}/healthz")
-            break
-        except httpx.TransportError:
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+    api = ApiProcess(tmp_path_factory.mktemp("logs"), log_format="json", log_level="DEBUG").wait()
+    url = api.url
     answers = [
         httpx.get(f"{url}/api/v1/scans/none", headers={"X-Request-ID": "mine-1"}),
         httpx.get(f"{url}/api/v1/scans?ticket=secret-ticket", headers={"X-Request-ID": "bad id\x7f".strip("\x7f")}),
         httpx.get(f"{url}/healthz"),
     ]
-    process.stdin.close()
-    process.wait(60)
-    return answers, [json.loads(line) for line in (folder / "api.log").read_text().splitlines()]
+    api.close()
+    return answers, [json.loads(line) for line in api.log.splitlines()]
 
 
 def test_every_line_is_one_object_with_time_level_and_process(talk):

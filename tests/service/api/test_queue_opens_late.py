@@ -6,9 +6,12 @@ from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url
 from steradian.storage.folder import bind
 from steradian.storage.paths import DataDirectory
+from support.waiting import until
+
+from .conftest import api_of
 
 
-def test_a_queue_that_cannot_be_opened_is_tried_again_and_readiness_says_so(tmp_path, start_server):
+def test_a_queue_that_cannot_be_opened_is_tried_again_and_readiness_says_so(tmp_path):
     data = DataDirectory(tmp_path)
     data.create()
     database = Database(metadata_url(Settings.create(data=tmp_path)))
@@ -18,7 +21,7 @@ def test_a_queue_that_cannot_be_opened_is_tried_again_and_readiness_says_so(tmp_
     right = data.identity
     data.identity_file.write_text("0" * 32)
 
-    server = start_server(tmp_path)
+    server = api_of(tmp_path)
     try:
         said = b""
         while b"trying again in" not in said:
@@ -31,7 +34,7 @@ def test_a_queue_that_cannot_be_opened_is_tried_again_and_readiness_says_so(tmp_
         assert answer.json()["checks"]["database"]
 
         data.identity_file.write_text(right)
-        server.until(lambda: httpx.get(f"{server.url}/readyz", timeout=60).json()["checks"]["queue"])
+        until(lambda: httpx.get(f"{server.url}/readyz", timeout=60).json()["checks"]["queue"])
     finally:
         server.close()
     assert "the job queue cannot be opened" in said.decode() + server.log

@@ -8,7 +8,7 @@ from steradian.jobs.model import Succeeded
 from steradian.storage.scans import ScanRepository
 from steradian.storage.states import ScanState
 
-from .conftest import make_scan
+from .conftest import api_of, make_scan
 
 MIB = 2**20
 QUOTA = 40 * MIB
@@ -17,9 +17,9 @@ VOLUME = 4 * 128**2 * 256
 
 
 @pytest.fixture(scope="module")
-def small(tmp_path_factory, start_server):
+def small(tmp_path_factory):
     """A service whose folder may hold 40 MiB, a client of it and a scan."""
-    server = start_server(tmp_path_factory.mktemp("quota"), quota_bytes=QUOTA, disk_reserve_bytes=0)
+    server = api_of(tmp_path_factory.mktemp("quota"), quota_bytes=QUOTA, disk_reserve_bytes=0)
     server.wait()
     with httpx.Client(base_url=f"{server.url}/api/v1", timeout=90) as http:
         grid = {"arrangement": "grid", "aperture": 0.01, "count": 3, "interval": 1e-3}

@@ -1,15 +1,15 @@
 """How often one may ask: a person never notices a limit, a script does; health and the stop have none."""
 
 import threading
-import time
 
 import httpx
 import pytest
 
 from steradian.security.keys import KeyStore, Scope
 from steradian.security.rates import MOST, Rate, TooOften
+from support.waiting import until
 
-from .conftest import Server
+from .conftest import api_of
 
 STOP = "/api/v1/scanners/scanner-0/emergency-stop"
 
@@ -51,7 +51,7 @@ def test_callers_that_were_away_for_the_longest_are_forgotten():
 def limited(tmp_path_factory):
     """A service on which a key may do 2 requests a second, 20 at once, and an address send 5 wrong keys."""
     folder = tmp_path_factory.mktemp("limited")
-    server = Server(folder, require_key=True, api_key="k" * 24, requests_per_second=2, failed_keys_per_minute=5)
+    server = api_of(folder, require_key=True, api_key="k" * 24, requests_per_second=2, failed_keys_per_minute=5)
     server.wait()
     yield server
     server.close()
@@ -90,10 +90,7 @@ def test_wrong_keys_are_limited_harder_and_keep_no_good_one_out(limited):
         assert seen[0] == 401
         assert seen[-1] == 429
         assert seen.count(401) < 15
-        deadline = time.monotonic() + 60
-        while client.get(here, headers=good).status_code != 200:  # a second later keys are known by heart
-            assert time.monotonic() < deadline
-            time.sleep(0.1)
+        until(lambda: client.get(here, headers=good).status_code == 200)  # a second later keys are known by heart
         assert client.post(limited.url + STOP, headers=good).status_code == 202
 
 

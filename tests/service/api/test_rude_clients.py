@@ -9,8 +9,9 @@ import httpx
 import pytest
 
 from steradian.security.keys import KeyStore, Scope
+from support.waiting import until
 
-from .conftest import Server
+from .conftest import api_of
 
 pytestmark = pytest.mark.long
 
@@ -26,7 +27,7 @@ def serve(tmp_path):
     with ExitStack() as stack:
 
         def serve(**settings):
-            server = Server(tmp_path, **settings)
+            server = api_of(tmp_path, **settings)
             stack.callback(server.close)
             server.wait()
             return server
@@ -108,7 +109,7 @@ def test_one_connection_too_many_takes_the_place_of_the_longest_silent_one(serve
 
 def test_more_connections_than_file_descriptors_stop_nobody_and_fill_no_log(tmp_path, connect):
     limit = lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (256, 256))  # noqa: E731
-    server = Server(tmp_path, preexec_fn=limit)
+    server = api_of(tmp_path, preexec_fn=limit)
     try:
         server.wait()
         held = [connect(server, HALF_HEAD) for _ in range(400)]
@@ -121,7 +122,7 @@ def test_more_connections_than_file_descriptors_stop_nobody_and_fill_no_log(tmp_
 
 
 def test_event_streams_are_counted_before_they_are_accepted(tmp_path, connect):
-    server = Server(tmp_path)
+    server = api_of(tmp_path)
     try:
         server.wait()
         check_streams(server, connect)
@@ -137,10 +138,7 @@ def check_streams(server, connect):
     assert answers.count(b"HTTP/1.1 503") == 300
     for stream in streams:
         stream.close()
-    deadline = time.monotonic() + WAIT
-    while connect(server, STREAM).recv(12) != b"HTTP/1.1 200":
-        assert time.monotonic() < deadline, "the places of those who left are not given to others"
-        time.sleep(0.1)
+    until(lambda: connect(server, STREAM).recv(12) == b"HTTP/1.1 200", WAIT, lambda: "places stay with those who left")
 
 
 def test_strange_methods_are_no_series_of_their_own(server):
@@ -150,7 +148,7 @@ def test_strange_methods_are_no_series_of_their_own(server):
 
 
 def test_a_stream_ends_when_its_key_is_revoked(tmp_path):
-    server = Server(tmp_path)
+    server = api_of(tmp_path)
     keys = KeyStore(server.database)
     key = keys.create("lab", [Scope.READ])
     try:
@@ -176,4 +174,4 @@ def test_who_asks_for_a_websocket_gives_the_place_back(serve, connect):
     for _ in range(12):
         with connect(server, STREAM[:-2] + upgrade + b"dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n") as connection:
             connection.recv(1)
-    server.until(lambda: httpx.get(f"{server.url}/healthz", timeout=WAIT).status_code == 200)
+    until(lambda: httpx.get(f"{server.url}/healthz", timeout=WAIT).status_code == 200)

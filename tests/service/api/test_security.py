@@ -1,9 +1,5 @@
 """Who may do what: every route with every scope, and with keys that are missing, wrong, expired or revoked."""
 
-import socket
-import subprocess
-import sys
-import time
 from datetime import UTC, datetime, timedelta
 
 import httpx
@@ -17,9 +13,9 @@ from steradian.security.admission import require_key
 from steradian.security.keys import KeyStore, Scope, Unauthorized
 from steradian.settings import Settings
 from steradian.storage.database import Database
-from steradian.storage.paths import DataDirectory
+from support.apis import ApiProcess
 
-from .conftest import Server
+from .conftest import api_of
 
 ROUTES = sorted(SCOPES, key=str)
 NONE = dict.fromkeys(
@@ -28,16 +24,12 @@ NONE = dict.fromkeys(
 )
 
 
-class Guarded:
+class Guarded(ApiProcess):
     """A real API process on an address that others could reach, and keys of every kind."""
 
     def __init__(self, folder):
         often = {"requests_per_second": 1e6, "failed_keys_per_minute": 1e6}
-        self.settings = Settings.create(data=folder, host="0.0.0.0", **often)  # noqa: S104
-        data = DataDirectory(folder)
-        data.create()
-        self.database = Database(data.metadata_url)
-        self.database.migrate()
+        super().__init__(folder, host="0.0.0.0", **often)  # noqa: S104
         self.keys = KeyStore(self.database)
         self.of_scope = {scope: self.keys.create(f"of {scope}", [scope]) for scope in Scope}
         past = KeyStore(self.database, clock=lambda: datetime.now(UTC) - timedelta(days=2))
@@ -50,15 +42,6 @@ class Guarded:
             "expired": past.create("expired", Scope, timedelta(days=1)),
             "revoked": revoked,
         }
-        with socket.create_server(("127.0.0.1", 0)) as listener:
-            self.url = f"http://127.0.0.1:{listener.getsockname()[1]}"
-            self.process = subprocess.Popen(
-                [sys.executable, "-m", "steradian.api", str(listener.fileno())],
-                env=self.settings.environment(),
-                stdin=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                pass_fds=[listener.fileno()],
-            )
 
     def ask(self, http, method, path, key=None, **more):
         headers = {"Authorization": f"Bearer {key}"} if key is not None else {}
@@ -67,13 +50,6 @@ class Guarded:
                 answer.read()
             assert_is_safe(answer)
             return answer
-
-    def close(self):
-        self.process.stdin.close()
-        self.process.wait(60)
-        self.log = self.process.stderr.read().decode()
-        self.process.stderr.close()
-        self.database.close()
 
 
 def assert_is_safe(answer):
@@ -95,15 +71,7 @@ def secret_of(key):
 
 @pytest.fixture(scope="module")
 def guarded(tmp_path_factory):
-    guarded = Guarded(tmp_path_factory.mktemp("guarded"))
-    deadline = time.monotonic() + 60
-    while True:
-        try:
-            httpx.get(f"{guarded.url}/healthz")
-            break
-        except httpx.TransportError:
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+    guarded = Guarded(tmp_path_factory.mktemp("guarded")).wait()
     yield guarded
     guarded.close()
     for key in [*guarded.of_scope.values(), *guarded.bad.values()]:
@@ -272,7 +240,7 @@ def test_a_setting_demands_keys_on_the_loopback_too(tmp_path):
         require_key(Settings.create(data=tmp_path, require_key=True), database)
     database.close()
     key = "k" * 20
-    server = Server(tmp_path / "data", require_key=True, api_key=key)
+    server = api_of(tmp_path / "data", require_key=True, api_key=key)
     try:
         server.wait()
         asked = [httpx.get(f"{server.url}/api/v1/masks", headers=h) for h in ({}, {"Authorization": f"Bearer {key}"})]

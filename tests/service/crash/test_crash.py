@@ -77,16 +77,15 @@ def test_a_killed_api(service, capsys):
     service.until(lambda: service.answers, 20)
 
 
-def test_a_killed_supervisor_and_a_scan_that_ran(service, start_scan, capsys):
+def test_a_killed_supervisor_and_a_scan_that_ran(service, capsys):
     """Every process goes with it; after the next start jobs go on, and the scan waits for a person."""
-    first = service.start()
-    scan_id = start_scan(service.url)
+    first = service.start().process
+    scan_id = service.start_scan(service.plan(pulse_rate=1, averages=10))["id"]
     service.until(lambda: read_scan(service.url, scan_id)["state"] == "running", 30)
     names = load(service)
     killed = time.monotonic()
     first.kill()
     first.wait()
-    (service.folder / "run" / "service.json").unlink()
     service.start()
     assert read_scan(service.url, scan_id)["state"] == "interrupted"
     fired = shots(service, scan_id)
@@ -96,7 +95,7 @@ def test_a_killed_supervisor_and_a_scan_that_ran(service, start_scan, capsys):
 
 
 def test_a_restart_with_queued_and_running_jobs(service, capsys):
-    first = service.start()
+    first = service.start().process
     names = load(service)
     killed = time.monotonic()
     first.send_signal(signal.SIGTERM)
@@ -123,7 +122,7 @@ def test_a_killed_host(distributed, capsys):
     """Workers of another host that is gone at once: the others take their jobs over."""
     service = distributed
     service.start()
-    other = service.start("worker", worker_name="other")
+    other = service.start_worker(worker_name="other")
     service.until(lambda: (service.folder / "run" / "other-0.json").exists(), 30)
     names = load(service, seconds=1.0)
     service.until(lambda: "other-0" in workers_of(service, names), 30)

@@ -14,7 +14,7 @@ pytestmark = [pytest.mark.crash, pytest.mark.timeout(180)]
 def test_jobs_run_on_the_service_and_on_a_second_host(distributed):
     service = distributed
     service.start()
-    service.start("worker", worker_name="other")
+    service.start_worker(worker_name="other")
     names = [service.submit(f"job-{number}", "succeed", answer=number, seconds=1) for number in range(4)]
     service.until(lambda: (service.folder / "run" / "other-0.json").exists(), 40)
     names += [service.submit(f"late-{number}", "succeed", answer=number, seconds=1) for number in range(6)]

@@ -58,11 +58,11 @@ class Listener:
                     return
 
 
-def test_fifty_cuts_during_a_scan_and_ten_jobs(service, start_scan, capsys):
+def test_fifty_cuts_during_a_scan_and_ten_jobs(service, capsys):
     """Every change of state is seen exactly once and in order, whatever was cut."""
     listener = Listener(service.url)
     listener.listen(lambda name: name == "ready")
-    scan = start_scan(service.url, pulse_rate=1)
+    scan = service.start_scan(service.plan(pulse_rate=1))["id"]
     names = [service.submit(f"job-{number}", "succeed", answer=number, seconds=0.2) for number in range(JOBS)]
     for cut in range(CUTS):
         listener.listen_for(0.05 + 0.01 * (cut % 10))
@@ -83,9 +83,9 @@ def test_fifty_cuts_during_a_scan_and_ten_jobs(service, start_scan, capsys):
         print(f"\n  {CUTS} cuts, {len(names)} jobs, 1 scan: {len(logged)} changes, each seen once, in order")
 
 
-def test_progress_comes_at_most_five_times_a_second_and_tells_what_is_left(service, start_scan):
+def test_progress_comes_at_most_five_times_a_second_and_tells_what_is_left(service):
     listener = Listener(service.url)
-    scan = start_scan(service.url, pulse_rate=1)
+    scan = service.start_scan(service.plan(pulse_rate=1))["id"]
     listener.listen(lambda name: len(listener.progress) == 8)
     times = [when for when, data in listener.progress if data["id"] == scan]
     assert times[-1] - times[0] > (len(times) - 1) * 0.15

@@ -8,9 +8,9 @@ import sys
 import filelock
 import pytest
 
-from steradian.jobs.engine import JobQueue
 from steradian.storage.paths import DataDirectory
 from steradian.storage.states import ReconstructionState, is_terminal
+from support.proxy import Proxy
 
 pytestmark = [pytest.mark.crash, pytest.mark.timeout(180)]
 R = ReconstructionState
@@ -32,11 +32,11 @@ kill()
 
 
 @pytest.fixture
-def two_hosts(distributed, load_proxy):
+def two_hosts(distributed):
     """A service and a worker of another host, which reaches the database through a proxy; yields both and the proxy."""
-    proxy = load_proxy(distributed.settings.database_url)
+    proxy = Proxy(distributed.settings.database_url)
     distributed.start()
-    distributed.start("worker", worker_name="other", database_url=proxy.url)
+    distributed.start_worker(worker_name="other", database_url=proxy.url)
     distributed.until(lambda: (distributed.folder / "run" / "other-0.json").exists(), 60)
     yield distributed, proxy
     proxy.close()
@@ -109,7 +109,7 @@ def test_a_job_whose_lock_is_held_is_put_back(service):
 
 def test_a_submission_that_is_killed_has_happened_or_not(service):
     """Without an API that looks after the queue: what is in the ledger, a worker does."""
-    service._queue = JobQueue(service.settings)
+    assert service.queue
     for moment in ("between", "after"):
         command = [sys.executable, "-c", SUBMIT, moment, moment, str(service.folder)]
         done = subprocess.run(command, env=service.settings.environment(), timeout=120)

@@ -2,14 +2,14 @@
 
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 
 from steradian.jobs.engine import JobQueue
-from steradian.jobs.model import JobRequest
 from steradian.settings import Settings
+from support.echo import EchoQueue
+from support.waiting import until
 
 WORKER = """
 import sys
@@ -19,13 +19,12 @@ run_worker(Settings.create(), 0, {"echo": [sys.executable, sys.argv[1]]})
 """
 
 
-class Bench:
-    """A queue, its worker, and a diary in which each start of a job notes its process."""
+class Bench(EchoQueue):
+    """A queue and its worker."""
 
     def __init__(self, folder, **settings):
-        self.settings, self.log = Settings.create(data=folder, **settings), folder / "worker.log"
-        self.queue = JobQueue(self.settings)
-        self.worker = None
+        super().__init__(Settings.create(data=folder, **settings))
+        self.queue, self.worker, self.log = JobQueue(self.settings), None, folder / "worker.log"
 
     def start(self):
         with self.log.open("ab") as log:
@@ -36,30 +35,16 @@ class Bench:
         command = [sys.executable, "-c", WORKER, str(Path(__file__).with_name("echo_job.py"))]
         return subprocess.Popen(command, env=settings.environment(), stderr=log)
 
-    def submit(self, name, do, **more):
-        payload = {"do": do, "diary": str(self.settings.data / name), **more}
-        return self.queue.submit(JobRequest(name, "echo", payload))
-
-    def starts(self, name):
-        path = self.settings.data / name
-        return [int(pid) for pid in path.read_text().split()] if path.exists() else []
-
     def until_working(self, name, attempt=1):
-        self.until(lambda: len(self.starts(name)) == attempt)
-        self.until(lambda: self.queue.status(name).stage == "working")
+        until(lambda: len(self.starts(name)) == attempt)
+        until(lambda: self.queue.status(name).stage == "working")
         return self.starts(name)[-1]
 
-    @staticmethod
-    def until(condition, seconds=60.0):
-        deadline = time.monotonic() + seconds
-        while not condition():
-            assert time.monotonic() < deadline, "it did not happen in time"
-            time.sleep(0.02)
-
     def close(self):
-        self.worker.terminate()
-        self.worker.wait(60)
-        self.queue.close()
+        if self.worker is not None:
+            self.worker.terminate()
+            self.worker.wait(60)
+        super().close()
 
 
 @pytest.fixture(scope="session")

@@ -13,6 +13,7 @@ from steradian.settings import Settings
 from steradian.storage.database import MIGRATIONS, Database, metadata_url
 from steradian.storage.states import ReconstructionState, is_terminal
 from steradian.storage.subseconds import with_subseconds
+from support.waiting import until
 
 R = ReconstructionState
 OPEN = {"number": 1, "worker": "worker-0", "started": "2026-01-01T00:00:00+00:00", "ended": None, "outcome": None}
@@ -69,7 +70,7 @@ def test_unfinished_jobs_of_an_earlier_folder_are_queued_again_and_end_once(tmp_
         return all(bench.queue.status(name).is_over for name in EARLIER)
 
     try:
-        bench.until(over)
+        until(over)
         jobs = {name: bench.queue.status(name) for name in EARLIER}
     finally:
         bench.close()

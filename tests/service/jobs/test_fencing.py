@@ -13,6 +13,7 @@ from steradian.jobs.model import MAX_INTERRUPTIONS, Died, Interrupted, JobReques
 from steradian.storage.database import Database
 from steradian.storage.paths import DataDirectory, JobDirectory
 from steradian.storage.states import ReconstructionState
+from support.waiting import until
 
 R = ReconstructionState
 
@@ -115,7 +116,7 @@ def test_a_job_that_an_earlier_start_is_still_at_is_put_back(bench):
     folder.root.mkdir(parents=True)
     with filelock.FileLock(folder.root / "lock"):
         bench.submit("locked", "lock", answer=1)
-        bench.until(lambda: "interrupted" in [a["outcome"] for a in bench.queue.status("locked").attempts])
+        until(lambda: "interrupted" in [a["outcome"] for a in bench.queue.status("locked").attempts])
     status = bench.queue.wait("locked", timeout=60)
     assert (status.state, status.attempt, status.error) == (R.SUCCEEDED, 1, None)
     assert "still runs job locked" in status.attempts[0]["detail"]

@@ -16,6 +16,7 @@ from steradian.storage.database import MIGRATIONS, Database, metadata_url
 from steradian.storage.folder import bind
 from steradian.storage.paths import DataDirectory
 from steradian.storage.states import ReconstructionState
+from support.waiting import until
 
 pytestmark = pytest.mark.long
 
@@ -114,7 +115,7 @@ def test_a_worker_waits_for_a_service_of_its_version_and_changes_nothing_meanwhi
         return "waiting for the service" in "".join(said)
 
     try:
-        make_bench.until(waits)
+        until(waits)
         words = {
             "tables": "there is no database in",
             "a version": "the database has version 0007, this worker needs",

@@ -5,7 +5,6 @@ import subprocess
 import sys
 import time
 from contextlib import closing
-from pathlib import Path
 
 import pytest
 
@@ -13,15 +12,10 @@ from steradian.errors import Conflict, NotFound
 from steradian.jobs.engine import JobQueue
 from steradian.jobs.model import JobRequest
 from steradian.storage.states import ReconstructionState
+from support.processes import are_gone
+from support.waiting import until
 
 R = ReconstructionState
-
-
-def is_running(pid):
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
 
 
 def test_a_job_runs_once_and_leaves_its_result(bench):
@@ -64,7 +58,7 @@ def test_cancelling_a_running_job_kills_its_process_within_a_second(bench, slowe
     pid = bench.until_working("long")
     start = time.monotonic()
     assert bench.queue.cancel("long").state in {R.CANCELLING, R.CANCELLED}
-    bench.until(lambda: not is_running(pid))
+    until(lambda: are_gone([pid]))
     took = time.monotonic() - start
     assert took < 1 * slowed()
     assert bench.queue.wait("long", timeout=60).state is R.CANCELLED
@@ -111,7 +105,7 @@ def test_a_job_that_takes_too_long_is_killed_and_has_failed(bench):
     bench.queue.submit(JobRequest("slow", "echo", payload, timeout=0.5))
     status = bench.queue.wait("slow", timeout=60)
     assert (status.state, status.error_code, status.attempt) == (R.FAILED, "timeout", 1)
-    assert not is_running(bench.starts("slow")[0])
+    assert are_gone([bench.starts("slow")[0]])
 
 
 def test_every_attempt_and_change_is_kept_with_who_when_and_why(bench):
@@ -141,7 +135,7 @@ def test_a_killed_workers_job_ends_with_it_and_is_started_again(bench):
     pid = bench.until_working("orphan")
     bench.worker.kill()
     bench.worker.wait()
-    bench.until(lambda: not is_running(pid))
+    until(lambda: are_gone([pid]))
     bench.start()
     bench.until_working("orphan", attempt=2)
     assert bench.queue.status("orphan").attempt == 2
@@ -157,7 +151,7 @@ def test_a_worker_that_is_asked_to_end_puts_its_job_back_without_counting_it(ben
     assert bench.worker.wait(60) == 0
     took = time.monotonic() - start
     assert took < 5 * slowed()
-    assert not is_running(pid)
+    assert are_gone([pid])
     bench.start()
     bench.until_working("back", attempt=2)
     assert bench.queue.status("back").attempt == 1

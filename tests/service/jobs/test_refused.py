@@ -12,6 +12,7 @@ from steradian.jobs.model import JobRequest, Succeeded
 from steradian.jobs.runner import JobRunner
 from steradian.storage.paths import DataDirectory
 from steradian.storage.states import ReconstructionState
+from support.waiting import until
 
 R = ReconstructionState
 
@@ -39,7 +40,7 @@ def test_a_job_whose_row_is_gone_ends_quietly_and_the_next_one_is_done(bench):
     told(bench, "DELETE FROM jobs WHERE id = 'gone'")
     bench.submit("next", "succeed", answer=2)
     assert bench.queue.wait("next", timeout=60).result == {"answer": 2}
-    bench.until(lambda: not os.path.exists(f"/proc/{pid}"))
+    until(lambda: not os.path.exists(f"/proc/{pid}"))
     said = bench.log.read_text()
     assert "there is no job 'gone' any more" in said
     assert "Traceback" not in said.partition("'gone'")[2], said

@@ -3,6 +3,7 @@
 import pytest
 
 from steradian.storage.states import ReconstructionState
+from support.waiting import until
 
 pytestmark = pytest.mark.long
 
@@ -35,10 +36,10 @@ def test_jobs_of_a_folder_that_is_not_mounted_go_back_and_are_done_when_it_is(mo
     bench, turn = mounted
     diary = {"diary": str(tmp_path / "diary"), "answer": 1}
     bench.submit("under way", "read", until_lost=True, **diary)
-    bench.until(lambda: bench.queue.status("under way").stage == "working")
+    until(lambda: bench.queue.status("under way").stage == "working")
     bench.submit("waiting", "read", until_lost=False, **diary)
     turn("empty")
-    bench.until(lambda: bench.worker.poll() is not None)
+    until(lambda: bench.worker.poll() is not None)
     assert "is gone; is it mounted?" in bench.log.read_text()
     assert [bench.queue.status(job).state for job in ("under way", "waiting")] == [R.QUEUED] * 2
     assert "there is no scan" in bench.queue.status("under way").attempts[0]["detail"]
@@ -53,7 +54,7 @@ def test_an_idle_worker_fails_no_job_for_it(mounted, tmp_path):
     bench, turn = mounted
     turn("empty")
     bench.submit("late", "read", until_lost=False, diary=str(tmp_path / "diary"), answer=1)
-    bench.until(lambda: bench.worker.poll() is not None or bench.queue.status("late").is_over)
+    until(lambda: bench.worker.poll() is not None or bench.queue.status("late").is_over)
     assert bench.queue.status("late").state is R.QUEUED
     turn("there")
     bench.start()

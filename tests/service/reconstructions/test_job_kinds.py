@@ -2,7 +2,6 @@
 
 import json
 import zipfile
-from dataclasses import dataclass
 
 import h5py
 import numpy as np
@@ -22,24 +21,9 @@ from steradian.storage.paths import DataDirectory
 from steradian.storage.plans import PlanRepository
 from steradian.storage.scans import ScanRepository
 from steradian.storage.states import ScanState
+from support.alines import Aline
 
 SPEED, SIDE, SAMPLES = 1500.0, 8, 64
-
-
-@dataclass
-class Aline:
-    point: int
-    samples: np.ndarray
-    shot: int
-    scale: float = 1.0
-    energy: float = 1.0
-    wavelength_m: float = 1.55e-6
-    fire_time_s: float = 0.0
-    averages: int = 1
-    time_zero_offset_s: float = 0.0
-    dc_v: float = 0.0
-    gain_db: float = 0.0
-    quality: int = 0
 
 
 class Place:

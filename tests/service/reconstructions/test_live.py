@@ -31,19 +31,10 @@ from steradian.scans.following import Quiet, ScanFollower
 from steradian.scans.reading import read_scan
 from steradian.scans.run import run_scan
 from steradian.scans.store import AlineStore, create_scan_file
+from support.alines import Aline
 
 SAMPLES, INTERVAL, SPEED = 256, 8e-9, 1500.0
 PARAMETERS = ReconstructionParameters.create(modes=32)
-
-
-class Aline:
-    """An A-line as the store takes it."""
-
-    energy, wavelength_m, fire_time_s, quality, shot = 1.0, 1.55e-6, 0.0, 0, 0
-    averages, time_zero_offset_s, dc_v, gain_db = 1, 0.0, 0.0, 0.0
-
-    def __init__(self, point: int, samples: np.ndarray, scale: float) -> None:
-        self.point, self.samples, self.scale = point, samples, scale
 
 
 class GrowingScan:
@@ -67,7 +58,7 @@ class GrowingScan:
     def measure(self, count: int) -> None:
         points = range(self.done, min(self.done + count, self.plan.mask.count))
         with AlineStore(self.path) as store:
-            store.append(Aline(p, self.counts[self.plan.visit[p]], self.scale) for p in points)
+            store.append(Aline(p, self.counts[self.plan.visit[p]], scale=self.scale) for p in points)
         self.done = points.stop
 
     @property
@@ -193,7 +184,7 @@ def test_an_aline_measured_again_replaces_the_first_one(scan: GrowingScan, tmp_p
     scan.measure(1000)
     view.revise()
     with AlineStore(scan.path) as store:
-        store.append([Aline(0, good, scan.scale)])
+        store.append([Aline(0, good, scale=scan.scale)])
     view.revise()
     assert _distance(view.volume().values, _from_scratch(scan, view).values) < 1e-4
 
@@ -319,7 +310,7 @@ def test_the_writer_is_not_kept_waiting_by_a_reader(scan: GrowingScan, tmp_path:
     def write() -> None:
         with AlineStore(scan.path) as store:
             for some in np.array_split(np.arange(scan.plan.mask.count), 40):
-                store.append(Aline(int(p), scan.counts[scan.plan.visit[p]], scan.scale) for p in some)
+                store.append(Aline(int(p), scan.counts[scan.plan.visit[p]], scale=scan.scale) for p in some)
         over.set()
 
     writer = threading.Thread(target=write)
@@ -340,7 +331,7 @@ def test_a_line_of_sensors_is_followed_too(tmp_path: Path) -> None:
     view = LiveView(tmp_path / "scan.h5", tmp_path / "live", PARAMETERS, "full")
     with AlineStore(tmp_path / "scan.h5") as store:
         for some in np.array_split(np.arange(mask.count), 3):
-            store.append(Aline(int(p), counts[plan.visit[p]], 1.0) for p in some)
+            store.append(Aline(int(p), counts[plan.visit[p]]) for p in some)
             view.revise()
     recording = read_scan(tmp_path / "scan.h5")
     traces = recording.traces.astype(np.float32)
@@ -379,9 +370,9 @@ def test_a_later_frame_of_a_scan_is_followed_by_its_number(tmp_path: Path) -> No
     counts = np.random.default_rng(0).integers(-1000, 1000, (2 * count, SAMPLES)).astype(np.int16)
     view = LiveView(path, tmp_path / "live", PARAMETERS, "full", frame=1)
     with AlineStore(path) as store:
-        store.append(Aline(p, counts[p], 1.0) for p in range(count))
+        store.append(Aline(p, counts[p]) for p in range(count))
         assert view.revise() is None
-        store.append(Aline(p, counts[p], 1.0) for p in range(count, 2 * count))
+        store.append(Aline(p, counts[p]) for p in range(count, 2 * count))
     assert view.revise() is not None
     recording = read_scan(path, 1)
     traces = recording.traces.astype(np.float32)

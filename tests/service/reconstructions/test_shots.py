@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,7 @@ from steradian.scans.opening import open_recording
 from steradian.scans.reading import read_scan
 from steradian.scans.run import run_scan
 from steradian.scans.store import AlineStore, create_scan_file
+from support.alines import Aline
 
 CENTRE = np.array([0.3e-3, -0.2e-3, 1.2e-3])
 SPEED, INTERVAL, SAMPLES = 1500.0, 8e-9, 400
@@ -30,24 +31,6 @@ PLAN = ScanPlan.create(
 PARAMETERS = ReconstructionParameters.create(modes=66, depth_range=(0.0, 2e-3))
 BALL = phantoms.Balls(CENTRE[None], np.array([70e-6]), np.array([1.0]))
 SCALE = 1 / 60_000
-
-
-@dataclass(frozen=True)
-class Aline:
-    """An A-line as the store takes it."""
-
-    point: int
-    samples: np.ndarray
-    energy: float = 1.0
-    time_zero_offset_s: float = 0.0
-    quality: int = 0
-    scale: float = SCALE
-    wavelength_m: float = 1.55e-6
-    fire_time_s: float = 0.0
-    shot: int = 1
-    averages: int = 1
-    dc_v: float = 1.2
-    gain_db: float = 0.0
 
 
 def measured(path: Path, energy, time_zero, flags=None) -> Path:
@@ -62,7 +45,8 @@ def measured(path: Path, energy, time_zero, flags=None) -> Path:
         if quality:
             pressure = np.full(SAMPLES, 0.5)
         counts = np.rint(pressure * strength / SCALE).astype(np.int16)
-        lines.append(Aline(point, counts, strength, begin, quality))
+        about = {"energy": strength, "time_zero_offset_s": begin, "quality": quality}
+        lines.append(Aline(point, counts, scale=SCALE, **about))
     with AlineStore(path) as store:
         store.append(lines)
     return path
@@ -185,7 +169,7 @@ def test_dark_a_lines_that_come_first_are_not_left_in_the_live_view(even, tmp_pa
     """Whether energies are known is a matter of the whole scan, not of the few A-lines of one look."""
     counts, first, path = np.array(read_scan(even).traces), PLAN.visit[:40], tmp_path / "scan.h5"
     counts[first] = -counts[first]  # of whatever else they heard
-    lines = [Aline(n, counts[place], float(n >= len(first))) for n, place in enumerate(PLAN.visit)]
+    lines = [Aline(n, counts[place], scale=SCALE, energy=float(n >= len(first))) for n, place in enumerate(PLAN.visit)]
     create_scan_file(path, PLAN)
     with AlineStore(path) as store:
         store.append(lines[:40])

@@ -2,7 +2,6 @@ import itertools
 import json
 import os
 import signal
-import subprocess
 import sys
 import time
 import urllib.error
@@ -14,6 +13,8 @@ import pytest
 from steradian.runtime.supervisor import Child, running_worker
 from steradian.settings import Settings
 from steradian.storage.paths import DataDirectory, DataDirectoryInUse
+from support.services import Service
+from support.waiting import until
 
 
 def test_a_child_that_keeps_ending_is_started_after_ever_longer_pauses(tmp_path):
@@ -38,10 +39,7 @@ def test_a_worker_alone_owns_the_data_directory_while_its_block_lasts(tmp_path, 
     with running_worker(settings):
         with pytest.raises(DataDirectoryInUse), running_worker(settings):
             pass
-        deadline = time.monotonic() + 60
-        while not beat.exists():
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+        until(beat.exists)
         if sys.platform.startswith("linux"):
             process = Path(f"/proc/{json.loads(beat.read_text())['pid']}")
             assert b"a secret of the service" not in (process / "environ").read_bytes(), "it needs no key"
@@ -54,51 +52,36 @@ def test_a_worker_alone_owns_the_data_directory_while_its_block_lasts(tmp_path, 
 @pytest.mark.long
 @pytest.mark.timeout(400)
 def test_processes_that_are_stopped_are_named_and_a_stopped_api_is_replaced(tmp_path):
-    command = [sys.executable, "-c", "from steradian.cli import main; main()", "serve", "--port", "0"]
-    with (tmp_path / "log").open("wb") as log:
-        service = subprocess.Popen(
-            [*command, "--data", str(tmp_path / "data")], stdout=subprocess.PIPE, stderr=log, text=True
-        )
-    said = lambda: (tmp_path / "log").read_text()  # noqa: E731
+    service = Service(tmp_path).start()
+    said = lambda: service.log.read_text()  # noqa: E731
     try:
-        url = service.stdout.readline().partition(" at ")[2].split("/api/")[0]
-        data = DataDirectory(tmp_path / "data")
-        pid = lambda name: json.loads(data.heartbeat(name).read_text())["pid"]  # noqa: E731
-        until(lambda: get(f"{url}/readyz") == 200)
+        until(lambda: get(f"{service.url}/readyz") == 200)
 
-        acquisition = pid("acquisition")
+        acquisition = service.pid_of("acquisition")
         os.kill(acquisition, signal.SIGSTOP)
         until(lambda: "acquisition runs but has shown no sign of life" in said())
-        assert get(f"{url}/readyz") == 503
+        assert get(f"{service.url}/readyz") == 503
         os.kill(acquisition, signal.SIGCONT)
         until(lambda: "acquisition shows signs of life again" in said())
 
-        api = pid("api")
+        api = service.pid_of("api")
         os.kill(api, signal.SIGSTOP)
         until(lambda: "api runs but has shown no sign of life" in said())
-        until(lambda: pid("api") != api and get(f"{url}/healthz") == 200)
+        until(lambda: service.pid_of("api") != api and get(f"{service.url}/healthz") == 200)
         assert "and is replaced" in said()
-        assert pid("acquisition") == acquisition
+        assert service.pid_of("acquisition") == acquisition
     finally:
-        service.terminate()
-        service.wait(60)
-        service.stdout.close()
+        service.close()
 
 
 def test_a_service_that_ends_removes_its_own_signs_of_life_and_leaves_those_of_other_hosts(tmp_path):
-    data = DataDirectory(tmp_path / "data")
-    command = [sys.executable, "-m", "steradian", "serve", "--port", "0", "--data", str(data.root)]
-    with (tmp_path / "log").open("wb") as log:
-        service = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
+    data, service = DataDirectory(tmp_path), Service(tmp_path).start()
     try:
-        service.stdout.readline()
         until(lambda: data.heartbeat("worker-0").exists() and data.heartbeat("acquisition").exists())
         data.heartbeat("elsewhere-0").write_text('{"pid": 1}')
     finally:
-        service.terminate()
-        service.wait(60)
-        service.stdout.close()
-    assert [path.name for path in (data.root / "run").glob("*.json")] == ["elsewhere-0.json"]
+        service.close()
+    assert [path.name for path in (tmp_path / "run").glob("*.json")] == ["elsewhere-0.json"]
 
 
 def get(url):
@@ -109,10 +92,3 @@ def get(url):
         return error.code
     except OSError:
         return 0
-
-
-def until(condition):
-    deadline = time.monotonic() + 120
-    while not condition():
-        assert time.monotonic() < deadline, "it did not happen"
-        time.sleep(0.1)

@@ -1,16 +1,11 @@
 """Every kind of work through a real service over HTTP, and how work ends when somebody wants it to."""
 
-import importlib.util
-import os
-import signal
+import json
 import subprocess
 import sys
 import time
-import uuid
-from dataclasses import dataclass
 from pathlib import Path
 
-import httpx
 import numpy as np
 import pytest
 
@@ -25,59 +20,18 @@ from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url
 from steradian.storage.scans import ScanRepository
 from steradian.storage.states import ReconstructionState, ScanState
+from support.alines import Aline
+from support.processes import children_of, resident, runs
+from support.services import WAIT, Service
+from support.waiting import until
 
 pytestmark = pytest.mark.timeout(300)  # the first reconstruction on a machine compiles its kernels
-WAIT = {"Prefer": "wait=100"}
 PARAMETERS = {"modes": 24}
-
-
-class Service:
-    def __init__(self, folder, **settings):
-        self.settings = Settings.create(data=folder, port=0, **settings)
-        command = [sys.executable, "-m", "steradian", "serve"]
-        environment = self.settings.environment()
-        self.log = (folder / "service.log").open("ab")
-        self.process = subprocess.Popen(
-            command, env=environment, stdout=subprocess.PIPE, stderr=self.log, text=True, stdin=subprocess.DEVNULL
-        )
-        url = self.process.stdout.readline().partition(" at ")[2].split()[0].rstrip("/")
-        self.http = httpx.Client(base_url=url, timeout=120)
-
-    def make(self, path, **body):
-        answer = self.http.post(path, json=body, headers=WAIT | {"Idempotency-Key": uuid.uuid4().hex})
-        assert answer.status_code in (200, 201, 202), answer.text
-        return answer.json()
-
-    def done(self, path, **body):
-        """Ask for work and wait for its success."""
-        made = self.make(path, **body)
-        while made["state"] in {"queued", "running"}:
-            made = self.http.get(made["links"]["self"].removeprefix("/api/v1"), headers=WAIT).json()
-        assert made["state"] == "succeeded", made["error"]
-        return made
-
-    def get(self, path, **how):
-        return self.http.get(path.removeprefix("/api/v1"), **how).raise_for_status()
-
-    def plan(self, **more):
-        equi = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 60}
-        mask = self.make("/masks", **equi)
-        return self.make("/plans", mask_id=mask["id"], samples=256, **more)["id"]
-
-    def start_scan(self, plan_id):
-        return self.http.post("/scans", json={"plan_id": plan_id}, headers={"Idempotency-Key": uuid.uuid4().hex}).json()
-
-    def close(self):
-        self.http.close()
-        self.process.terminate()
-        self.process.wait(60)
-        self.process.stdout.close()
-        self.log.close()
 
 
 @pytest.fixture(scope="module")
 def service(tmp_path_factory):
-    service = Service(tmp_path_factory.mktemp("service"), simulator_speed=20.0)
+    service = Service(tmp_path_factory.mktemp("service"), simulator_speed=20.0).start()
     yield service
     service.close()
 
@@ -201,52 +155,6 @@ def test_the_speed_of_sound_is_looked_for(service, scan):
     assert picture.startswith(b"\x89PNG")
 
 
-@dataclass
-class Aline:
-    point: int
-    samples: np.ndarray
-    shot: int
-    scale: float = 1.0
-    energy: float = 1.0
-    wavelength_m: float = 1.55e-6
-    fire_time_s: float = 0.0
-    averages: int = 1
-    time_zero_offset_s: float = 0.0
-    dc_v: float = 0.0
-    gain_db: float = 0.0
-    quality: int = 0
-
-
-def resident(pid):
-    """Bytes of memory of a process; 0 when it is gone."""
-    try:
-        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-        pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
-    except OSError:
-        return 0
-    return 0 if state == "Z" else pages * os.sysconf("SC_PAGE_SIZE")
-
-
-def child_of(parent):
-    for folder in Path("/proc").glob("[0-9]*"):
-        try:
-            fields = (folder / "stat").read_text().rpartition(")")[2].split()
-            command = (folder / "cmdline").read_bytes()
-        except OSError:
-            continue
-        if int(fields[1]) == parent and b"steradian.jobs.child" in command:
-            return int(folder.name)
-    return None
-
-
-def wait_for(condition, seconds=60.0):
-    deadline = time.monotonic() + seconds
-    while not (found := condition()):
-        assert time.monotonic() < deadline, "it did not happen in time"
-        time.sleep(0.01)
-    return found
-
-
 @pytest.mark.skipif(not Path("/proc").exists(), reason="memory of processes is read from /proc")
 def test_cancelling_a_running_reconstruction_frees_its_memory_and_core_within_a_second(tmp_path, capsys, slowed):
     settings = Settings.create(data=tmp_path)
@@ -264,13 +172,13 @@ def test_cancelling_a_running_reconstruction_frees_its_memory_and_core_within_a_
             queue.submit(job_of("warm", small))
             assert queue.wait("warm", timeout=120).state is ReconstructionState.SUCCEEDED
             queue.submit(job_of("large", large))
-            wait_for(lambda: queue.status("large").state is ReconstructionState.RUNNING)
-            worker = int(json_pid(tmp_path / "run" / "worker-0.json"))
-            child = wait_for(lambda: child_of(worker))
-            held = wait_for(lambda: (found := resident(child)) > 600e6 and found)
+            until(lambda: queue.status("large").state is ReconstructionState.RUNNING)
+            worker = json.loads((tmp_path / "run" / "worker-0.json").read_text())["pid"]
+            child = until(lambda: next((pid for pid in children_of(worker) if runs(pid, "steradian.jobs.child")), None))
+            held = until(lambda: (found := resident(child)) > 600e6 and found)
             begun = time.monotonic()
             queue.cancel("large", "ada", "no longer wanted")
-            wait_for(lambda: resident(child) == 0)
+            until(lambda: resident(child) == 0)
             took, slow = time.monotonic() - begun, slowed()
             assert queue.wait("large", timeout=60).state is ReconstructionState.CANCELLED
             left = {file.name for file in (tmp_path / "jobs" / "large").iterdir()}
@@ -284,28 +192,20 @@ def test_cancelling_a_running_reconstruction_frees_its_memory_and_core_within_a_
     assert took < 1.0 * slow
 
 
-def json_pid(path):
-    import json
-
-    return json.loads(path.read_text())["pid"]
-
-
 def test_a_service_that_is_asked_to_end_puts_jobs_back_and_makes_the_scan_safe(tmp_path, capsys, slowed):
-    service = Service(tmp_path, simulator_speed=20.0)
+    service = Service(tmp_path, simulator_speed=20.0).start()
     done = service.make("/scans", plan_id=service.plan())
     slow = service.start_scan(service.plan(pulse_rate=1, averages=10))
-    wait_for(lambda: service.get(f"/scans/{slow['id']}").json()["state"] == "running")
-    wait_for(lambda: service.get(f"/scans/{slow['id']}/coverage").json()["stored"] > 2)
+    until(lambda: service.get(f"/scans/{slow['id']}").json()["state"] == "running")
+    until(lambda: service.get(f"/scans/{slow['id']}/coverage").json()["stored"] > 2)
     large = service.http.post("/reconstructions", json={"scan_id": done["id"], "parameters": {"modes": 1024}}).json()
-    wait_for(lambda: service.get(f"/reconstructions/{large['id']}").json()["state"] == "running")
+    until(lambda: service.get(f"/reconstructions/{large['id']}").json()["state"] == "running")
     begun = time.monotonic()
-    service.process.send_signal(signal.SIGTERM)
-    assert service.process.wait(60) == 0
+    assert service.end() == 0
     took, stretch = time.monotonic() - begun, slowed()
     database = Database(metadata_url(service.settings))
     job, scan = JobLedger(database).get(large["id"]), ScanRepository(database).get(slow["id"])
     database.close()
-    service.close()
     with capsys.disabled():
         print(f"\n  SIGTERM with a running job and scan: all ended after {took:.1f} s")
     assert took < 10 * stretch
@@ -316,19 +216,10 @@ def test_a_service_that_is_asked_to_end_puts_jobs_back_and_makes_the_scan_safe(t
         assert store.stored > 2, "what was acknowledged is there"
 
 
-@pytest.fixture
-def database_url():
-    place = importlib.util.spec_from_file_location("postgres", Path(__file__).parents[1] / "postgres.py")
-    module = importlib.util.module_from_spec(place)
-    place.loader.exec_module(module)
-    with module.running_postgres() as server:
-        yield server.database()
-
-
-def test_reconstructions_run_on_the_service_and_on_a_worker_started_elsewhere(tmp_path, database_url, capsys):
+def test_reconstructions_run_on_the_service_and_on_a_worker_started_elsewhere(tmp_path, postgres, capsys):
     """The two commands on one PostgreSQL: `steradian worker` shares the work of `steradian serve`."""
     begun = time.monotonic()
-    service = Service(tmp_path, database_url=database_url, simulator_speed=20.0)
+    service = Service(tmp_path, database_url=postgres.database(), simulator_speed=20.0).start()
     assert service.get("/").status_code == 200
     with capsys.disabled():
         print(f"\n  steradian serve on PostgreSQL answers after {time.monotonic() - begun:.1f} s")

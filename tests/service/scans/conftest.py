@@ -1,27 +1,8 @@
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 
 from steradian import ScanPlan, equi_steradian_mask
-
-
-@dataclass
-class Aline:
-    """An A-line as a driver delivers it."""
-
-    point: int
-    samples: np.ndarray
-    scale: float = 0.5
-    energy: float = 1.0
-    wavelength_m: float = 1.55e-6
-    fire_time_s: float = 0.0
-    quality: int = 0
-    shot: int = 0
-    averages: int = 1
-    time_zero_offset_s: float = 0.0
-    dc_v: float = 1.2
-    gain_db: float = 0.0
+from support.alines import Aline
 
 
 @pytest.fixture(scope="session")
@@ -33,4 +14,4 @@ def plan():
 def alines(plan):
     """One A-line of random samples per point, in visit order."""
     samples = np.random.default_rng(1).integers(-32768, 32767, (plan.mask.count, plan.samples), dtype=np.int16)
-    return [Aline(point, row, shot=point + 1) for point, row in enumerate(samples)]
+    return [Aline(point, row, point + 1, 0.5, dc_v=1.2) for point, row in enumerate(samples)]

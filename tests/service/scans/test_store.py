@@ -138,8 +138,8 @@ def test_kill_9_loses_no_acknowledged_aline(path, plan, tmp_path):
     """A writer killed in the middle leaves every A-line that it said was durable."""
     script = textwrap.dedent(f"""
         import sys, numpy as np
-        sys.path.insert(0, {str(os.path.dirname(__file__))!r})
-        from conftest import Aline
+        sys.path.insert(0, {str(Path(__file__).parents[2])!r})
+        from support.alines import Aline
         from pathlib import Path
         from steradian.scans.store import AlineStore
         store = AlineStore(Path({str(path)!r}))

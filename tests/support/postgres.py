@@ -11,6 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from support.processes import are_gone, children_of
+from support.waiting import until
+
 
 class Postgres:
     """A server of its own, with one database a test."""
@@ -35,14 +38,12 @@ class Postgres:
 
     def kill(self):
         """End the server as a power cut does."""
-        pids = [int(p.name) for p in Path("/proc").iterdir() if p.name.isdecimal()]
         postmaster = self.server.get_pid()
-        family = [postmaster, *(pid for pid in pids if _parent(pid) == postmaster)]
+        family = [postmaster, *children_of(postmaster)]
         for pid in family:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
-        while any(_parent(pid) is not None for pid in family):
-            time.sleep(0.02)
+        until(lambda: are_gone(family))
         for left in ("postmaster.pid", ".s.PGSQL.5432", ".s.PGSQL.5432.lock"):
             (self.folder / left).unlink(missing_ok=True)  # an unreaped process would pass for a running one
 
@@ -71,11 +72,3 @@ def running_postgres():
     finally:
         postgres.close()
         shutil.rmtree(folder, ignore_errors=True)
-
-
-def _parent(pid):
-    try:
-        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    except OSError:
-        return None
-    return None if fields[0] == "Z" else int(fields[1])
