@@ -108,6 +108,7 @@ def uploaded(service, content):
     return upload
 
 
+@pytest.mark.long
 def test_exports_and_comparisons_are_jobs_with_files(service, done, tmp_path):
     *_, job = done
     (path,) = service.exports.run("nrrd", tmp_path, reconstruction_id=job.id, timeout=100)

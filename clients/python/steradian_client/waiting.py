@@ -104,7 +104,9 @@ class Waiting(Generic[Kind]):
         if event.subject != work.id:
             return False
         if event.kind == "progress":
-            self._tell(event.data.get("stage"), event.data.get("done", 0), event.data.get("total", 0))
+            told, done = event.data.get("stage"), event.data.get("done", 0)
+            if told != self._said[0] or done > self._said[1]:  # what has just been looked at may be newer
+                self._tell(told, done, event.data.get("total", 0))
         return event.kind != "progress"
 
     async def _look(self, hold: float) -> Kind:

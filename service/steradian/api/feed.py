@@ -78,6 +78,7 @@ class Feed:
             if not self._listeners and self._task is not None:
                 self._task.cancel()
                 self._task = None
+                self.progress = {}  # the next listener would be told of it as if it were new
 
     def after(self, sequence: int) -> list[EventRow] | None:
         """Return the events after a number, oldest first; ``None`` when they are not all in memory."""

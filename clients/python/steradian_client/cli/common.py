@@ -1,0 +1,69 @@
+"""What the commands of every noun have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any, TypeAlias
+
+import typer
+
+from steradian_client.cli.show import AsJson, Timeout, live, settings, show, show_all
+from steradian_client.client import Client
+from steradian_client.resources.base import Stored, Working
+from steradian_client.worlds import Blocking
+
+Id: TypeAlias = Annotated[str, typer.Argument(metavar="ID")]
+Reason: TypeAlias = Annotated[str | None, typer.Option(help="Why.")]
+Wait: TypeAlias = Annotated[bool, typer.Option("--wait", help="Watch it until it is over.")]
+
+
+def noun(help: str) -> typer.Typer:
+    """Begin the commands of a noun."""
+    return typer.Typer(no_args_is_help=True, help=help)
+
+
+def client_of(context: typer.Context) -> Client:
+    """Return the client that all commands share."""
+    client: Client = context.obj
+    return client
+
+
+def add_stored(app: typer.Typer, those: Callable[[Client], Stored[Blocking, Any]], columns: Sequence[str]) -> None:
+    """Add ``list``, ``show`` and ``delete``."""
+
+    @app.command("list", help="Show the newest; NAME=VALUE filters, as the service has them.")
+    def list_(
+        context: typer.Context,
+        filters: Annotated[list[str] | None, typer.Argument(metavar="[NAME=VALUE]...")] = None,
+        limit: Annotated[int, typer.Option(min=1, help="Most of them.")] = 20,
+        as_json: AsJson = False,
+    ) -> None:
+        show_all(those(client_of(context)).list(limit, **settings(filters)), columns, as_json)
+
+    @app.command("show", help="Show one.")
+    def show_(context: typer.Context, identifier: Id, as_json: AsJson = False) -> None:
+        show(those(client_of(context)).get(identifier), as_json)
+
+    @app.command(help="Delete one for good.")
+    def delete(
+        context: typer.Context,
+        identifier: Id,
+        dependents: Annotated[bool, typer.Option("--dependents", help="Also all that depends on it.")] = False,
+    ) -> None:
+        those(client_of(context)).delete(identifier, dependents=dependents)
+
+
+def add_watch(app: typer.Typer, those: Callable[[Client], Working[Blocking, Any]]) -> None:
+    """Add ``watch``."""
+
+    @app.command(help="Watch one until it is over, with live progress; Ctrl-C ends the watching, not the work.")
+    def watch(context: typer.Context, identifier: Id, timeout: Timeout = None, as_json: AsJson = False) -> None:
+        finish(those(client_of(context)), identifier, True, as_json, timeout)
+
+
+def finish(those: Working[Blocking, Any], work: Any, wait: bool, as_json: bool, timeout: float | None = None) -> None:
+    """Show what has been begun, when it is over or at once."""
+    if wait:
+        with live() as progress:
+            work = those.wait(work, progress=progress, timeout=timeout)
+    show(work, as_json)

@@ -1,0 +1,156 @@
+"""Commands of what measures: ``mask``, ``plan``, ``scan`` and ``scanner``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+import typer
+
+from steradian_client.cli.common import Id, Reason, Wait, add_stored, add_watch, client_of, finish, noun
+from steradian_client.cli.show import AsJson, Settings, live, settings, show, show_all
+from steradian_client.resources.scanners import SCANNER
+
+mask, plan = noun("Where to sense."), noun("In what order and how fast.")
+scan, scanner = noun("Run plans on the scanner."), noun("The scanner, its lease and the emergency stop.")
+NOUNS: Final = {"mask": mask, "plan": plan, "scan": scan, "scanner": scanner}
+Fence = Annotated[int | None, typer.Option("--lease", help="Number of the lease that you hold.")]
+
+add_stored(mask, lambda client: client.masks, ("id", "count", "aperture", "depth", "created"))
+add_stored(plan, lambda client: client.plans, ("id", "mask_id", "pulse_rate", "samples", "created"))
+add_stored(scan, lambda client: client.scans, ("id", "state", "progress", "labels", "created"))
+add_watch(scan, lambda client: client.scans)
+
+
+@mask.command("create", help="Make a mask, such as: create equi-steradian aperture=13.56e-3 depth=3.6e-3 count=1600")
+def create_mask(context: typer.Context, arrangement: str, parameters: Settings = None, as_json: AsJson = False) -> None:
+    """Make a mask."""
+    show(client_of(context).masks.create(arrangement, **settings(parameters)), as_json)
+
+
+@mask.command("points", help="Print positions and weights as JSON.")
+def points(context: typer.Context, identifier: Id) -> None:
+    """Print positions and weights."""
+    show(client_of(context).masks.points(identifier), True)
+
+
+@mask.command("picture", help="Save a picture (PNG).")
+def picture(context: typer.Context, identifier: Id, target: Path) -> None:
+    """Save a picture."""
+    client_of(context).masks.save_picture(identifier, target)
+
+
+@plan.command("create", help="Make a plan of a mask, such as: create MASK pulse_rate=50")
+def create_plan(
+    context: typer.Context,
+    mask_id: Annotated[str, typer.Argument(metavar="MASK")],
+    parameters: Settings = None,
+    preview: Annotated[bool, typer.Option("--preview", help="Only tell what it would cost.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Make a plan, or tell what it would cost."""
+    plans, chosen = client_of(context).plans, settings(parameters)
+    show(plans.preview(mask_id, **chosen) if preview else plans.create(mask_id, **chosen), as_json)
+
+
+@scan.command("create", help="Queue a run of a plan; NAME=VALUE pairs are its labels.")
+def create_scan(
+    context: typer.Context,
+    plan_id: Annotated[str, typer.Argument(metavar="PLAN")],
+    labels: Annotated[list[str] | None, typer.Argument(metavar="[NAME=VALUE]...")] = None,
+    wait: Wait = False,
+    lease: Fence = None,
+    as_json: AsJson = False,
+) -> None:
+    """Queue a run of a plan."""
+    scans = client_of(context).scans
+    texts = {name: str(value) for name, value in settings(labels).items()}
+    finish(scans, scans.create(plan_id, labels=texts, lease=lease), wait, as_json)
+
+
+@scan.command("wish", help="Have a scan paused, running (again), stopped (keeps what was measured) or aborted.")
+def wish(
+    context: typer.Context,
+    identifier: Id,
+    state: Literal["paused", "running", "stopped", "aborted"],
+    reason: Reason = None,
+    lease: Fence = None,
+    as_json: AsJson = False,
+) -> None:
+    """Say what a scan should become."""
+    scans = client_of(context).scans
+    if state == "running":
+        show(scans.resume(identifier, reason, lease=lease), as_json)
+    else:
+        ask = {"paused": scans.pause, "stopped": scans.stop, "aborted": scans.abort}[state]
+        show(ask(identifier, reason), as_json)
+
+
+@scan.command("coverage", help="Count how much of the mask is measured.")
+def coverage(context: typer.Context, identifier: Id, as_json: AsJson = False) -> None:
+    """Count how much of the mask is measured."""
+    show(client_of(context).scans.coverage(identifier), as_json)
+
+
+@scan.command("file", help="Download the scan file (HDF5).")
+def file(context: typer.Context, identifier: Id, target: Path) -> None:
+    """Download the scan file."""
+    with live() as progress:
+        client_of(context).scans.save_file(
+            identifier, target, progress=lambda done, total: progress("bytes", done, total)
+        )
+
+
+@scan.command("import", help="Make a scan of a recording; NAME=VALUE pairs say what the file does not.")
+def import_(
+    context: typer.Context,
+    source: Path,
+    description: Settings = None,
+    companion: Annotated[Path | None, typer.Option(help="File of the positions, or k-Wave's input file.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Make a scan of a recording."""
+    said = settings(description) or None
+    with live() as progress:
+        found = client_of(context).imports.run(source, description=said, companion=companion, progress=progress)
+    show(found, as_json)
+
+
+@scanner.command("list", help="Show all scanners.")
+def list_scanners(context: typer.Context, as_json: AsJson = False) -> None:
+    """Show all scanners."""
+    columns = ("id", "connection", "state", "since", "lease", "emergency_stop")
+    show_all(client_of(context).scanners.list(), columns, as_json)
+
+
+@scanner.command("lease", help="Be the one operator for a while; prints the lease's number.")
+def take(
+    context: typer.Context,
+    holder: str,
+    seconds: Annotated[float, typer.Option(min=1)] = 600.0,
+    note: Annotated[str | None, typer.Option()] = None,
+    lease: Fence = None,
+    as_json: AsJson = False,
+) -> None:
+    """Take the scanner, or hold it for longer."""
+    show(client_of(context).scanners.take_lease(holder, seconds=seconds, note=note, lease=lease), as_json)
+
+
+@scanner.command("give-back", help="End a lease.")
+def give_back(context: typer.Context, lease: Annotated[int, typer.Argument(help="Its number.")]) -> None:
+    """End a lease."""
+    client_of(context).scanners.give_lease_back(lease)
+
+
+@scanner.command("stop", help="Emergency stop: switch the laser off and abort what runs or waits.")
+def stop(context: typer.Context, reason: Reason = None, scanner_id: str = SCANNER, as_json: AsJson = False) -> None:
+    """Press the emergency stop."""
+    show(client_of(context).scanners.emergency_stop(reason, scanner_id=scanner_id), as_json)
+
+
+@scanner.command("release", help="Release the emergency stop; with its number only that press.")
+def release(
+    context: typer.Context, number: str | None = None, scanner_id: str = SCANNER, as_json: AsJson = False
+) -> None:
+    """Release the emergency stop."""
+    show(client_of(context).scanners.release_stop(number, scanner_id=scanner_id), as_json)
