@@ -32,7 +32,7 @@ class Waiting(Generic[Kind]):
     Parameters
     ----------
     kind
-        What events about it are called.
+        What events about it are called; ``None``: it may be any kind.
     look
         Reads it; the service may hold the answer for so many seconds.
     report
@@ -44,7 +44,7 @@ class Waiting(Generic[Kind]):
     def __init__(
         self,
         session: Session,
-        kind: str,
+        kind: str | None,
         look: Callable[[float], Awaitable[Kind]],
         report: Report | None,
         timeout: float | None,
@@ -102,7 +102,7 @@ class Waiting(Generic[Kind]):
         if event is None or event.kind in {"ready", "reset"}:
             return event is not None
         if event.subject != work.id:
-            return False
+            return isinstance(work, Batch) and event.kind == "reconstruction"  # one of its jobs, it may be
         if event.kind == "progress":
             told, done = event.data.get("stage"), event.data.get("done", 0)
             if told != self._said[0] or done > self._said[1]:  # what has just been looked at may be newer

@@ -59,8 +59,8 @@ class Stored(Resource[World], Generic[World, Kind]):
 class Working(Stored[World, WorkKind]):
     """Things that take time."""
 
-    _event: str
-    """What the event stream calls them."""
+    _event: str | None
+    """What the event stream calls them; ``None``: it depends."""
 
     @operation
     async def wait(

@@ -17,7 +17,7 @@ class Jobs(Working[World, Job]):
     """Everything in the queue, and work beyond reconstructions."""
 
     _kind, _read, _list, _delete = Job, routes.READ_JOB, routes.LIST_JOBS, routes.DELETE_JOB
-    _event = "job"
+    _event = None  # reconstructions are jobs, too
 
     @operation
     async def create(self, /, kind: str, *, idempotency_key: str | None = None, **asked: Any) -> Job:
