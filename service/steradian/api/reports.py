@@ -75,7 +75,10 @@ class FitView(Figures):
     """How an iterative reconstruction found its image."""
 
     iterations: int
-    stopped: str = Field(description="What ended it: discrepancy, change or iterations")
+    stopped: str = Field(
+        description="What ended it: discrepancy, change, misfit (another step would not pay) or iterations"
+    )
+    products: int | None = Field(default=None, description="Products with the model, or direct reconstructions, in all")
     misfit: float = Field(description="Of the image, relative to the A-lines")
     misfits: list[float] = Field(description="After each iteration")
 

@@ -103,8 +103,8 @@ def reconstruct(
     ] = None,
     size: Annotated[int, _option("Longest side of what pictures show, in pixels.", DISPLAY)] = 720,
     regularisation: Annotated[
-        str, _option("total-variation, sparsity, tikhonov, none, or thresholding.", ITERATIVE)
-    ] = "total-variation",
+        str, _option("thresholding, total-variation, sparsity, tikhonov or none.", ITERATIVE)
+    ] = "thresholding",
     strength: Annotated[float | None, _option("Weight of the regulariser; default: by its kind.", ITERATIVE)] = None,
     iterations: Annotated[int, _option("Most iterations.", ITERATIVE)] = 30,
     signed: Annotated[bool, _option("Allow negative values.", ITERATIVE)] = False,
@@ -213,8 +213,14 @@ def _fit(report: Report) -> dict[str, object]:
     """Say how the method iterative ended."""
     if report.fit is None:
         return {}
-    why = {"discrepancy": "the noise is reached", "change": "the image stands still", "iterations": "as many as asked"}
+    why = {
+        "discrepancy": "the noise is reached",
+        "change": "the image stands still",
+        "misfit": "another step would not pay",
+        "iterations": "as many as asked",
+    }
     return {
         "iterations": f"{report.fit.iterations} ({why[report.fit.stopped]})",
+        "products with the model, or direct reconstructions": report.fit.products,
         "misfit": f"{100 * report.fit.misfit:.2g} % of the A-lines, in the band that holds signal",
     }

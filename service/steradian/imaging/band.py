@@ -90,21 +90,23 @@ def thinned(traces: RealArray, factor: int, dtype: str) -> RealArray:
     return result
 
 
-def refined(values: RealArray, factors: tuple[int, ...]) -> RealArray:
+def refined(values: RealArray, factors: tuple[int, ...], depths: slice = slice(None)) -> RealArray:
     """Sinc interpolation: ``factors`` points a voxel along each axis, the first of them on the voxel itself.
 
-    Along depth the image is continued with zeros, laterally periodically.
+    Along depth the image is continued with zeros, laterally periodically. Only the refined ``depths`` are made.
     """
     from scipy import fft
 
     result = values
     for axis, factor in enumerate(factors):
+        kept = depths if axis == result.ndim - 1 else slice(None)
         if factor == 1:
+            result = result if kept == slice(None) else np.ascontiguousarray(result[..., kept])
             continue
         count = result.shape[axis]
         length = count if axis < result.ndim - 1 else fft.next_fast_len(count + 64, real=True)
         other = 1 if axis == 0 else 0
-        shape = tuple(n * factor if a == axis else n for a, n in enumerate(result.shape))
+        shape = tuple(len(range(n * factor)[kept]) if a == axis else n for a, n in enumerate(result.shape))
         fine: RealArray = np.empty(shape, values.dtype)
         for first in range(0, result.shape[other], 16):
             some: list[slice] = [slice(None)] * result.ndim
@@ -112,7 +114,7 @@ def refined(values: RealArray, factors: tuple[int, ...]) -> RealArray:
             spectrum = fft.rfft(result[tuple(some)], length, axis=axis)
             if length % 2 == 0:
                 np.moveaxis(spectrum, axis, 0)[-1] *= 0.5
-            long = np.moveaxis(fft.irfft(spectrum, length * factor, axis=axis), axis, 0)[: count * factor]
+            long = np.moveaxis(fft.irfft(spectrum, length * factor, axis=axis), axis, 0)[: count * factor][kept]
             fine[tuple(some)] = np.moveaxis(long, 0, axis) * values.dtype.type(factor)
         result = fine
     return result

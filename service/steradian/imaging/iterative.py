@@ -1,5 +1,7 @@
 """Iterative reconstruction: the image whose A-lines fit the measured ones, among those a regulariser prefers.
 
+By thresholding (:mod:`.thresholding`), or as here:
+
     minimise over f (≥ 0):  ½‖A f − g‖² + λ·R(f),   A the :class:`~steradian.imaging.operators.ForwardOperator`
 
 by accelerated proximal gradients (FISTA with restarts). From few sensors the direct formula leaves the streaks of each
@@ -50,7 +52,7 @@ class IterativeResult:
     stopped
         "discrepancy", "change", "misfit" (a step took little of it away) or "iterations": what ended them.
     residuals
-        ‖A f − g‖/‖g‖ at the start of each iteration; of thresholding at the end of each that was taken.
+        ‖A f − g‖/‖g‖ at the start of each iteration; of thresholding also at its end.
     products
         Products with A and with Aᵀ, or direct reconstructions, in all: the unit of the method's cost.
     thinning
@@ -159,12 +161,11 @@ def reconstruct_iteratively(
         correction = None if response is None else Correction(response)
         solver = partial(Thresholding, ReconstructionPlan(positions, correction=correction, **common))
     solution = solver(model, measured, chosen, float(expected), progress, cancelled)
-    values = solution.run()
-    fine = refined(values, (*(upsampling for _ in model.geometry.modes), factor))
-    fine = fine[..., first - coarse[0] * factor : last - coarse[0] * factor]
+    shown = slice(first - coarse[0] * factor, last - coarse[0] * factor)
+    fine = refined(solution.run(), (*(upsampling for _ in model.geometry.modes), factor), shown)
     if chosen.non_negative:
         np.maximum(fine, 0, out=fine)
-    volume = _volume(np.ascontiguousarray(fine), model, upsampling, np.arange(first, last) * step, step)
+    volume = _volume(fine, model, upsampling, np.arange(first, last) * step, step)
     return IterativeResult(
         volume, solution.done, solution.stopped, tuple(solution.residuals), solution.products, factor, needed
     )
@@ -285,14 +286,16 @@ def _slices(
 def _bytes(
     model: ForwardOperator, measured: RealArray, options: Iterative, factor: int, upsampling: int, depths: int
 ) -> int:
-    """Bound of what a run allocates: modes, scratch, traces, four images and the dual variables, or the fine image."""
+    """Bound of what a run allocates: modes, scratch, traces and images of the iterations, or the fine image."""
     item = measured.dtype.itemsize
     image = int(np.prod(model.volume_shape)) * item
-    kept = 4 + (3 if options.regularisation == "total-variation" else 0)
+    dual = 3 * image if options.regularisation == "total-variation" else 0
+    kept = int(2.5 * image) if options.regularisation == "thresholding" else 4 * image
     lateral = int(np.prod(model.volume_shape[:-1])) * int(upsampling ** (len(model.volume_shape) - 1))
-    fine = 3 * lateral * (depths + 2 * factor) * item
+    fine = int((1.4 * depths + (depths + 2 * factor) / factor) * lateral * item)
     # a tenth for tables and what is worked on in pieces
-    return int(1.1 * max(model.memory_bytes + kept * image + 3 * int(measured.nbytes), kept * image + fine))
+    iterations = model.memory_bytes + kept + 4 * int(measured.nbytes)
+    return int(1.1 * (dual + max(iterations, kept + fine)))
 
 
 def _volume(values: RealArray, model: ForwardOperator, upsampling: int, depths: Any, step: float) -> Volume:

@@ -1,15 +1,22 @@
 """Iterative thresholding: the direct reconstruction of what is not explained yet is added, and its streaks cut off.
 
-    f ← T(f + s·B(g − A f)),   A the model, B the direct reconstruction, T soft thresholding
+    f ← f + s·(T(f + B(g − A f)) − f),   A the model, B the direct reconstruction, T soft thresholding
 
-From few sensors B A maps an object to itself, as far as the aperture sees it, and to streaks that are spread over the
-volume like noise. What of the step does not rise above them is therefore set to zero, and the more of the object is
-found, the lower they are: each threshold follows the median of the step's own absolute values, depth by depth, as in
-approximate message passing (Donoho, Maleki and Montanari 2009). B stands where a plain gradient has Aᵀ: it undoes the
-density of the sensors and the loss of steep waves, so that a step of 1 is right and a handful of steps suffice. A step
-that makes the misfit larger is not taken, and the next ones are half as long.
+It begins with f = 0, so that the first step is the direct image. From few sensors B A maps an object to itself, as far
+as the aperture sees it, and to streaks that are spread over the volume like noise. What of a step does not rise above
+them is therefore set to zero, and the more of the object is found, the lower they are. How high they are at each depth
+is measured anew for each step, in two ways, of which the lower counts:
 
-Thresholds lower amplitudes. At the end the voxels that were found are fitted once more without any.
+- the median of the step's absolute values, as in approximate message passing (Donoho, Maleki and Montanari 2009):
+  right where the object leaves most voxels empty;
+- the root mean square of B of the same traces with a random sign for each sensor: streaks and noise are as strong as
+  before, and the object, which is where all sensors agree, is gone. It is right for objects that fill the volume, too.
+
+B stands where a plain gradient has Aᵀ: it undoes the density of the sensors and the loss of steep waves, so that a
+handful of steps suffice. Each is as long as makes the misfit least, so none makes it larger.
+
+Thresholds lower amplitudes. At the end the image is scaled to the data, which adds no noise to it, and the voxels that
+were found are fitted once more without thresholds, until only noise is left of the misfit.
 """
 
 from __future__ import annotations
@@ -17,6 +24,7 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steradian.errors import Cancelled
 from steradian.imaging.iterative_options import Iterative
@@ -28,8 +36,8 @@ from steradian.progress import IsCancelled, Progress
 Stopped = Literal["discrepancy", "change", "misfit", "iterations"]
 
 _NORMAL = 1.4826  # standard deviation of normally distributed values over the median of their absolute values
-_SHORTEST = 1 / 16  # step; shorter ones would not change what is seen
-_PAYS = 0.03  # share of the misfit that a step has to take away for another one to follow
+_SHORTEST, _LONGEST = 1 / 16, 2.0  # step; a shorter one would not change what is seen
+_PAYS = 0.05  # share of the misfit beyond the noise that a step has to take away for another one to follow
 _SMOOTH = np.array([1, 2, 3, 2, 1]) / 9  # over depths
 
 
@@ -61,76 +69,108 @@ class Thresholding:
         cancelled: IsCancelled | None,
     ) -> None:
         self._direct, self._model, self._data, self._options = direct, model, measured, options
-        self._enough = 0.0 if options.discrepancy is None else options.discrepancy * noise
+        self._noise, self._enough = noise, 0.0 if options.discrepancy is None else options.discrepancy * noise
         self._progress, self._cancelled = progress, cancelled
-        self._norm = float(np.linalg.norm(measured)) or 1.0
-        self.residuals: list[float] = []
+        self._signs = np.random.default_rng(0)
+        self._norm = _norm(measured) or 1.0
+        self.residuals = [_norm(measured) / self._norm]
         self.products = self.done = 0
         self.stopped: Stopped = "iterations"
 
     def run(self) -> RealArray:
         """Return the image."""
-        strength, step = self._options.weight(), 1.0
-        image: RealArray | None = None
-        back, last = self._back(self._data), self._norm
+        image = np.zeros(self._model.volume_shape, self._data.dtype)
+        residual = self._data.copy()
         while self.done < self._options.iterations:
             self._look()
-            cut = (strength * step * level(back)).astype(back.dtype)
-            new = self._shrunk(_ahead(image, back, step), cut)
-            residual = self._misfit(new)
-            size = float(np.linalg.norm(residual))
+            new = self._step(image, residual)
             self.done += 1
-            if size > last:
-                step /= 2
-                if step < _SHORTEST:
-                    self.stopped = "misfit"
-                    break
-                continue
-            self.residuals.append(size / self._norm)
-            change = float(np.linalg.norm(new if image is None else new - image))
-            image, before, last = new, last, size
-            if size <= self._enough:
-                self.stopped = "discrepancy"
-                break
-            if change <= self._options.change * float(np.linalg.norm(new)):
-                self.stopped = "change"
-                break
-            if len(self.residuals) > 1 and size > (1 - _PAYS) * before:
+            after = self._misfit(new)
+            np.subtract(residual, after, out=after)  # what the step explains
+            length = min(_fitting(residual, after), _LONGEST)
+            if length < _SHORTEST:
                 self.stopped = "misfit"
                 break
-            back = self._back(residual)
-        if image is None:
-            return np.zeros_like(back)
-        return self._refitted(image, last)
+            change = self._take(length, image, new, residual, after)
+            before, last = self.residuals[-2:]
+            if last * self._norm <= self._enough:
+                self.stopped = "discrepancy"
+                break
+            if change <= self._options.change * _norm(image):
+                self.stopped = "change"
+                break
+            if self.done > 1 and self._beyond(last) > (1 - _PAYS) * self._beyond(before):
+                self.stopped = "misfit"
+                break
+        return self._refitted(image, residual)
 
-    def _refitted(self, image: RealArray, last: float) -> RealArray:
-        """Fit the voxels that are not zero without thresholds, as long as the misfit falls and is not noise."""
+    def _step(self, image: RealArray, residual: RealArray) -> RealArray:
+        """Return T(f + B r)."""
+        signs = self._signs.choice(np.array([-1, 1], residual.dtype), len(residual))
+        streaks = spread(self._back(residual * signs[:, None]))
+        new = self._back(residual)
+        cut = self._options.weight() * np.minimum(level(new), streaks)
+        new += image
+        shrink(new, cut.astype(new.dtype), non_negative=self._options.non_negative)
+        return new
+
+    def _refitted(self, image: RealArray, residual: RealArray) -> RealArray:
+        """Scale the image to the data, then fit the voxels that are not zero; neither further than to the noise."""
+        if self._options.non_negative and image.min() < 0:  # steps longer than 1 go beyond
+            np.maximum(image, 0, out=image)
+            residual = self._misfit(image)
         found = image != 0
-        for _ in range(self._options.refits):
+        for refit in range(self._options.refits):
             self._look()
-            if last <= self._enough:
+            new: RealArray
+            explained: RealArray
+            if refit == 0:
+                new, explained = image + image, self._data - residual
+            else:
+                new = self._back(residual)
+                new *= found
+                explained = self._forward(new)
+                new += image
+            length = self._no_further(_fitting(residual, explained), residual, explained)
+            if length <= 0:
                 break
-            new = _ahead(image, self._back(self._misfit(image)), 1.0)
-            new *= found
-            if self._options.non_negative:
-                np.maximum(new, 0, out=new)
-            size = float(np.linalg.norm(self._misfit(new)))
-            if size > last:
-                break
-            self.residuals.append(size / self._norm)
-            image, last = new, size
+            self._take(length, image, new, residual, explained)
+        if self._options.non_negative:
+            np.maximum(image, 0, out=image)
         self._look()
         return image
 
-    def _shrunk(self, values: RealArray, cut: RealArray) -> RealArray:
-        if not self._options.non_negative:
-            return values - np.clip(values, -cut, cut)
-        values -= cut
-        return np.maximum(values, 0, out=values)
+    def _no_further(self, length: float, residual: RealArray, explained: RealArray) -> float:
+        """Shorten the step that fits best to one that leaves the noise."""
+        size, left = _norm(explained), _norm(residual)
+        if left <= 1.001 * self._enough or length <= 0:  # rounded, just there
+            return 0.0
+        return length - float(np.sqrt(max(0.0, length**2 - (left**2 - self._enough**2) / size**2)))
+
+    def _take(
+        self, length: float, image: RealArray, new: RealArray, residual: RealArray, explained: RealArray
+    ) -> float:
+        """Go towards ``new``, all in place, and return how far; ``explained`` is A of the whole way."""
+        factor = image.dtype.type(length)
+        new -= image
+        new *= factor
+        image += new
+        explained *= factor
+        residual -= explained
+        self.residuals.append(_norm(residual) / self._norm)
+        return _norm(new)
+
+    def _beyond(self, misfit: float) -> float:
+        """Return what of a misfit is not noise."""
+        return float(np.sqrt(max(0.0, (misfit * self._norm) ** 2 - self._noise**2)))
 
     def _misfit(self, image: RealArray) -> RealArray:
+        residual = self._forward(image)
+        return np.subtract(self._data, residual, out=residual)
+
+    def _forward(self, image: RealArray) -> RealArray:
         self.products += 1
-        return self._data - self._model.forward(image, cancelled=self._cancelled)
+        return self._model.forward(image, cancelled=self._cancelled)
 
     def _back(self, traces: RealArray) -> RealArray:
         self.products += 1
@@ -140,24 +180,42 @@ class Thresholding:
 
     def _look(self) -> None:
         if self._progress is not None:
-            misfit = f", misfit {100 * self.residuals[-1]:.1f} %" if self.residuals else ""
+            misfit = f", misfit {100 * self.residuals[-1]:.1f} %" if self.done else ""
             self._progress(f"iterations{misfit}", self.done, self._options.iterations)
         if self._cancelled is not None and self._cancelled():
             raise Cancelled("cancelled during: iterations")
 
 
-def level(values: RealArray) -> RealArray:
+def level(values: RealArray) -> NDArray[np.float64]:
     """Estimate the standard deviation of streaks at each depth, shape (Nz,), from the median of absolute values."""
     lateral = tuple(range(values.ndim - 1))
     thinned = values[(slice(None, None, 2),) * len(lateral)]
-    found = _NORMAL * np.median(np.abs(thinned), axis=lateral)
-    wide = np.pad(found, len(_SMOOTH) // 2, mode="edge")
-    smooth: RealArray = np.convolve(wide, _SMOOTH, "valid")
-    return smooth
+    return _smooth(_NORMAL * np.median(np.abs(thinned), axis=lateral))
 
 
-def _ahead(image: RealArray | None, back: RealArray, step: float) -> RealArray:
-    ahead: RealArray = back * back.dtype.type(step)
-    if image is not None:
-        ahead += image
-    return ahead
+def spread(values: RealArray) -> NDArray[np.float64]:
+    """Root mean square at each depth, shape (Nz,)."""
+    squares = sum(np.einsum("...z,...z->...z", row, row).reshape(-1, row.shape[-1]).sum(axis=0) for row in values)
+    return _smooth(np.sqrt(squares / np.prod(values.shape[:-1])))
+
+
+def shrink(values: RealArray, cut: RealArray, *, non_negative: bool) -> None:
+    """Soft thresholding in place, row by row: no second image."""
+    for row in values:
+        row -= cut if non_negative else np.clip(row, -cut, cut)
+        if non_negative:
+            np.maximum(row, 0, out=row)
+
+
+def _smooth(levels: RealArray) -> NDArray[np.float64]:
+    return np.convolve(np.pad(levels, len(_SMOOTH) // 2, mode="edge"), _SMOOTH, "valid")
+
+
+def _fitting(residual: RealArray, explained: RealArray) -> float:
+    """Length of a step that leaves least of the residual; 0 where it explains nothing."""
+    size = float(np.vdot(explained, explained))
+    return float(np.vdot(residual, explained)) / size if size > 0 else 0.0
+
+
+def _norm(values: RealArray) -> float:
+    return float(np.linalg.norm(values))

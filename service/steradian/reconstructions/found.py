@@ -14,7 +14,9 @@ class Fit:
     iterations
         How many were done.
     stopped
-        "discrepancy", "change" or "iterations": what ended them.
+        "discrepancy", "change", "misfit" (another would not pay) or "iterations": what ended them.
+    products
+        Products with the model or its transpose, and direct reconstructions, in all: what it cost.
     misfit
         ‖A f − g‖/‖g‖ when it was last looked at.
     misfits
@@ -23,6 +25,7 @@ class Fit:
 
     iterations: int
     stopped: str
+    products: int
     misfit: float
     misfits: tuple[float, ...]
 

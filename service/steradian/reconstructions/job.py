@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 NOT_AREAS = 0.05
 """So far from the area that the sensors cover the sum of weights must be to be noted."""
-LOWERED = "the regulariser lowers amplitudes, by a third and more from few sensors; take those of a direct method"
+LOWERED = "the regulariser lowers amplitudes, by a third and more from few sensors; take those of thresholding"
 WITHOUT_WEIGHTS = ("interpolated", "iterative")
 """Methods that weights play no part in."""
 
@@ -86,7 +86,7 @@ class Report:
     def note_fit(self, found: IterativeResult) -> None:
         """Note how an image was found."""
         misfits = tuple(round(value, 6) for value in found.residuals)
-        self.fit = Fit(found.iterations, found.stopped, misfits[-1], misfits)
+        self.fit = Fit(found.iterations, found.stopped, found.products, misfits[-1], misfits)
 
     def note_band(self, band: Band) -> None:
         """Note which frequencies were used; the parameters say it in Hz."""
@@ -176,7 +176,7 @@ def write_reconstruction(
     report.sound_speed_m_s = sound_speed_of(recording, chosen)
     if chosen.method not in WITHOUT_WEIGHTS:
         _note_area(report, recording, weights_of(recording, chosen))
-    elif chosen.method == "iterative" and chosen.iterative.regularisation != "none":
+    elif chosen.method == "iterative" and chosen.iterative.regularisation not in ("none", "thresholding"):
         report.notes.append(LOWERED)
     report.provenance = recording.provenance
     output.mkdir(parents=True, exist_ok=True)

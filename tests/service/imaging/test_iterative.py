@@ -38,7 +38,9 @@ def scene(seed: int) -> tuple[Any, Balls, np.ndarray]:
 def test_from_few_sensors_the_volume_s_correlation_rises_by_a_tenth_and_the_projection_s_does_not_fall() -> None:
     mask, balls, traces = scene(0)
     direct = reconstruct(traces, mask.positions, weights=mask.weights, **COMMON)
-    found = reconstruct_iteratively(traces, mask.positions, options=Iterative(iterations=15), **COMMON)
+    found = reconstruct_iteratively(
+        traces, mask.positions, options=Iterative("total-variation", iterations=15), **COMMON
+    )
     axes = direct.axes
     assert axes.y is not None
     truth = initial_pressure(balls, axes.x, axes.y, axes.z)
@@ -87,18 +89,27 @@ def test_it_stops_at_the_noise_at_rest_or_after_so_many_iterations() -> None:
     assert told.iterations < at_noise.iterations
     rest = Iterative(regularisation="tikhonov", iterations=500, discrepancy=None)
     assert reconstruct_iteratively(noisy, where, options=rest, **LINE).stopped == "change"
-    few = reconstruct_iteratively(noisy, where, options=Iterative(iterations=3, discrepancy=None), **LINE)
+    few = reconstruct_iteratively(
+        noisy, where, options=Iterative("total-variation", iterations=3, discrepancy=None), **LINE
+    )
     assert (few.stopped, few.iterations) == ("iterations", 3)
     assert list(few.residuals) == sorted(few.residuals, reverse=True)
 
 
 def test_a_scale_multiplies_the_image_and_the_depth_range_cuts_it() -> None:
     where, traces = ball_on_a_line()
-    plain = reconstruct_iteratively(traces, where, options=Iterative(iterations=5), **LINE).volume
-    scaled = reconstruct_iteratively(traces, where, options=Iterative(iterations=5), scale=4.0, **LINE).volume
+    plain = reconstruct_iteratively(traces, where, options=Iterative("total-variation", iterations=5), **LINE).volume
+    scaled = reconstruct_iteratively(
+        traces, where, options=Iterative("total-variation", iterations=5), scale=4.0, **LINE
+    ).volume
     np.testing.assert_allclose(scaled.values, 4 * plain.values, atol=1e-3 * scaled.values.max())
     part = reconstruct_iteratively(
-        traces, where, options=Iterative(iterations=5), depth_range=(0.5e-3, 2e-3), upsampling=2, **LINE
+        traces,
+        where,
+        options=Iterative("total-variation", iterations=5),
+        depth_range=(0.5e-3, 2e-3),
+        upsampling=2,
+        **LINE,
     ).volume
     assert part.values.shape == (128, len(part.axes.z))
     assert part.axes.z[0] >= 0.5e-3
@@ -110,7 +121,11 @@ def test_it_reports_cancels_and_refuses() -> None:
     where, traces = ball_on_a_line()
     told: list[tuple[str, int, int]] = []
     reconstruct_iteratively(
-        traces, where, options=Iterative(iterations=4, discrepancy=None), progress=lambda *a: told.append(a), **LINE
+        traces,
+        where,
+        options=Iterative("total-variation", iterations=4, discrepancy=None),
+        progress=lambda *a: told.append(a),
+        **LINE,
     )
     assert told[0] == ("iterations", 0, 4)
     assert told[-1][0].startswith("iterations, misfit ")
@@ -127,7 +142,11 @@ def test_it_reports_cancels_and_refuses() -> None:
 def test_a_run_stays_within_the_memory_it_states() -> None:
     mask, _, traces = scene(0)
     for upsampling in (1, 2):
-        arguments: dict[str, Any] = {"options": Iterative(iterations=3), "upsampling": upsampling, **COMMON}
+        arguments: dict[str, Any] = {
+            "options": Iterative("total-variation", iterations=3),
+            "upsampling": upsampling,
+            **COMMON,
+        }
         reconstruct_iteratively(traces, mask.positions, **arguments)  # compiles, which takes memory of its own
         tracemalloc.start()
         found = reconstruct_iteratively(traces, mask.positions, **arguments)

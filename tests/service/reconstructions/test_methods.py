@@ -5,16 +5,19 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from steradian.cli.app import app
+from steradian.cli.reconstruct import _fit as told_of
 from steradian.errors import InvalidInput
 from steradian.imaging import Volume
 from steradian.imaging.conditioning import Display
+from steradian.imaging.thresholding import Stopped
+from steradian.reconstructions.found import Fit
 from steradian.reconstructions.job import Report, reconstruct_recording, reconstruct_scan, write_reconstruction
 from steradian.reconstructions.kept_plans import KeptPlans
 from steradian.reconstructions.options import plan_options
@@ -54,6 +57,14 @@ def test_the_command_line_fits_iteratively(recording: Path, tmp_path: Path) -> N
     assert used["iterative"]["regularisation"] == "sparsity"
     assert used["film"]["kind"] == "simulated"
     assert ReconstructionParameters.create(**used).iterative.iterations == 4
+
+
+@pytest.mark.parametrize("stopped", get_args(Stopped))
+def test_whatever_ended_the_iterations_is_said(stopped: str) -> None:
+    """By the command, in words; with what it cost."""
+    said = told_of(Report(fit=Fit(3, stopped, 11, 0.25, (1.0, 0.25))))
+    assert "(" in str(said["iterations"])
+    assert 11 in said.values()
 
 
 def test_bad_options_are_one_line(recording: Path, tmp_path: Path) -> None:

@@ -6,6 +6,11 @@ from steradian.benchmarks.paper.iterative_data import DIRECT, ITERATIVE, PASSED,
 from steradian.benchmarks.paper.markdown import number, percent, picture, table
 from steradian.benchmarks.paper.sections import Claim, Part, Section
 
+SEEKS = {
+    "thresholding": "adds up direct reconstructions, cut off at their streaks, to a non-negative volume",
+    "total-variation": "looks for the non-negative volume of least total variation",
+}
+
 
 def write(part: Part) -> str:
     """Write the section."""
@@ -20,8 +25,7 @@ def write(part: Part) -> str:
         [
             f"The paper's weights are the simplest inversion of a sparse mask. From the same {part['points']:,} points"
             f" ({number(part['noise_db'], 0)} dB peak noise, c = {number(part['speed'], 0)} m/s),",
-            '`method="iterative"` looks for the non-negative volume of least'
-            f" {options['regularisation'].replace('-', ' ')} (strength {options['strength']:g},"
+            f'`method="iterative"` {SEEKS[options["regularisation"]]} (strength {options["strength"]:g},'
             f" at most {options['iterations']} iterations)",
             "whose A-lines fit; the same defaults for every row. Pearson's correlation with the initial pressure on all"
             f" voxels, depths {low}–{high} mm (k-Wave's: all of its own voxels).",

@@ -14,14 +14,15 @@ from numpy.typing import NDArray
 from steradian import phantoms, quality
 from steradian.benchmarks.paper.pictures import figure, save, show
 from steradian.benchmarks.paper.sections import Part, Run
+from steradian.errors import InvalidInput
 from steradian.imaging import Conditioning, Iterative, ReconstructionPlan, Volume
 from steradian.imaging.band import signal_band
 from steradian.imaging.iterative import IterativeResult, reconstruct_iteratively
 from steradian.imaging.operators import ForwardOperator
 from steradian.masks import equi_steradian_mask
 
-KWAVE = Path("tests/data/yarn_kwave_sparse.npz")
-"""k-Wave's yarn, in the working directory where that is a checkout."""
+KWAVE = Path(__file__).parents[4] / "tests" / "data" / "yarn_kwave_sparse.npz"
+"""k-Wave's yarn, in the checkout that this file is part of."""
 DIRECT, PASSED, ITERATIVE = "direct", "direct, low-passed", "iterative"
 
 
@@ -67,6 +68,8 @@ SMALL = Scene(5.04e-3, 1.4e-3, 222, 1.1e-3, 84, 420, 10e-9, (0.3e-3, 2.7e-3), 14
 def measure(run: Run) -> Part:
     """Reconstruct yarns of several seeds, and k-Wave's, both ways."""
     scene = SMALL if run.quick else Scene()
+    if not run.quick and not KWAVE.exists():
+        raise InvalidInput("only", "iterative", f"a checkout, which has k-Wave's yarn as {KWAVE}; or --quick")
     mask = equi_steradian_mask(scene.aperture, scene.depth, scene.points, weighting="analytic")
     total = len(scene.seeds) + 2
     rows = []
@@ -74,7 +77,7 @@ def measure(run: Run) -> Part:
         run.step(done, total)
         rows.append(_yarn(run, scene, mask.positions, mask.weights, seed))
     run.step(total - 2, total)
-    kwave = _kwave() if KWAVE.exists() and not run.quick else None
+    kwave = None if run.quick else _kwave()
     run.step(total - 1, total)
     cost = _cost(scene, mask.positions, mask.weights)
     run.step(total, total)
@@ -127,6 +130,7 @@ def _figures(values: NDArray[Any], truth: NDArray[Any]) -> Part:
     return {
         "volume": quality.correlation(values, truth),
         "mip": quality.correlation(values.max(axis=2), truth.max(axis=2)),
+        "amplitude": float(np.vdot(values, truth) / np.vdot(truth, truth)),
     }
 
 
