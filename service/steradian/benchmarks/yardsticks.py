@@ -94,5 +94,5 @@ def least(plan: ReconstructionPlan, at_best: Machine) -> tuple[float, float]:
     return numbers, (lateral + depth + image) / at_best.operations
 
 
-def _flops(size: int) -> float:
+def _flops(size: float) -> float:
     return 5 * size * math.log2(size) if size > 1 else 0.0

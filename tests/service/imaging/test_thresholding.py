@@ -40,6 +40,7 @@ def seen(balls: phantoms.Balls, noise_db: float | None, seed: int = 0) -> tuple[
     return mask, traces
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["yarn", "vessels"])
 def test_it_is_nearer_to_the_truth_than_total_variation_in_half_the_products(kind: str) -> None:
     where: dict[str, Any] = {"centre": (0.0, 0.0, DEPTH), "radius": 1.1e-3}
@@ -204,6 +205,7 @@ print(peak() - before, found.memory_bytes, found.volume.values.nbytes, found.ite
 """
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="reads the peak where Linux keeps it")
 def test_the_memory_beyond_the_a_lines_is_less_than_three_images() -> None:
     """Resident memory of a process of its own, from before the run to its peak; the image itself is counted."""
