@@ -21,10 +21,10 @@ from steradian.jobs.model import JobRequest, JobStatus, QueueUnavailable
 from steradian.jobs.requests import importing_job_id
 from steradian.security.keys import KeyStore
 from steradian.settings import Settings
-from steradian.storage.database import Database, metadata_url
+from steradian.storage.database import Database, metadata_url, take_turns
 from steradian.storage.deletion import Deletion, remove_files, waiting_import
 from steradian.storage.dependence import Resource, hold_needs, needed
-from steradian.storage.disk import Disk, promised
+from steradian.storage.disk import ROOM_LOCK, Disk, promised
 from steradian.storage.emergency import EmergencyLatch
 from steradian.storage.events import EventLog
 from steradian.storage.idempotency import Answers
@@ -118,6 +118,7 @@ class Services:
         DiskFull
             With what is needed, what is there and what of it is promised.
         """
+        take_turns(session, ROOM_LOCK)  # else none of two that come at once sees what the other is promised
         self.disk.require(need, what, promised(session, self.data))
 
     def submit(self, session: Session, request: JobRequest) -> JobRow:

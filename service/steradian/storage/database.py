@@ -130,6 +130,12 @@ class Database:
         self.engine.dispose()
 
 
+def take_turns(session: Session, lock: int) -> None:
+    """Have an advisory lock until the transaction ends (PostgreSQL; SQLite has one writer at a time anyway)."""
+    if session.get_bind().dialect.name == "postgresql":
+        session.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": lock})
+
+
 def metadata_url(settings: Settings) -> str:
     """Tell where the metadata are: the database of the settings, else a file in the data directory."""
     if settings.database_url is None:

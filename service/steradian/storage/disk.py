@@ -16,6 +16,9 @@ from steradian.storage.paths import DataDirectory
 from steradian.storage.states import ReconstructionState
 from steradian.storage.tables import JobRow
 
+ROOM_LOCK = 0x57E2AD1C
+"""Number of the PostgreSQL advisory lock under which jobs are let in."""
+
 
 @dataclass(frozen=True)
 class Disk:

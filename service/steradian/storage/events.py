@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import delete, func, select, text
+from sqlalchemy import delete, func, select
 from sqlalchemy.orm import Session
 
-from steradian.storage.database import Database
+from steradian.storage.database import Database, take_turns
 from steradian.storage.tables import EventRow, LogRow
 
 ORDER_LOCK = 0x57E2AD1A
@@ -30,8 +30,7 @@ def record(session: Session, at: datetime, kind: str, resource_id: str, data: di
     data
         What changed, plain JSON; its ``scan_id`` is what streams are filtered by.
     """
-    if session.get_bind().dialect.name == "postgresql":
-        session.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": ORDER_LOCK})
+    take_turns(session, ORDER_LOCK)
     scan_id = resource_id if kind == "scan" else data.get("scan_id")
     session.add(EventRow(at=at, kind=kind, resource_id=resource_id, scan_id=scan_id, data=data))
 

@@ -1,18 +1,24 @@
 """What is deleted while something that needs it is being made: one of the two is refused, naming the other."""
 
 import asyncio
+import dataclasses
 import threading
 import time
 import uuid
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 
 import httpx
 import pytest
 from sqlalchemy import text
 
 from steradian.api.app import create_app
+from steradian.api.job_checks import room_of
 from steradian.jobs.model import Succeeded
+from steradian.jobs.requests import ReconstructionRequest
 from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url
+from steradian.storage.disk import promised
 from steradian.storage.states import ScanState
 from steradian.storage.tables import PlanRow
 
@@ -147,3 +153,25 @@ def test_a_deletion_waits_for_what_is_being_made_and_then_names_it(bench):
     deleting.join(60)
     assert (answers[0].status_code, answers[0].json()["code"]) == (409, "has-dependents"), answers[0].text
     assert answers[0].json()["dependents"] == ["/api/v1/plans/pnew"]
+
+
+def test_two_jobs_that_come_at_once_do_not_get_the_same_place_on_the_disk(bench, monkeypatch):
+    """Each is at the end of its transaction, and so may not see the other's row, when the other asks for room."""
+    scan, services = bench.scan(), bench.services
+    with services.database.read() as session:
+        before = promised(session, services.data)
+    volume = room_of(services, services.scans.get(scan), ReconstructionRequest.create(scan_id=scan, parameters=SMALL))
+    quota = services.disk.used + before + volume * 3 // 2  # room for one of them, and for what the database writes
+    monkeypatch.setattr(services, "disk", dataclasses.replace(services.disk, reserve=0, quota=quota))
+    submit, both = services.submit, threading.Barrier(2)
+
+    def together(session, request):
+        row = submit(session, request)
+        with suppress(threading.BrokenBarrierError):
+            both.wait(2)  # in vain where one waits for the other's end
+        return row
+
+    monkeypatch.setattr(services, "submit", together)
+    with ThreadPoolExecutor(2) as pool:
+        asked = [pool.submit(bench.post, "/reconstructions", scan_id=scan, parameters=SMALL) for _ in range(2)]
+    assert sorted(answer.result().status_code for answer in asked) == [202, 507]
