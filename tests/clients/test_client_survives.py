@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import numpy as np
@@ -131,6 +132,48 @@ def test_what_makes_the_laser_fire_is_not_sent_again_unasked(service, shaky, lin
     with pytest.raises(Unreachable, match="look before you repeat it"):
         shaky.scanners.release_stop()
     service.scanners.release_stop()
+
+
+class Rogue(BaseHTTPRequestHandler):
+    """A service that says of every job that it is over and left a file of a bold name."""
+
+    def do_GET(self):
+        about = dict.fromkeys(("error", "created", "started", "ended", "result"))
+        about |= {"id": "j0", "state": "succeeded", "kind": "export", "asked": {}, "priority": 0, "attempt": 1}
+        about |= {"progress": {"stage": None, "done": 0, "total": 0}, "files": ["../outside"]}
+        body = b"bytes" if "/files/" in self.path else json.dumps(about).encode()
+        self.rfile.read(int(self.headers.get("Content-Length", 0)))
+        self.send_response(200)
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    do_POST = do_GET  # noqa: N815 - http.server's name
+
+
+def test_files_of_a_job_lie_in_the_folder_that_was_asked_for(tmp_path):
+    """Which is made if need be, and whatever the service calls them."""
+    with ThreadingHTTPServer(("127.0.0.1", 0), Rogue) as server, ThreadPoolExecutor(1) as pool:
+        pool.submit(server.serve_forever)
+        try:
+            with Client(f"http://127.0.0.1:{server.server_port}") as client:
+                found = client.exports.run("nrrd", tmp_path / "folder", reconstruction_id="r0")
+        finally:
+            server.shutdown()
+    assert found == [tmp_path / "folder" / "outside"]
+    assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["outside"]
+
+
+@pytest.mark.timeout(60)  # where it is kept for later, that is not over
+def test_what_makes_the_laser_fire_is_not_kept_for_later(line):
+    """Somebody may stop the scan before a service that is away is back: the order is dropped, not sent then."""
+    with Client(line.url, patience=1e6) as client:
+        client.health()
+        line.close()
+        with pytest.raises(Unreachable):
+            client.scans.resume("scan")
+        with pytest.raises(Unreachable):
+            client.scanners.release_stop()
 
 
 def test_an_event_stream_that_is_reset_goes_on_where_it_broke(service, shaky, line):

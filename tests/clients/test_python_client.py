@@ -111,7 +111,7 @@ def uploaded(service, content):
 @pytest.mark.long
 def test_exports_and_comparisons_are_jobs_with_files(service, done, tmp_path):
     *_, job = done
-    (path,) = service.exports.run("nrrd", tmp_path, reconstruction_id=job.id, timeout=100)
+    (path,) = service.exports.run("nrrd", tmp_path / "new", reconstruction_id=job.id, timeout=100)
     assert path.read_bytes()[:4] == b"NRRD"
     service.jobs.wait(service.reconstructions.compare(job.id, job.id), timeout=100)
     (quality,) = service.reconstructions.quality(job.id)

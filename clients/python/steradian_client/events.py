@@ -6,6 +6,7 @@ import json
 import re
 import time
 from collections.abc import AsyncGenerator, Iterator, Mapping
+from contextlib import aclosing
 from typing import Any, Final
 
 from steradian_client import routes
@@ -121,9 +122,10 @@ class Events(Resource[World]):
             Go on after the event of that ``id``; ``None`` begins now.
         """
         filters = {"kind": kind, "scan_id": scan_id, "progress": progress}
-        async for event in follow(self._session, filters, last_event_id):
-            if event is not None:
-                yield event
+        async with aclosing(follow(self._session, filters, last_event_id)) as events:
+            async for event in events:
+                if event is not None:
+                    yield event
 
     @operation
     async def ticket(self) -> Ticket:

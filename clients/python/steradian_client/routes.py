@@ -21,7 +21,7 @@ class Route:
     Attributes
     ----------
     repeatable
-        Whether it may be sent again when the answer was lost.
+        Whether it may be sent again when the answer was lost, or later when the service is away or busy.
     keyed
         Whether it takes an idempotency key, which makes it repeatable.
     """

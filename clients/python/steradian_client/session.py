@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
 import uuid
 from collections.abc import AsyncGenerator, Mapping
@@ -85,11 +84,11 @@ class Session:
                 if answer.status_code == 404 and was_lost and route.method == "DELETE":
                     return answer  # the lost answer said that it is done
                 failure = problem_of(answer)
-                again = answer.status_code == 429 or (answer.status_code in PASSING and route.repeatable)
+                again = answer.status_code in PASSING and route.repeatable
                 pause = max(pause, _retry_after(answer))
             except httpx.TransportError as error:
                 never_left = isinstance(error, httpx.ConnectError | httpx.ConnectTimeout)
-                failure, again = self.unreachable(error, route), (never_left or route.repeatable) and self.has_answered
+                failure, again = self.unreachable(error, route), route.repeatable and self.has_answered
                 was_lost = was_lost or not never_left
             if not again or time.monotonic() + pause - begun > self.patience:
                 raise failure
@@ -146,11 +145,6 @@ class Session:
         if not route.repeatable and not isinstance(error, httpx.ConnectError | httpx.ConnectTimeout):
             said += f"; {route.method} {route.template} may have been done all the same, so look before you repeat it"
         return Unreachable(said)
-
-
-def once(route: Route) -> Route:
-    """Have a request not sent again when its answer was lost."""
-    return dataclasses.replace(route, repeatable=False)
 
 
 def problem_of(answer: httpx.Response) -> ServiceError:

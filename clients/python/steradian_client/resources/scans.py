@@ -62,7 +62,7 @@ class Scans(Working[World, Scan]):
     async def resume(self, scan_id: str, reason: str | None = None, *, lease: Lease | int | None = None) -> Scan:
         """Have a scan that is paused or interrupted go on.
 
-        It is not sent again when its answer was lost: the laser fires, and somebody may have stopped it meanwhile.
+        It is sent once, even where no service answers: the laser fires, and somebody may have stopped it meanwhile.
         """
         return await self._wish(scan_id, "running", reason, lease)
 

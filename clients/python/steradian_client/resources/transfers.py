@@ -187,12 +187,13 @@ class Exports(Working[World, Job]):
         progress: Report | None = None,
         timeout: float | None = None,
     ) -> builtins.list[Path]:
-        """Export, wait, and download the files into a folder; errors as of :meth:`wait`."""
+        """Export, wait, and download the files into a folder, which is made if need be; errors as of :meth:`wait`."""
+        place = Path(folder)
+        await self._session.transport.call(lambda: place.mkdir(parents=True, exist_ok=True))
         job = await self._create(format, reconstruction_id, scan_id, None)
         job = await self._until_over(job, progress, timeout)
-        place = Path(folder)
-        return [
-            await download(self._session, routes.READ_JOB_FILE, {"id": job.id, "name": name}, place / name)
+        return [  # in that folder, whatever the service calls them
+            await download(self._session, routes.READ_JOB_FILE, {"id": job.id, "name": name}, place / Path(name).name)
             for name in job.files
         ]
 
