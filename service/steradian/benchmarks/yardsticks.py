@@ -84,13 +84,13 @@ def least(plan: ReconstructionPlan, at_best: Machine) -> tuple[float, float]:
     """
     tables = plan.tables
     (nx, ny), (mx, my), depths = tables.lateral.grid, tables.lateral.modes, tables.depths
-    columns, (ix, iy) = mx * (my // 2 + 1), tables.image_modes
+    columns, points, (ix, iy) = mx * (my // 2 + 1), tables.geometry.depth_points, tables.image_modes
     numbers = 5 * plan.output_bytes / at_best.bandwidth
     # two real batches are one complex grid
     lateral = tables.time.samples / 2 * (nx * _flops(ny) + min(ny, my + 1) * _flops(nx))
     image = depths / 2 * (min(iy, my + 1) * _flops(ix) + ix * _flops(iy))
     taps = len(tables.time.taps)
-    depth = columns * (_flops(tables.time.length) + _flops(tables.time.record) + tables.time.record * 4 * taps)
+    depth = columns * (_flops(tables.time.length) + _flops(points) + points * 4 * taps)
     return numbers, (lateral + depth + image) / at_best.operations
 
 

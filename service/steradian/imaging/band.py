@@ -36,7 +36,7 @@ def upper_limit(highest: float | str | None, traces: RealArray, sampling_interva
     Raises
     ------
     InvalidInput
-        If it is another word, or the traces are no numbers.
+        If it is another word, or the traces are no numbers, or none.
     """
     if not isinstance(highest, str):
         return highest
@@ -44,6 +44,8 @@ def upper_limit(highest: float | str | None, traces: RealArray, sampling_interva
         raise InvalidInput("highest_frequency", highest, 'a frequency in Hz, "signal" or None')
     if traces.dtype.kind not in "iuf":
         raise InvalidInput("traces", f"an array of {traces.dtype}", "integers or floating numbers")
+    if not traces.size:
+        raise InvalidInput("traces", f"an array of shape {traces.shape}", "at least one sample")
     least: float = LEAST_CYCLES / (traces.shape[1] * sampling_interval)
     return max(signal_band(traces, sampling_interval)[0], least)
 

@@ -115,7 +115,7 @@ def test_an_inversion_has_no_transpose_and_work_is_cancelled() -> None:
         engine.lateral(np.zeros((60, 101)), Watch(cancelled=lambda: True))
 
 
-@pytest.mark.parametrize(("count", "dtype"), [(0, "float32"), (7, "float32"), (32, "float64"), (1 << 20, "float32")])
+@pytest.mark.parametrize(("count", "dtype"), [(1, "float32"), (7, "float32"), (32, "float64"), (1 << 20, "float32")])
 def test_room_for_vectors_begins_on_a_line_of_the_cache(count: int, dtype: str) -> None:
     found = empty(count, dtype)
     assert found.shape == (count,)

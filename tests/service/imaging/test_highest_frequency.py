@@ -194,6 +194,9 @@ def test_another_word_the_method_iterative_and_samples_that_are_no_numbers_are_r
     for option in ({"highest_frequency": 20e6}, {"depth_step": 2e-5}):
         with pytest.raises(InvalidInput, match=next(iter(option))):
             reconstruct(traces, method="iterative", iterative=Iterative(), **option, **at)
+    for none in (traces[:0], traces[:, :0]):
+        with pytest.raises(InvalidInput, match="traces"):
+            reconstruct(none, highest_frequency="signal", **at)
     traces[1, 17] = np.nan
     with pytest.raises(InvalidInput, match="nan at row 1, column 17"):
         reconstruct(traces, highest_frequency=20e6, **at)
