@@ -35,6 +35,8 @@ class Case:
         Further parameters of the plan.
     limit, one_shot_limit
         Ratios to the yardstick, of a run and of a call with its plan, that must not be exceeded; None: for information.
+    part_limit
+        Ratio of a run to that of the first case of the same shape, that must not be exceeded; None: for information.
     """
 
     name: str
@@ -46,6 +48,7 @@ class Case:
     options: tuple[tuple[str, Any], ...] = ()
     limit: float | None = None
     one_shot_limit: float | None = None
+    part_limit: float | None = None
 
     def positions(self) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
         """Positions in metres, (M, 2) or (M,), and weights or None."""
@@ -66,9 +69,12 @@ class Case:
 def speed_cases(*, quick: bool = False) -> list[Case]:
     """Return the settings of the speed benchmark; ``quick`` takes a sixty-fourth of the volume of each."""
     linear = (("method", "linear"),)
+    below, depths = (("highest_frequency", 20e6),), (("depth_range", (1e-3, 4e-3)),)
     full = [
         Case("yarn, equi-steradian", "equi-steradian", 1600, 226, limit=0.55, one_shot_limit=0.75),
-        Case("yarn, equi-steradian, a record of 1,021", "equi-steradian", 1600, 226, samples=1021),
+        Case("yarn, equi-steradian, a record of 1,021", "equi-steradian", 1600, 226, samples=1021, part_limit=1.3),
+        Case("yarn, equi-steradian, below 20 MHz", "equi-steradian", 1600, 226, options=below, part_limit=0.45),
+        Case("yarn, equi-steradian, depths 1 to 4 mm", "equi-steradian", 1600, 226, options=depths),
         Case("yarn, as many anywhere", "anywhere", 51076, 226, limit=0.9),
         Case("yarn, all on the grid", "grid", 226, 226, limit=0.7),
         Case("yarn, all on the grid, linear", "grid", 226, 226, options=linear),
@@ -85,7 +91,9 @@ def speed_cases(*, quick: bool = False) -> list[Case]:
     for case in full:
         count = case.count // 4 if case.sensors in ("grid", "line") else case.count // 16
         count = max(count, 100) if case.sensors == "equi-steradian" else count
-        small.append(
-            Case(case.name, case.sensors, count, case.modes // 4, case.samples // 4, case.aperture, case.options)
+        options = tuple(
+            (name, (value[0] / 4, value[1] / 4)) if name == "depth_range" else (name, value)
+            for name, value in case.options
         )
+        small.append(Case(case.name, case.sensors, count, case.modes // 4, case.samples // 4, case.aperture, options))
     return small

@@ -37,10 +37,11 @@ def speed(*, quick: bool = False, repeats: int = 5, progress: Progress | None = 
         One row a case. ``yardstick_s``: transforms of a float32 array of the image's shape (with the record's length)
         there and back on the same threads, by the faster of ducc0 and SciPy; one for all cases of a shape, in turns
         with our runs. ``ratio``: ``run_s`` to it, ``one_shot_ratio``: a call of ``reconstruct()``, plan included; the
-        names with ``cpu`` are processor time. ``error``: relative l2 error of the spectrum at random points against
-        direct float64 sums. ``extra_memory``: peak beyond input and output as a part of the output. ``traffic_s`` and
-        ``arithmetic_s``: what either alone would take on this machine. ``ned_s`` and ``finufft_s``: the lateral step
-        alone, for scattered sensors in cases that have a limit. ``within``: no limit is exceeded.
+        names with ``cpu`` are processor time. ``part``: ``run_s`` to that of the shape's first case. ``error``:
+        relative l2 error of the spectrum at random points against direct float64 sums. ``extra_memory``: peak beyond
+        input and output as a part of the output. ``traffic_s`` and ``arithmetic_s``: what either alone would take on
+        this machine. ``ned_s`` and ``finufft_s``: the lateral step alone, for scattered sensors in cases that have a
+        limit. ``within``: no limit is exceeded.
     """
     groups: dict[tuple[int, ...], list[_Timed]] = {}
     at_best = machine(available(), size=1 << 16 if quick else 1 << 25)
@@ -62,7 +63,7 @@ def over(rows: list[Row]) -> list[str]:
     return [
         f"{row['case']}: {row[what]:.2f} instead of {row[limit]:g} ({what})"
         for row in rows
-        for what, limit in (("ratio", "limit"), ("one_shot_ratio", "one_shot_limit"))
+        for what, limit in (("ratio", "limit"), ("one_shot_ratio", "one_shot_limit"), ("part", "part_limit"))
         if row[limit] is not None and row[what] > row[limit]
     ]
 
@@ -110,7 +111,8 @@ def _group(shape: tuple[int, ...], cases: list[_Timed], repeats: int, at_best: M
     del bare
     yardsticks = {name: _fastest(seconds) for name, seconds in taken.items()}
     name = min(yardsticks, key=lambda name: yardsticks[name].wall)
-    return [_row(case, name, yardsticks[name], at_best, repeats) for case in cases]
+    whole = _fastest(cases[0].runs).wall
+    return [_row(case, name, yardsticks[name], whole, at_best, repeats) for case in cases]
 
 
 def _fastest(seconds: list[Seconds]) -> Seconds:
@@ -118,7 +120,7 @@ def _fastest(seconds: list[Seconds]) -> Seconds:
     return Seconds(min(s.wall for s in seconds[1:]), min(s.processor for s in seconds[1:]))
 
 
-def _row(timed_case: _Timed, name: str, yardstick: Seconds, at_best: Machine, repeats: int) -> Row:
+def _row(timed_case: _Timed, name: str, yardstick: Seconds, whole: float, at_best: Machine, repeats: int) -> Row:
     case, plan = timed_case.case, timed_case.plan
     tracemalloc.start()
     volume = plan.run(timed_case.traces)
@@ -146,6 +148,8 @@ def _row(timed_case: _Timed, name: str, yardstick: Seconds, at_best: Machine, re
         "one_shot_ratio": call.wall / yardstick.wall,
         "one_shot_cpu_ratio": call.processor / yardstick.processor,
         "one_shot_limit": case.one_shot_limit,
+        "part": run.wall / whole,
+        "part_limit": case.part_limit,
         "error": _error(timed_case, volume),
         "extra_memory": peak / volume.values.nbytes - 1.0,
         "traffic_s": traffic,
@@ -163,7 +167,7 @@ def _row(timed_case: _Timed, name: str, yardstick: Seconds, at_best: Machine, re
 def _error(timed_case: _Timed, volume: Volume) -> float | None:
     """Relative l2 error at random points of the spectrum; None where the image does not show all of it."""
     g, case = timed_case.plan.geometry, timed_case.case
-    if g.record != g.samples or g.upsampling > 1 or timed_case.plan.method == "linear":
+    if g.record != volume.values.shape[-1] or g.upsampling > 1 or timed_case.plan.method == "linear":
         return None
     rng = np.random.default_rng(3)
     j = np.stack([rng.integers(-(n // 2), (n - 1) // 2 + 1, _POINTS) for n in g.modes], axis=-1)

@@ -22,7 +22,8 @@ def table(document: dict[str, Any]) -> str:
     machine, rows = document["machine"], document["rows"]
     columns = (
         "case", "sensors", "output", "plan", "run", "one shot", "yardstick", "", "run / it", "limit", "one shot / it",
-        "limit", "processor time", "error", "memory", "traffic alone", "arithmetic alone", "NED", "FINUFFT",
+        "limit", "run / first", "limit", "processor time", "error", "memory", "traffic alone", "arithmetic alone",
+        "NED", "FINUFFT",
     )  # fmt: skip
     lines = [
         f"{machine['cpus']} × {machine['processor']}, kernels compiled for {machine['compiled_for']}, Python"
@@ -46,6 +47,8 @@ def _cells(row: Row) -> list[str]:
         _plain(row["limit"], "g"),
         _plain(row["one_shot_ratio"], ".2f"),
         _plain(row["one_shot_limit"], "g"),
+        _plain(row["part"], ".2f"),
+        _plain(row["part_limit"], "g"),
         f"{row['cpu_ratio']:.2f} / {row['one_shot_cpu_ratio']:.2f}",
         _plain(row["error"], ".1e"),
         _plain(row["extra_memory"], ".2f"),
