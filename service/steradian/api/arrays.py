@@ -44,7 +44,10 @@ def negotiate(request: Request, offered: tuple[str, ...]) -> str:
         406, with the list of what there is.
     """
     stated = ", ".join(request.headers.getlist("accept")) or "*/*"
-    chosen = parse_accept_header(stated, MIMEAccept).best_match(offered)
+    accepted = parse_accept_header(stated, MIMEAccept)
+    # None of what there is has parameters; a charset, which some clients add, asks for nothing else.
+    plain = MIMEAccept([(kind.partition(";")[0], weight) for kind, weight in accepted])
+    chosen = plain.best_match(offered)
     if chosen is None:
         raise HTTPException(406, f"this can be had as {', '.join(offered)}")
     return chosen

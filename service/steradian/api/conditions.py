@@ -77,7 +77,7 @@ class ChangeConditions:
         tags = parse_etags(self._match)
         if tags.star_tag:
             return None
-        for tag in tags:
+        for tag in filter(None, tags):  # an empty one is read as none
             found = re.fullmatch(rf"{re.escape(identifier)}-([0-9]{{1,18}})(-[0-9a-f]+)?", tag)
             if found:
                 return int(found[1])

@@ -184,6 +184,8 @@ def check_representations(client, address, operation):
         assert least.headers["content-type"].partition(";")[0] != kind, "what is named says more than what is not"
         most = client.get(address, headers={"Accept": f"image/png, */*;q=0.1, {kind};q=0.2"})
         assert most.headers["content-type"].partition(";")[0] == kind
+        told = client.get(address, headers={"Accept": f"{kind}; charset=utf-8"})
+        assert told.status_code == 200, "what some clients add says nothing about which of these it is"
     assert len(tags) == len(kinds)
     for accept in ("image/png", "*/*;q=0"):
         refused = client.get(address, headers={"Accept": accept})
@@ -200,7 +202,7 @@ def test_a_change_hits_only_what_the_caller_has_seen(http, scan, scan_with_aline
         method, at = "PATCH", here
         body = {"labels": {"a": "b"}} if name == "scan_change" else {"priority": 3}
     before = http.get(here).headers["etag"]
-    for sent in ('"other"', f"W/{before}", '"' + "9" * 5000 + '"'):
+    for sent in ('"other"', f"W/{before}", '"' + "9" * 5000 + '"', '""'):
         assert http.request(method, at, json=body, headers={"If-Match": sent}).status_code == 412
     changed = http.request(method, at, json=body, headers={"If-Match": before})
     assert changed.status_code == 200
