@@ -38,6 +38,8 @@ MAX_DOUBLINGS: Final = 6
 """How often that is doubled after interruptions in a row."""
 TELL_EVERY: Final = 30.0
 """Seconds between two complaints about a database that does not answer."""
+READ_ONLY: Final = "25006"
+"""What PostgreSQL says while it only reads, as one does that is about to take over from another (SQLSTATE)."""
 
 T = TypeVar("T")
 _R = ReconstructionState
@@ -239,9 +241,11 @@ class JobRunner:
 
 
 def _may_pass(error: SQLAlchemyError) -> bool:
-    """Whether a database is away, busy or full, or somebody changed the same row: trying again may help."""
-    passing = (OperationalError, InterfaceError, NoConnection, StaleDataError)
-    return isinstance(error, passing) or (isinstance(error, DBAPIError) and error.connection_invalidated)
+    """Whether a database is away, busy, full or only reads, or somebody changed the same row: trying again may help."""
+    if isinstance(error, DBAPIError):
+        only_reads = getattr(error.orig, "sqlstate", None) == READ_ONLY
+        return only_reads or error.connection_invalidated or isinstance(error, OperationalError | InterfaceError)
+    return isinstance(error, NoConnection | StaleDataError)
 
 
 def hurried(event: threading.Event, runner: JobRunner, poll: float) -> Callable[[float | None], bool]:

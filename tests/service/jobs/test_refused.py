@@ -5,6 +5,7 @@ import os
 import sys
 from pathlib import Path
 
+import pytest
 from sqlalchemy import text
 
 from steradian.jobs.ledger import JobLedger
@@ -32,6 +33,31 @@ def test_a_result_that_the_database_refuses_fails_its_job_and_is_not_offered_for
     status = bench.queue.wait("refused", timeout=30)
     assert (status.state, status.attempt, status.error_code) == (R.FAILED, 1, "internal")
     assert status.error == "the database refuses what it left: no such result, please"
+
+
+@pytest.mark.long
+def test_a_result_is_kept_while_postgresql_only_reads_as_before_a_standby_takes_over(tmp_path, postgres, make_bench):
+    bench = make_bench(tmp_path, database_url=postgres.database())
+    told(
+        bench,
+        "CREATE FUNCTION refuse() RETURNS trigger LANGUAGE plpgsql AS"
+        " $$ BEGIN RAISE 'only reads' USING ERRCODE = 'read_only_sql_transaction'; END $$",
+    )
+    told(
+        bench,
+        "CREATE TRIGGER refuse BEFORE UPDATE ON jobs FOR EACH ROW"
+        " WHEN (NEW.id = 'early' AND NEW.state IN ('succeeded', 'failed')) EXECUTE FUNCTION refuse()",
+    )
+    bench.start()
+    try:
+        bench.submit("early", "succeed", answer=1)
+        until(lambda: "only reads" in bench.log.read_text())
+        told(bench, "DROP TRIGGER refuse ON jobs")
+        status = bench.queue.wait("early", timeout=60)
+        assert (status.state, status.attempt, status.result) == (R.SUCCEEDED, 1, {"answer": 1})
+        assert [start["outcome"] for start in status.attempts] == ["succeeded"]
+    finally:
+        bench.close()
 
 
 def test_a_job_whose_row_is_gone_ends_quietly_and_the_next_one_is_done(bench):
