@@ -36,7 +36,7 @@ def create(
     except ValueError:
         raise InvalidInput("scope", ", ".join(scope or []), ", ".join(Scope)) from None
     lifetime = None if days is None else timedelta(days=days)
-    folder = _folder(data)
+    folder = folder_of(data)
     typer.echo(_store(folder).create(name, scopes, lifetime))
     until = "for ever" if days is None else f"for {days:g} days"
     say(f"{name} may {', '.join(scopes)}, {until}; only a hash of the key is kept, by the service in {folder}")
@@ -45,7 +45,7 @@ def create(
 @app.command("list")
 def list_keys(data: Data = None) -> None:
     """List the keys, without their secrets."""
-    folder = _folder(data)
+    folder = folder_of(data)
     rows = _store(folder).list()
     for row in rows:
         state = "revoked" if row.revoked else f"until {row.expires:%Y-%m-%d %H:%M}" if row.expires else "valid"
@@ -56,12 +56,13 @@ def list_keys(data: Data = None) -> None:
 @app.command()
 def revoke(identifier: Annotated[str, typer.Argument(help="As listed.")], data: Data = None) -> None:
     """Make a key worthless at once."""
-    folder = _folder(data)
+    folder = folder_of(data)
     _store(folder).revoke(identifier)
     say(f"{identifier} opens nothing any more in the service in {folder}")
 
 
-def _folder(data: Path | None) -> Path:
+def folder_of(data: Path | None) -> Path:
+    """Return the data folder: as given, else that of the environment, else ``data``."""
     from steradian.settings import PREFIX, Settings
 
     return Settings.create(data=data if data is not None or f"{PREFIX}DATA" in os.environ else Path("data")).data

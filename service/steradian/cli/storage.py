@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from steradian.cli.console import human_size, say, show_figures
+from steradian.cli.key import Data, folder_of
 
 if TYPE_CHECKING:
     from steradian.settings import Settings
     from steradian.storage.database import Database
 
 app = typer.Typer(help="Show what a service's data folder holds, and delete of it.", no_args_is_help=True)
-Data = Annotated[Path, typer.Option(help="The service's data folder.")]
 KINDS = ("mask", "plan", "scan", "batch", "reconstruction", "job")
 
 
 @app.command()
-def show(data: Data = Path("data")) -> None:
+def show(data: Data = None) -> None:
     """Show how many bytes scans, reconstructions, jobs and the rest hold, and how many are free and promised."""
     from steradian.storage.disk import Disk, promised
     from steradian.storage.paths import DataDirectory
@@ -42,7 +42,7 @@ def delete(
     kind: Annotated[str, typer.Argument(help=f"What it is: {', '.join(KINDS)}.")],
     identifier: Annotated[str, typer.Argument(help="Its identifier.")],
     dependents: Annotated[bool, typer.Option("--dependents", help="Also delete all that depends on it.")] = False,
-    data: Data = Path("data"),
+    data: Data = None,
 ) -> None:
     """Delete a thing with its files, also while the service runs; what waits or runs keeps what it needs."""
     from steradian.errors import InvalidInput
@@ -60,14 +60,15 @@ def delete(
     say(f"{kind} {identifier} is deleted from the service in {settings.data}")
 
 
-def _open(data: Path) -> tuple[Settings, Database]:
+def _open(data: Path | None) -> tuple[Settings, Database]:
     from steradian.errors import NotFound
     from steradian.settings import Settings
     from steradian.storage.database import Database, metadata_url
 
-    if not (data / "scans").is_dir():
-        raise NotFound("data folder", str(data))
-    settings = Settings.create(data=data)
+    folder = folder_of(data)
+    if not (folder / "scans").is_dir():
+        raise NotFound("data folder", str(folder))
+    settings = Settings.create(data=folder)
     database = Database(metadata_url(settings))
     database.migrate()
     return settings, database

@@ -32,6 +32,11 @@ def ledger(tmp_path):
     database.close()
 
 
+def test_the_folder_is_that_of_the_environment_as_for_the_service(ledger, tmp_path):
+    found = CliRunner().invoke(app, ["storage", "show"], env={"STERADIAN_DATA": str(tmp_path)})
+    assert "promised to jobs" in found.stdout, found.exception
+
+
 def test_storage_shows_what_holds_how_much_and_deletes_it(ledger, tmp_path):
     def run(*words):
         return CliRunner().invoke(app, ["storage", *words, "--data", str(tmp_path)])
