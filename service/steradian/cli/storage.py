@@ -61,14 +61,25 @@ def delete(
 
 
 def _open(data: Path | None) -> tuple[Settings, Database]:
-    from steradian.errors import NotFound
+    """Open the database as the service left it: its tables and the folder are the service's to change."""
+    from steradian.errors import Conflict, NotFound
     from steradian.settings import Settings
-    from steradian.storage.database import Database, metadata_url
+    from steradian.storage.database import Database, known_revisions, metadata_url
+    from steradian.storage.folder import check
+    from steradian.storage.paths import DataDirectory
 
-    folder = folder_of(data)
-    if not (folder / "scans").is_dir():
-        raise NotFound("data folder", str(folder))
-    settings = Settings.create(data=folder)
+    settings = Settings.create(data=folder_of(data))
+    folder = DataDirectory(settings.data)
+    if settings.database_url is None and not folder.metadata_file.is_file():
+        raise NotFound("data folder", str(folder.root))
     database = Database(metadata_url(settings))
-    database.migrate()
+    try:
+        revision, newest = database.revision(), known_revisions()[0]
+        if revision != newest:
+            version = f"the database has version {revision or 'none'}, this command is for {newest}"
+            raise Conflict(f"{version}; use the service's Steradian, started once")
+        check(database, folder)
+    except BaseException:
+        database.close()
+        raise
     return settings, database

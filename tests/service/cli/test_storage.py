@@ -1,10 +1,14 @@
 """``steradian storage``: what holds how much, and deleting as the API does it."""
 
+import sqlite3
+from contextlib import closing
+
 import pytest
+from sqlalchemy import text
 from typer.testing import CliRunner
 
 from steradian.cli.app import app
-from steradian.errors import InvalidInput, NotFound
+from steradian.errors import Conflict, InvalidInput, NotFound
 from steradian.jobs.engine import prepare
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import JobRequest, Succeeded
@@ -35,6 +39,29 @@ def ledger(tmp_path):
 def test_the_folder_is_that_of_the_environment_as_for_the_service(ledger, tmp_path):
     found = CliRunner().invoke(app, ["storage", "show"], env={"STERADIAN_DATA": str(tmp_path)})
     assert "promised to jobs" in found.stdout, found.exception
+
+
+def test_a_folder_that_is_not_the_database_s_keeps_its_files(ledger, tmp_path, tmp_path_factory):
+    elsewhere = DataDirectory(tmp_path_factory.mktemp("elsewhere"))
+    elsewhere.create()
+    elsewhere.job("j1").root.mkdir()
+    with closing(sqlite3.connect(elsewhere.metadata_file)) as copy:
+        with closing(sqlite3.connect(DataDirectory(tmp_path).metadata_file)) as original:
+            original.backup(copy)
+    found = CliRunner().invoke(app, ["storage", "delete", "job", "j1", "--data", str(elsewhere.root)])
+    assert isinstance(found.exception, InvalidInput)
+    assert elsewhere.job("j1").root.is_dir()
+
+
+def test_the_tables_of_another_version_are_left_as_they_are(ledger, tmp_path):
+    database = Database(metadata_url(Settings.create(data=tmp_path)))
+    with database.write() as session:
+        session.execute(text("UPDATE alembic_version SET version_num = '0007'"))
+    found = CliRunner().invoke(app, ["storage", "show", "--data", str(tmp_path)])
+    assert isinstance(found.exception, Conflict)
+    assert "0007" in str(found.exception)
+    assert database.revision() == "0007"
+    database.close()
 
 
 def test_storage_shows_what_holds_how_much_and_deletes_it(ledger, tmp_path):
