@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import platform
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -36,8 +36,8 @@ def speed(
     """Time reconstructions in units of the bare FFTs of their volume (the faster of ducc0 and SciPy, same run).
 
     'ratio' is ours over the yardstick and 'limit' what it must not exceed, or the command fails; 'one shot' is with the
-    plan, 'cpu' processor time. 'ned_s' is our non-uniform FFT over the sensors alone, 'finufft_s' FINUFFT's at its best
-    setting. NUMBA_CPU_NAME=haswell compiles for a processor without AVX-512.
+    plan, 'part' is of the shape's first case. --json and --page have processor time, stages, memory, FINUFFT and what
+    traffic and arithmetic alone would cost. NUMBA_CPU_NAME=haswell compiles for a processor without AVX-512.
     """
     from steradian.benchmarks.speed import over
     from steradian.benchmarks.speed import speed as measure
@@ -45,7 +45,8 @@ def speed(
 
     with progress_bar() as progress:
         rows = measure(quick=quick, repeats=repeats, progress=progress)
-    _publish("speed", rows, json_file)
+    shown = ("case", "shape", "run_s", "one_shot_s", "yardstick_s", "ratio", "limit", "one_shot_ratio", "part", "error")
+    _publish("speed", rows, json_file, shown)
     if page is not None:
         write_page(page, _document("speed", rows))
     if not quick and (exceeded := over(rows)):
@@ -226,9 +227,9 @@ def paper(
     show_end(("page", output / "paper.md"), ("figures", output / "paper" / "paper.json"), ("all", output))
 
 
-def _publish(name: str, rows: list[Row], path: Path | None) -> None:
-    """Print rows as a table and write them, with what they were measured on, to ``path``."""
-    columns = list(dict.fromkeys(key for row in rows for key in row))
+def _publish(name: str, rows: list[Row], path: Path | None, columns: Sequence[str] = ()) -> None:
+    """Print ``columns`` (none: all) as a table and write rows, with what they were measured on, to ``path``."""
+    columns = columns or list(dict.fromkeys(key for row in rows for key in row))
     table = Table(title=name, title_justify="left", box=None, pad_edge=False)
     for column in columns:
         table.add_column(column.replace("_", " "), justify="left" if _is_text(rows, column) else "right")
@@ -254,7 +255,7 @@ def _document(name: str, rows: list[Row]) -> dict[str, Any]:
         "processor": _processor(),
         "cpus": os.cpu_count(),
         "compiled_for": os.environ.get("NUMBA_CPU_NAME", "itself"),
-        "load": os.getloadavg()[2] if hasattr(os, "getloadavg") else None,
+        "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
         "system": platform.platform(),
         "python": platform.python_version(),
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -84,3 +85,9 @@ def test_the_page_takes_the_table_between_its_marks(rows: list[dict[str, Any]], 
     assert page.read_text(encoding="utf-8") == f"before\n{BEGIN}\n{table(document)}\n{END}\nafter\n"
     for row in rows:
         assert f"| {row['case']} | {row['sensors']:,} | {row['shape']} |" in table(document)
+
+
+def test_the_committed_page_shows_the_committed_figures() -> None:
+    docs = Path(__file__).parents[3] / "docs"
+    shown = (docs / "performance.md").read_text(encoding="utf-8").partition(BEGIN)[2].partition(END)[0]
+    assert shown.strip() == table(json.loads((docs / "performance.json").read_text(encoding="utf-8"))).strip()
