@@ -116,7 +116,7 @@ OptionalKey: TypeAlias = Annotated[Key | None, Depends(_key)]
 RequiredKey: TypeAlias = Annotated[Key, Depends(_required_key)]
 Limit: TypeAlias = Annotated[int, Query(ge=1, le=1000, description="Most items of the answer", examples=[100])]
 Before: TypeAlias = Annotated[
-    int | None, Query(ge=0, le=2**53, description="Cursor of the Link header's next page", examples=[17])
+    int | None, Query(ge=0, le=2**31 - 1, description="Cursor of the Link header's next page", examples=[17])
 ]
 
 
