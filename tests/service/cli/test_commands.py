@@ -152,6 +152,7 @@ def test_bad_input_is_one_clear_line(walk, tmp_path, arguments, code, words):
         assert word in said
 
 
+@pytest.mark.long
 def test_every_command_ends_with_what_lies_where_and_how_large_it_is(walk, tmp_path):
     """The last line names each file with the size that the system gives for it, in units that a person reads."""
     mask, plan, scan, out = walk / "mask.json", walk / "plan.json", walk / "scan.h5", walk / "out"
