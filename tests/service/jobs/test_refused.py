@@ -119,7 +119,14 @@ def test_a_result_of_a_start_that_was_overtaken_in_that_moment_is_refused_by_the
         ledger.add(session, JobRequest("job", "echo", about))
     echo = {"echo": [sys.executable, str(Path(__file__).with_name("echo_job.py"))]}
     runner = JobRunner(bench.settings, Overtaken(ledger.database), echo, "cut-off")
-    assert asyncio.run(runner.run("job")) == R.RUNNING
+
+    async def run():
+        try:
+            return await runner.run("job")
+        finally:
+            await runner._processes["echo"].end()
+
+    assert asyncio.run(run()) == R.RUNNING
     status = ledger.status("job")
     assert (status.state, status.result, status.attempt) == (R.RUNNING, {}, 2)
     assert [(start["worker"], start["outcome"]) for start in status.attempts] == [("cut-off", "died"), ("other", None)]

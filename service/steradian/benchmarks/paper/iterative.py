@@ -25,7 +25,8 @@ def write(part: Part) -> str:
         [
             f"The paper's weights are the simplest inversion of a sparse mask. From the same {part['points']:,} points"
             f" ({number(part['noise_db'], 0)} dB peak noise, c = {number(part['speed'], 0)} m/s),",
-            f'`method="iterative"` {SEEKS[options["regularisation"]]} (strength {options["strength"]:g},'
+            f'`method="iterative", regularisation="{options["regularisation"]}"`'
+            f" {SEEKS[options['regularisation']]} (strength {options['strength']:g},"
             f" at most {options['iterations']} iterations)",
             "whose A-lines fit; the same defaults for every row. Pearson's correlation with the initial pressure on all"
             f" voxels, depths {low}–{high} mm (k-Wave's: all of its own voxels).",
