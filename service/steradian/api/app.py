@@ -19,6 +19,7 @@ from steradian.api import (
     masks,
     metrics,
     plans,
+    problem_pages,
     problems,
     quality,
     reconstructions,
@@ -79,7 +80,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_middleware(Observe, metrics=app.state.metrics)
     app.add_middleware(RequestId)
     problems.install(app)
-    for module in (*RESOURCES, health, metrics, documentation):
+    for module in (*RESOURCES, health, metrics, documentation, problem_pages):
         app.include_router(module.router)
         app.state.routes += module.router.routes
     contract.describe(app)

@@ -104,8 +104,7 @@ class OnlyText:
         """Serve."""
         if scope["type"] != "http" or not ("\0" in scope["path"] or b"%00" in scope["query_string"]):
             return await self.app(scope, receive, send)
-        identifier, text = scope["state"]["request_id"], "an address with U+0000 names nothing"
-        return await problem(identifier, 404, "not-found", text)(scope, receive, send)
+        return await problem(scope, "not-found", "an address with U+0000 names nothing")(scope, receive, send)
 
 
 class Head:
@@ -147,9 +146,7 @@ class StreamLimit:
             return await self.app(scope, receive, send)
         if self._open >= MAX_STREAMS:
             headers, text = {"Retry-After": "5", "Connection": "close"}, f"{MAX_STREAMS} clients listen already"
-            return await problem(scope["state"]["request_id"], 503, "refused", text, headers=headers)(
-                scope, receive, send
-            )
+            return await problem(scope, "refused", text, headers=headers)(scope, receive, send)
         self._open += 1
         try:
             return await self.app(scope, receive, send)
@@ -180,7 +177,7 @@ class BodyLimit:
         stated = Headers(scope=scope).get("content-length", "0")
         if not stated.isdecimal() or int(stated) > limit:
             # Not with Connection: close, as a connection that is closed on what is still coming takes the answer along.
-            await problem(scope["state"]["request_id"], 413, CODE_OF[413], text)(scope, receive, send)
+            await problem(scope, CODE_OF[413], text)(scope, receive, send)
             return
         taken = 0
 

@@ -1,14 +1,14 @@
 """Problems: every answer of 400 and above is RFC 9457 ``application/problem+json``.
 
-Only our own exceptions are mapped, in one table; anything else is a 500 that says nothing of the inside and is in the
-log under the request's id.
+Only our own exceptions are mapped, by their code and the table of kinds; anything else is a 500 that says nothing of
+the inside and is in the log under the request's id.
 """
 
 from __future__ import annotations
 
 import logging
-from http import HTTPStatus
 from typing import Any
+from urllib.parse import quote
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
@@ -18,26 +18,15 @@ from sqlalchemy.exc import DBAPIError, OperationalError
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 from starlette.routing import Match
+from starlette.types import Scope
 
 from steradian.api.conditions import NotModified
 from steradian.api.findings import Finding, findings_of, header_or_body
 from steradian.api.headers import NOT_KEPT, SAFE
-from steradian.api.workshop import OutOfReach
-from steradian.errors import (
-    Cancelled,
-    Conflict,
-    DamagedFile,
-    DiskFull,
-    InvalidInput,
-    NotFound,
-    ScanFailed,
-    SteradianError,
-)
-from steradian.jobs.model import QueueUnavailable
+from steradian.api.problem_kinds import PROBLEMS, address_of
+from steradian.errors import Conflict, DiskFull, InvalidInput, SteradianError
 from steradian.scans.layout import is_full
-from steradian.security.keys import Forbidden, Unauthorized
 from steradian.storage.deletion import HasDependents
-from steradian.storage.scans import Outdated
 
 MEDIA_TYPE = "application/problem+json"
 _log = logging.getLogger(__name__)
@@ -53,28 +42,11 @@ class NotReady(Conflict):
         super().__init__(message)
 
 
-STATUS_OF: dict[type[SteradianError], int] = {
-    InvalidInput: 422,
-    NotFound: 404,
-    Conflict: 409,
-    DamagedFile: 422,
-    DiskFull: 507,
-    Cancelled: 409,
-    ScanFailed: 502,
-    QueueUnavailable: 503,
-    OutOfReach: 503,
-    Outdated: 412,
-    Unauthorized: 401,
-    Forbidden: 403,
-}
-"""HTTP status of each kind of our exceptions; a subclass has its parent's."""
-
 _NOUNS = {kind: f"{kind}s" for kind in ("mask", "plan", "scan", "reconstruction", "job")} | {"batch": "batches"}
 MOST_NAMED = 100
 """Dependents that a refusal names at most."""
 
 CODE_OF = {
-    400: "bad-request",
     404: "no-such-route",
     405: "method-not-allowed",
     406: "not-acceptable",
@@ -82,19 +54,20 @@ CODE_OF = {
     415: "unsupported-media-type",
     416: "range-not-satisfiable",
 }
-"""Codes of what the framework refuses by itself."""
-
-RETRYABLE = frozenset({"not-ready", "too-many-requests", "queue-unavailable", "database-unavailable", "internal"})
+"""Codes of what the framework refuses by itself, where it is more than a bad request."""
 
 
 class Problem(BaseModel):
     """A refusal or failure (RFC 9457)."""
 
-    type: str = Field(description="URN of the kind of problem", examples=["urn:steradian:problem:invalid-input"])
-    title: str = Field(description="The HTTP status in words", examples=["Unprocessable Content"])
-    status: int = Field(examples=[422])
-    detail: str = Field(examples=["depth is -0.001; allowed: > 0, at most 1 (m)"])
-    code: str = Field(description="Stable name of the kind of problem", examples=["invalid-input"])
+    type: str = Field(
+        description="Address that says what this kind of problem means and what to do", examples=["/problems/not-found"]
+    )
+    title: str = Field(description="The kind in words", examples=["There is no such thing"])
+    status: int = Field(examples=[404])
+    detail: str = Field(description="What is wrong this time", examples=["there is no mask 'm1'"])
+    instance: str = Field(description="The address that was asked, without its query", examples=["/api/v1/masks/m1"])
+    code: str = Field(description="Stable name of the kind of problem", examples=["not-found"])
     request_id: str = Field(description="Also in the X-Request-ID header and in the service's log")
     retryable: bool = Field(description="Whether the same request may succeed later")
     errors: list[Finding] = Field(default_factory=list, description="The fields that are wrong")
@@ -141,8 +114,7 @@ def install(app: FastAPI) -> None:
 
 
 def problem(
-    request_id: str,
-    status: int,
+    scope: Scope,
     code: str,
     detail: str,
     *,
@@ -150,39 +122,40 @@ def problem(
     headers: dict[str, str] | None = None,
     **more: Any,
 ) -> JSONResponse:
-    """Build the answer; ``more`` are further members of :class:`Problem`."""
+    """Build the answer to a request; ``more`` are further members of :class:`Problem`."""
+    kind, request_id = PROBLEMS[code], request_id_of(scope)
     body = Problem(
-        type=f"urn:steradian:problem:{code}",
-        title=HTTPStatus(status).phrase,
-        status=status,
+        type=address_of(code),
+        title=kind.title,
+        status=kind.status,
         detail=detail,
+        instance=quote(scope["path"]),  # the query may hold a ticket
         code=code,
         request_id=request_id,
-        retryable=code in RETRYABLE,
+        retryable=kind.retryable,
         errors=errors or [],
         **more,
     )
     return JSONResponse(
         body.model_dump(mode="json", exclude_defaults=False),
-        status,
+        kind.status,
         # Those of a failure pass no layer of ours that could add them.
         headers=SAFE | {"Cache-Control": NOT_KEPT} | (headers or {}) | {"X-Request-ID": request_id},
         media_type=MEDIA_TYPE,
     )
 
 
-def request_id_of(request: Request) -> str:
+def request_id_of(scope: Scope) -> str:
     """Return the identifier that the outermost layer gave the request."""
-    return str(getattr(request.state, "request_id", ""))
+    return str(scope.get("state", {}).get("request_id", ""))
 
 
 async def _ours(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, SteradianError)  # noqa: S101 - installed for it only
-    status = next((STATUS_OF[kind] for kind in type(error).__mro__ if kind in STATUS_OF), None)
-    if status is None:
+    if error.code not in PROBLEMS:
         return await _unexpected(request, error)
     errors = [header_or_body(error)] if isinstance(error, InvalidInput) else []
-    headers = {"Retry-After": str(getattr(error, "retry_after", 1))} if error.code in RETRYABLE else {}
+    headers = {"Retry-After": str(getattr(error, "retry_after", 1))} if PROBLEMS[error.code].retryable else {}
     more: dict[str, Any] = {}
     if isinstance(error, DiskFull):
         more = {
@@ -192,21 +165,21 @@ async def _ours(request: Request, error: Exception) -> JSONResponse:
         }
     elif isinstance(error, HasDependents):
         more = {"dependents": [f"/api/v1/{_NOUNS[one.kind]}/{one.id}" for one in error.dependents[:MOST_NAMED]]}
-    return problem(request_id_of(request), status, error.code, str(error), errors=errors, headers=headers, **more)
+    return problem(request.scope, error.code, str(error), errors=errors, headers=headers, **more)
 
 
 async def _invalid(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, RequestValidationError)  # noqa: S101
-    request_id, raw = request_id_of(request), error.errors()
+    raw = error.errors()
     if raw and raw[0]["type"] == "json_invalid":
         reason = raw[0].get("ctx", {}).get("error", "")
-        return problem(request_id, 400, "malformed-json", f"the body is no JSON: {reason}")
+        return problem(request.scope, "malformed-json", f"the body is no JSON: {reason}")
     kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     if raw and raw[0]["loc"][:1] == ("body",) and error.body is not None and not _is_json(kind):
         text = f"the body is {kind or 'of no stated type'}; send Content-Type: application/json (curl --json)"
-        return problem(request_id, 415, CODE_OF[415], text)
+        return problem(request.scope, CODE_OF[415], text)
     errors = findings_of(request, raw, error.body)
-    return problem(request_id, 422, "invalid-input", "; ".join(e.detail for e in errors), errors=errors)
+    return problem(request.scope, "invalid-input", "; ".join(e.detail for e in errors), errors=errors)
 
 
 async def _refused(request: Request, error: Exception) -> JSONResponse:
@@ -217,8 +190,7 @@ async def _refused(request: Request, error: Exception) -> JSONResponse:
     elif error.status_code == 405:
         headers["Allow"] = ", ".join(sorted(_methods(request)))
         detail = f"{request.url.path} knows no {request.method}; allowed: {headers['Allow']}"
-    code = CODE_OF.get(error.status_code, "refused")
-    return problem(request_id_of(request), error.status_code, code, detail, headers=headers)
+    return problem(request.scope, CODE_OF.get(error.status_code, "bad-request"), detail, headers=headers)
 
 
 def _methods(request: Request) -> set[str]:
@@ -235,7 +207,7 @@ async def _not_modified(_request: Request, error: Exception) -> Response:
 
 async def _gone(request: Request, error: Exception) -> Response:
     """Answer a client that left in the middle of its request; nobody reads it."""
-    _log.info("request %s: the client left before it had sent everything", request_id_of(request))
+    _log.info("request %s: the client left before it had sent everything", request_id_of(request.scope))
     return Response(status_code=400)
 
 
@@ -245,8 +217,8 @@ async def _system_problem(request: Request, error: Exception) -> JSONResponse:
 
 
 def _disk_full(request: Request) -> JSONResponse:
-    _log.error("request %s: the disk is full", request_id_of(request))
-    return problem(request_id_of(request), 507, DiskFull.code, "the disk is full; nothing of the request was kept")
+    _log.error("request %s: the disk is full", request_id_of(request.scope))
+    return problem(request.scope, DiskFull.code, "the disk is full; nothing of the request was kept")
 
 
 async def database_problem(request: Request, error: Exception) -> JSONResponse:
@@ -259,15 +231,15 @@ async def database_problem(request: Request, error: Exception) -> JSONResponse:
     _log.warning("the database does not answer: %s", error.orig)
     detail = "the database does not answer; try again in a moment"
     headers = {"Retry-After": "2"}
-    return problem(request_id_of(request), 503, "database-unavailable", detail, headers=headers)
+    return problem(request.scope, "database-unavailable", detail, headers=headers)
 
 
 async def _unexpected(request: Request, error: Exception) -> JSONResponse:
-    request_id = request_id_of(request)
+    request_id = request_id_of(request.scope)
     _log.error("request %s failed", request_id, exc_info=error)
     detail = f"the service failed; its log has more under request {request_id}"
     # The server closes the connection after an exception; a client that is told does not send on it again.
-    return problem(request_id, 500, "internal", detail, headers={"Connection": "close"})
+    return problem(request.scope, "internal", detail, headers={"Connection": "close"})
 
 
 def _is_json(kind: str) -> bool:

@@ -10,6 +10,7 @@ from pydantic import BaseModel, Field
 from steradian import __version__
 from steradian.api.arrays import CSV, JSON, NPY, RAW
 from steradian.api.dependencies import MAX_WAIT, ServicesNeeded
+from steradian.api.problem_kinds import ROOT
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.views import BASE
 from steradian.jobs.requests import SUFFIXES
@@ -67,6 +68,7 @@ def read_root(services: ServicesNeeded) -> RootView:
             "events": f"{BASE}/events",
             "openapi": "/openapi.json",
             "docs": "/docs",
+            "problems": ROOT,
             "metrics": "/metrics",
             "health": "/healthz",
             "ready": "/readyz",

@@ -139,14 +139,14 @@ class Authenticate:
                     self._asked.take(principal.name, CHANGE if scope["method"] in UNSAFE else 1.0)
             except Unauthorized as error:
                 headers = {"WWW-Authenticate": 'Bearer realm="steradian"', "Connection": "close"}
-                answer = problem(scope["state"]["request_id"], 401, error.code, str(error), headers=headers)
+                answer = problem(scope, error.code, str(error), headers=headers)
                 return await answer(scope, receive, send)
             except TooOften as error:
                 headers = {"Retry-After": str(error.retry_after)}
-                answer = problem(scope["state"]["request_id"], 429, error.code, str(error), headers=headers)
+                answer = problem(scope, error.code, str(error), headers=headers)
                 return await answer(scope, receive, send)
             except Forbidden as error:
-                answer = problem(scope["state"]["request_id"], 403, error.code, str(error))
+                answer = problem(scope, error.code, str(error))
                 return await answer(scope, receive, send)
             except DBAPIError as error:
                 answer = await database_problem(Request(scope), error)

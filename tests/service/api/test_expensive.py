@@ -12,7 +12,7 @@ import httpx
 import numpy as np
 import pytest
 
-from steradian.api.problems import STATUS_OF
+from steradian.api.problem_kinds import PROBLEMS
 from steradian.api.services import Services
 from steradian.api.workshop import OutOfReach, Workshop
 
@@ -125,7 +125,7 @@ def test_a_workshop_outlives_the_death_of_its_processes():
             assert await double(workshop, 21) == 42
             with pytest.raises(OutOfReach):
                 await workshop.work(signal.raise_signal, signal.SIGKILL)
-            assert STATUS_OF[OutOfReach] == 503, "its code is told, and no failure of the service's"
+            assert PROBLEMS[OutOfReach.code].status == 503, "its code is told, and no failure of the service's"
             assert await double(workshop, 4) == 8
             with pytest.raises(ZeroDivisionError):
                 await workshop.work(divmod, 1, 0)

@@ -1,8 +1,18 @@
 """Every answer of 400 and above is problem+json that says what is wrong, where, and what would be right."""
 
+import html
+from http import HTTPStatus
+from pathlib import Path
+
 import httpx
 import pytest
 
+import steradian.api.app  # noqa: F401 - what a service imports, with every exception that it can raise
+from steradian.api import problem_kinds
+from steradian.api.problem_kinds import PROBLEMS
+from steradian.errors import SteradianError
+
+LISTED = Path(__file__).parents[3] / "docs" / "problems.md"
 JSON = {"Content-Type": "application/json"}
 EQUI = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 60}
 GRID = {"arrangement": "grid", "aperture": 0.01, "count": 10, "interval": 1e-3}
@@ -71,8 +81,10 @@ def test_bad_input_is_named_with_its_allowed_range(http, method, path, body, sta
     assert answer.headers["content-type"] == "application/problem+json"
     assert problem["status"] == status
     assert problem["code"] == code
-    assert problem["type"] == f"urn:steradian:problem:{code}"
-    assert problem["title"]
+    assert problem["type"] == f"/problems/{code}"
+    assert problem["title"] == PROBLEMS[code].title
+    assert problem["title"] != HTTPStatus(status).phrase, "it says what kind of problem it is, not which status"
+    assert problem["instance"] == answer.url.path
     assert problem["retryable"] is False
     assert problem["request_id"] == answer.headers["x-request-id"]
     assert words in problem["detail"]
@@ -125,3 +137,46 @@ def test_a_fault_of_the_service_is_a_problem_that_says_nothing_of_the_inside(ser
     assert answer.headers["x-request-id"] == problem["request_id"]
     assert "masks" not in problem["detail"]
     assert http.get("/masks").status_code == 200
+
+
+@pytest.mark.parametrize("code", PROBLEMS)
+def test_the_type_of_a_problem_leads_to_what_it_means_and_what_to_do(server, code):
+    """Also for who has no key, and in the form that a program or a browser likes."""
+    kind = PROBLEMS[code]
+    told = httpx.get(f"{server.url}/problems/{code}", timeout=90)
+    assert told.status_code == 200
+    about = {"title": kind.title, "meaning": kind.meaning, "remedy": kind.remedy, "status": kind.status}
+    assert told.json() == about | {"type": f"/problems/{code}", "code": code, "retryable": kind.retryable}
+    page = httpx.get(f"{server.url}/problems/{code}", headers={"Accept": "text/html, */*;q=0.8"}, timeout=90)
+    assert page.headers["content-type"].startswith("text/html")
+    assert html.escape(kind.remedy) in page.text
+
+
+def test_all_kinds_of_problems_are_listed(server):
+    listed = httpx.get(f"{server.url}/problems", timeout=90)
+    assert [one["code"] for one in listed.json()["items"]] == list(PROBLEMS)
+    missing = httpx.get(f"{server.url}/problems/nope", timeout=90)
+    assert (missing.status_code, missing.json()["type"]) == (404, "/problems/not-found")
+
+
+def test_every_refusal_of_ours_has_a_kind():
+    """One that has none would be answered as a failure of the service."""
+
+    def below(kind):
+        return {kind}.union(*(below(child) for child in kind.__subclasses__()))
+
+    ours = {kind.code for kind in below(SteradianError) - {SteradianError} if kind.__module__.startswith("steradian.")}
+    assert ours - set(PROBLEMS) == set()
+
+
+def test_the_list_for_people_is_written_from_the_same_table(capsys):
+    """After a change on purpose: python -m steradian.api.problem_kinds > docs/problems.md."""
+    problem_kinds.main()
+    assert capsys.readouterr().out == LISTED.read_text()
+
+
+def test_the_address_in_a_problem_holds_no_ticket(server):
+    """What is in the query may open something."""
+    refused = httpx.get(f"{server.url}/api/v1/events?ticket=secret", timeout=90)
+    assert (refused.status_code, refused.json()["instance"]) == (401, "/api/v1/events")
+    assert "secret" not in refused.text
