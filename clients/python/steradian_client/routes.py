@@ -36,7 +36,7 @@ class Route:
         return self.template.format_map({name: quote(value, safe="") for name, value in identifiers.items()})
 
 
-READ_ROOT: Final = Route("GET", f"{V1}/")
+READ_ROOT: Final = Route("GET", V1)
 HEALTH: Final = Route("GET", "/healthz")
 READINESS: Final = Route("GET", "/readyz")
 METRICS: Final = Route("GET", "/metrics")

@@ -20,7 +20,7 @@ def read_start(request: Request) -> Response:
     """Point to the documentation: a browser is led there, anybody else is told where it is."""
     if "text/html" in request.headers.get("accept", ""):
         return RedirectResponse("/docs")
-    return JSONResponse({"name": "steradian", "docs": "/docs", "openapi": "/openapi.json", "api": f"{V1}/"})
+    return JSONResponse({"name": "steradian", "docs": "/docs", "openapi": "/openapi.json", "api": V1})
 
 
 @router.get("/docs", include_in_schema=False)

@@ -186,7 +186,7 @@ async def _refused(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)  # noqa: S101
     detail, headers = str(error.detail), dict(error.headers or {})
     if error.status_code == 404:
-        detail = f"there is no {request.method} {request.url.path}; the API begins at /api/v1/"
+        detail = f"there is no {request.method} {request.url.path}; the API begins at /api/v1"
     elif error.status_code == 405:
         headers["Allow"] = ", ".join(sorted(_methods(request)))
         detail = f"{request.url.path} knows no {request.method}; allowed: {headers['Allow']}"

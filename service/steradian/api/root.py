@@ -1,4 +1,4 @@
-"""``/api/v1/``: what this service is and where things are."""
+"""``/api/v1``: what this service is and where things are."""
 
 from __future__ import annotations
 
@@ -43,7 +43,8 @@ _FORMATS = {
 }
 
 
-@router.get("/", summary="The service, its mode, limits and links")
+@router.get("", summary="The service, its mode, limits and links")
+@router.get("/", include_in_schema=False)
 def read_root(services: ServicesNeeded) -> RootView:
     """Tell what this is."""
     settings = services.settings

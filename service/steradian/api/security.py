@@ -33,6 +33,7 @@ ANYONE: Final = None
 """Any authenticated caller, whatever the scopes of the key."""
 
 SCOPES: Final[dict[tuple[str, str], Need | None]] = {
+    ("GET", V1): Need.READ,
     ("GET", f"{V1}/"): Need.READ,
     ("POST", f"{V1}/masks"): Need.PLAN,
     ("GET", f"{V1}/masks"): Need.READ,

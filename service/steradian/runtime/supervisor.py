@@ -149,7 +149,7 @@ def serve(
             if not announced and answers(f"{url}/healthz"):
                 announced = True
                 (data.root / "run" / "service.json").write_text(json.dumps({"url": url, "pid": os.getpid()}))
-                announce(f"{on_ready} at {url}/api/v1/ (data in {settings.data}); Ctrl-C ends it")
+                announce(f"{on_ready} at {url}/api/v1 (data in {settings.data}); Ctrl-C ends it")
             if announced:
                 watch.look(children, time.monotonic())
             owner()

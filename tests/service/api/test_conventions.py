@@ -20,7 +20,7 @@ READS = {
     "/healthz": set(),
     "/readyz": set(),
     "/metrics": set(),
-    f"{V1}/": set(),
+    V1: set(),
     f"{V1}/masks": set(),
     f"{V1}/masks/{{mask_id}}": {TAG},
     f"{V1}/masks/{{mask_id}}/points": {TAG, ACCEPT},

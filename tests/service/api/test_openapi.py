@@ -118,6 +118,7 @@ def test_the_bare_address_points_to_the_documentation(server):
         assert answer.status_code == 200
         for name in ("docs", "openapi", "api"):
             assert client.get(answer.json()[name]).status_code == 200
+        assert client.get("/api/v1/").status_code == 200, "a slash more means the same"
         led = client.get("/", headers={"accept": "text/html,application/xhtml+xml"}, follow_redirects=False)
         assert led.is_redirect
         assert client.get(led.headers["location"]).headers["content-type"].startswith("text/html")
