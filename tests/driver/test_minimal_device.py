@@ -69,6 +69,7 @@ def conform(program: Path, *only: str) -> dict[str, str]:
     return {outcome.name: outcome.failure or outcome.skipped for outcome in outcomes}
 
 
+@pytest.mark.long
 def test_a_device_that_shares_no_code_with_ours_conforms(program):
     assert conform(program) == dict.fromkeys(NAMES, "")
 

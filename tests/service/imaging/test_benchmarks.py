@@ -16,6 +16,7 @@ from steradian.benchmarks.speed_page import BEGIN, END, table, write_page
 from steradian.benchmarks.yardsticks import pairs
 
 
+@pytest.mark.long
 def test_every_row_of_the_accuracy_table_keeps_its_tolerance() -> None:
     seen: list[tuple[int, int]] = []
     rows = accuracy(points=60, progress=lambda stage, done, total: seen.append((done, total)))

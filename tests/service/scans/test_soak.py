@@ -142,6 +142,7 @@ def test_twenty_scans_while_everything_fails(rigs, tmp_path, capsys):
 
 
 @pytest.mark.timeout(60)
+@pytest.mark.long
 def test_two_scans_while_much_fails(rigs, tmp_path, capsys):
     plan = ScanPlan.create(mask=equi_steradian_mask(13.56e-3, 3.6e-3, 60), samples=1024, pulse_rate=10.0)
     rig, truth = rigs.Rig(tmp_path, 3, api=False), rigs.Truth(plan)
