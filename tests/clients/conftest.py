@@ -10,11 +10,17 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="session")
-def url(tmp_path_factory):
-    """Address of a running service with a simulated scanner."""
+def service(tmp_path_factory):
+    """A running service with a simulated scanner."""
     service = Service(tmp_path_factory.mktemp("data")).start()
-    yield service.url
+    yield service
     service.close()
+
+
+@pytest.fixture(scope="session")
+def url(service):
+    """Address of that service."""
+    return service.url
 
 
 class Tools:

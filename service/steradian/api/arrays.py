@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 from fastapi import Request
 from fastapi.responses import Response, StreamingResponse
+from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
 from werkzeug.datastructures import MIMEAccept
 from werkzeug.http import parse_accept_header
@@ -30,9 +31,22 @@ PIECE_BYTES: Final = 4 * 2**20
 MAX_JSON_VALUES: Final = 100_000
 _PART = re.compile(r"\s*(?:(-?[0-9]{1,12})|(-?[0-9]{1,12})?:(-?[0-9]{1,12})?(?::([0-9]{1,12})?)?)\s*")
 
-ARRAY_FORMATS: Final[dict[str, Any]] = {
-    kind: {"schema": {"type": "string", "format": "binary"}} for kind in (NPY, RAW)
-} | {JSON: {"schema": {"type": "object"}}}
+
+class ArrayView(BaseModel):
+    """A slice of an array."""
+
+    shape: list[int] = Field(description="One number for each axis that is left")
+    dtype: str = Field(description="Type of the values as NumPy writes it")
+    values: list[Any] | float | None = Field(
+        description="Nested lists, a level for each axis; null for what is no finite number"
+    )
+
+
+ARRAY_ANSWER: Final[dict[str, Any]] = {
+    "model": ArrayView,
+    "content": {kind: {"schema": {"type": "string", "format": "binary"}} for kind in (NPY, RAW)},
+}
+"""Formats of an array in the document."""
 
 
 def negotiate(request: Request, offered: tuple[str, ...]) -> str:
@@ -110,7 +124,7 @@ def respond(
     Parameters
     ----------
     kind
-        One of :data:`ARRAY_FORMATS`.
+        :data:`NPY`, :data:`RAW` or :data:`JSON`.
     limit
         Most bytes.
 

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
-from steradian.api.arrays import ARRAY_FORMATS, JSON, NPY, RAW, negotiate, respond
+from steradian.api.arrays import ARRAY_ANSWER, JSON, NPY, RAW, negotiate, respond
 from steradian.api.conditions import ConditionsNeeded, etag_of_file
 from steradian.api.dependencies import ServicesNeeded, Wait
 from steradian.api.identifiers import RECONSTRUCTION_ID
@@ -105,7 +105,7 @@ async def read_reconstruction_revision(
     "/{reconstruction_id}/volume",
     summary="The volume, or a slice of it",
     response_class=Response,
-    responses={200: {"content": ARRAY_FORMATS}},
+    responses={200: ARRAY_ANSWER},
 )
 async def read_reconstruction_volume(
     services: ServicesNeeded,

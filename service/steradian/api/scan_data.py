@@ -10,7 +10,7 @@ from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
-from steradian.api.arrays import ARRAY_FORMATS, JSON, NPY, RAW, Selection, negotiate, respond
+from steradian.api.arrays import ARRAY_ANSWER, JSON, NPY, RAW, Selection, negotiate, respond
 from steradian.api.conditions import ConditionsNeeded, etag_of_file
 from steradian.api.dependencies import ServicesNeeded, Wait
 from steradian.api.files import RANGED, RangedFile
@@ -114,7 +114,7 @@ def read_scan_shots(services: ServicesNeeded, scan_id: SCAN_ID, points: Points =
     "/{scan_id}/alines",
     summary="A-lines as an array",
     response_class=Response,
-    responses={200: {"content": ARRAY_FORMATS}},
+    responses={200: ARRAY_ANSWER},
 )
 def read_scan_alines(
     services: ServicesNeeded, request: Request, scan_id: SCAN_ID, conditions: ConditionsNeeded, slice: Slice = None
