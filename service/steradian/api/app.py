@@ -34,6 +34,7 @@ from steradian.api.feed import Feed
 from steradian.api.middleware import BodyLimit, Head, Observe, OnlyText, RequestId, StreamLimit
 from steradian.api.security import Authenticate
 from steradian.api.services import Services
+from steradian.api.stamps import Stamps
 from steradian.api.together import Together
 from steradian.settings import Settings
 
@@ -71,7 +72,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.routes = []
     app.state.feed = Feed(services)
     app.state.metrics = metrics.Metrics(services)
-    app.add_middleware(Together)
+    app.add_middleware(Together, stamp=Stamps(services.database).of)
     app.add_middleware(Head)
     app.add_middleware(BodyLimit, settings=settings)
     app.add_middleware(Authenticate, keeper=services)

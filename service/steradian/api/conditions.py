@@ -89,7 +89,7 @@ Match: TypeAlias = Annotated[
 ]
 
 
-def _conditions(
+async def _conditions(  # as is the next one: a plain function would be called in another thread
     response: Response,
     if_match: Match = None,
     if_none_match: Annotated[
@@ -99,7 +99,7 @@ def _conditions(
     return Conditions(response, if_match, if_none_match)
 
 
-def _change_conditions(response: Response, if_match: Match = None) -> ChangeConditions:
+async def _change_conditions(response: Response, if_match: Match = None) -> ChangeConditions:
     return ChangeConditions(response, if_match)
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
+import h5py
 import numpy as np
 from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, Field
@@ -90,11 +93,12 @@ async def read_scan_file(
 @router.get("/{scan_id}/shots", summary="What became of each shot")
 def read_scan_shots(services: ServicesNeeded, scan_id: SCAN_ID, points: Points = None) -> ShotsView:
     """Show status, shot number, time, energy and quality of each point, also while the scan runs."""
-    columns = _columns(services, scan_id)
+    with _opened(services, scan_id) as file:
+        columns, mask = RowTable.of_file(file).columns, len(file["mask/weights"])
     count = len(columns["status"])
     chosen = Selection.parse(points, (count,), "points").index[0]
     rows = slice(chosen, chosen + 1) if isinstance(chosen, int) else chosen
-    places, mask = np.arange(*rows.indices(count)), len(columns["weights"])
+    places = np.arange(*rows.indices(count))
     return ShotsView(
         points=(places % mask).tolist(),
         frames=(places // mask).tolist(),
@@ -132,18 +136,18 @@ def read_scan_alines(
 @router.get("/{scan_id}/coverage", summary="How much of the mask is measured")
 def read_scan_coverage(services: ServicesNeeded, scan_id: SCAN_ID) -> CoverageView:
     """Count points and the area they stand for, also while the scan runs."""
-    columns = _columns(services, scan_id)
-    stored = columns["status"] == schema.STORED
-    frames = len(stored) // len(columns["weights"])
-    weights = np.tile(columns["weights"], frames)
+    with _opened(services, scan_id) as file:  # two columns of twelve: this is asked for again and again
+        status, weights = file["alines/status"][:], file["mask/weights"][:]
+        quality, fired = file["alines/quality"][:], int(file["fired"][()])
+    stored = (status == schema.STORED).reshape(-1, len(weights))
     return CoverageView(
-        points=len(stored),
-        frames=frames,
+        points=stored.size,
+        frames=len(stored),
         stored=int(stored.sum()),
         missing=int((~stored).sum()),
-        flagged=int((stored & (columns["quality"] != 0)).sum()),
-        fired=int(columns["fired"]),
-        area_fraction=float(weights[stored].sum() / weights.sum()),
+        flagged=int((stored.ravel() & (quality != 0)).sum()),
+        fired=fired,
+        area_fraction=float((stored @ weights).sum() / (len(stored) * weights.sum())),
     )
 
 
@@ -155,13 +159,11 @@ def _file(services: Services, scan_id: str) -> Path:
     return path
 
 
-def _columns(services: Services, scan_id: str) -> dict[str, Any]:
+@contextmanager
+def _opened(services: Services, scan_id: str) -> Iterator[h5py.File]:
     path = _file(services, scan_id)
     try:
         with open_to_read(path) as file:
-            return RowTable.of_file(file).columns | {
-                "weights": np.asarray(file["mask/weights"]),
-                "fired": file["fired"][()],
-            }
+            yield file
     except (OSError, KeyError) as error:
         raise DamagedFile(f"the file of scan {scan_id} cannot be read: {error}") from error

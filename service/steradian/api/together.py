@@ -1,19 +1,27 @@
-"""Those who ask for the same thing in the same moment are answered by one look at it.
+"""Those who ask for the same thing in the same moment are answered by one look at it, or by the answer that is kept.
 
 A look that has begun is joined by nobody, as it may be older than what the next client has just been told: who comes
-while one is under way shares the next. So every answer is as fresh as if it had been made for its client alone.
+while one is under way shares the next. An answer is kept with the stamp that its thing had before it was made, and is
+given again while the stamp, looked at anew for each request, is that one. So every answer is as fresh as if it had been
+made for its client alone.
 """
 
 from __future__ import annotations
 
 import asyncio
 import re
-from collections.abc import Hashable
+from collections import OrderedDict
+from collections.abc import Awaitable, Callable, Hashable
 from dataclasses import dataclass
 from typing import Final
 
+from sqlalchemy.exc import DBAPIError
 from starlette.datastructures import Headers
+from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from steradian.api.problems import database_problem
+from steradian.storage.stamps import Stamp
 
 _SHARED: Final = re.compile(
     r"/api/v1/(?:(?:masks|plans|scans|reconstructions|jobs|batches|scanners)(?:/[a-z0-9-]+)?|scans/[a-z0-9]+/coverage)"
@@ -23,6 +31,8 @@ _OWN: Final = ("prefer", "range")
 """Headers that make a request its client's alone."""
 _SAME: Final = ("accept", "if-none-match", "if-match")
 """Headers on which the answer depends."""
+MOST_KEPT, LARGEST, MOST_ANSWERS = 16 * 2**20, 2**20, 2000
+"""Bytes of all answers that are kept, and of each; and how many."""
 
 
 @dataclass(frozen=True)
@@ -33,22 +43,36 @@ class _Answer:
 
 
 class Together:
-    """Shares the answers of light reads."""
+    """Shares the answers of light reads.
 
-    def __init__(self, app: ASGIApp) -> None:
-        self.app = app
+    Parameters
+    ----------
+    stamp
+        Tells the stamp of what a request asks for: empty where answers to it cannot be kept.
+    """
+
+    def __init__(self, app: ASGIApp, stamp: Callable[[Scope], Awaitable[Stamp]]) -> None:
+        self.app, self._stamp = app, stamp
         self._under_way: dict[Hashable, asyncio.Task[_Answer]] = {}
         self._next: dict[Hashable, asyncio.Task[_Answer]] = {}
+        self._kept = _Kept()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve."""
         key = _key(scope)
         if key is None:
             return await self.app(scope, receive, send)
-        is_first = key not in self._under_way
-        answer = await asyncio.shield(self._begin(key, scope) if is_first else self._join(key, scope))
-        if answer.start["status"] >= 400 and not is_first:  # a problem names its own request
-            return await self.app(scope, receive, send)
+        try:
+            stamp = await self._stamp(scope)
+        except DBAPIError as error:
+            return await (await database_problem(Request(scope), error))(scope, receive, send)
+        answer = self._kept.get(key, stamp)
+        if answer is None:
+            is_first = key not in self._under_way
+            answer = await asyncio.shield(self._begin(key, scope) if is_first else self._join(key, scope))
+            if answer.start["status"] >= 400 and not is_first:  # a problem names its own request
+                return await self.app(scope, receive, send)
+            self._kept.put(key, stamp, answer)
         scope["route"] = answer.route
         await send({**answer.start, "headers": list(answer.start["headers"])})
         return await send({"type": "http.response.body", "body": answer.body})
@@ -85,6 +109,33 @@ class Together:
 
         await self.app(own, receive, send)
         return _Answer(sent[0], b"".join(part.get("body", b"") for part in sent[1:]), own.get("route"))
+
+
+class _Kept:
+    """The newest answers of what has a stamp, :data:`MOST_KEPT` bytes at most."""
+
+    def __init__(self) -> None:
+        self._answers: OrderedDict[Hashable, tuple[Stamp, _Answer]] = OrderedDict()
+        self._bytes = 0
+
+    def get(self, key: Hashable, stamp: Stamp) -> _Answer | None:
+        """Return the answer that was made at a stamp."""
+        kept, answer = self._answers.get(key, ((), None))
+        if answer is None or kept != stamp:
+            return None
+        self._answers.move_to_end(key)
+        return answer
+
+    def put(self, key: Hashable, stamp: Stamp, answer: _Answer) -> None:
+        """Keep an answer that was begun after its stamp was looked at."""
+        if not stamp or answer.start["status"] >= 400 or len(answer.body) > LARGEST:
+            return
+        _, before = self._answers.pop(key, (stamp, None))
+        self._bytes += len(answer.body) - (0 if before is None else len(before.body))
+        self._answers[key] = stamp, answer
+        while self._bytes > MOST_KEPT or len(self._answers) > MOST_ANSWERS:
+            _, (_, oldest) = self._answers.popitem(last=False)
+            self._bytes -= len(oldest.body)
 
 
 def _key(scope: Scope) -> Hashable:

@@ -6,21 +6,32 @@ import uuid
 
 import httpx
 
-from steradian.api.together import Together
+from steradian.api.stamps import Stamps, question_of
+from steradian.api.together import LARGEST, MOST_KEPT, Together
+from steradian.jobs.ledger import JobLedger
+from steradian.storage.scans import ScanRepository
+from steradian.storage.stamps import Question
+from steradian.storage.states import ScanState
+
+from .conftest import EQUI
 
 
 class Counting:
     """An application that answers with how often it was asked, after a while."""
 
-    def __init__(self, status=200):
-        self.asked, self.status = 0, status
+    def __init__(self, status=200, size=0):
+        self.asked, self.status, self.size = 0, status, size
 
     async def __call__(self, scope, receive, send):
         self.asked += 1
-        body = str(self.asked).encode()
+        body = str(self.asked).encode().rjust(self.size)
         await asyncio.sleep(0.05)
         await send({"type": "http.response.start", "status": self.status, "headers": []})
         await send({"type": "http.response.body", "body": body})
+
+
+async def nothing(_scope):
+    return ()
 
 
 async def ask(app, path="/api/v1/masks", principal="a", headers=(), method="GET"):
@@ -31,13 +42,13 @@ async def ask(app, path="/api/v1/masks", principal="a", headers=(), method="GET"
 
     scope = {"type": "http", "method": method, "path": path, "query_string": b"", "headers": list(headers)}
     await app(scope | {"state": {"principal": principal}}, None, send)
-    return int(sent[1]["body"])
+    return int(sent[1]["body"].strip())
 
 
 def test_a_hundred_readers_cost_two_looks():
     async def run():
         inner = Counting()
-        app = Together(inner)
+        app = Together(inner, nothing)
         found = await asyncio.gather(*(ask(app) for _ in range(100)))
         assert sorted(found) == [1] + [2] * 99, "the first, and those who came while its look was under way"
         assert await ask(app) == 3
@@ -48,7 +59,7 @@ def test_a_hundred_readers_cost_two_looks():
 def test_other_readers_other_things_and_other_deeds_share_nothing():
     async def run():
         inner = Counting()
-        app = Together(inner)
+        app = Together(inner, nothing)
         several = [
             {}, {"principal": "b"}, {"path": "/api/v1/plans"}, {"headers": [(b"accept", b"text/csv")]},
             {"headers": [(b"prefer", b"wait=1")]}, {"method": "POST"}, {"path": "/api/v1/masks/m1/points"},
@@ -56,7 +67,7 @@ def test_other_readers_other_things_and_other_deeds_share_nothing():
         await asyncio.gather(*(ask(app, **one) for one in several))
         assert inner.asked == len(several)
         failing = Counting(503)
-        app = Together(failing)
+        app = Together(failing, nothing)
         found = await asyncio.gather(*(ask(app) for _ in range(5)))
         assert len(set(found)) == 5, "a problem names the request that met it"
 
@@ -87,3 +98,111 @@ def test_what_was_written_is_read_by_whoever_asks_afterwards(server, scan):
         for reader in readers:
             reader.join()
     assert not refused
+
+
+def test_an_answer_is_kept_while_the_stamp_is_the_same():
+    async def run():
+        stamps, inner = {"/api/v1/masks": (1,)}, Counting()
+
+        async def stamp(scope):
+            return stamps.get(scope["path"], ())
+
+        app = Together(inner, stamp)
+        assert [await ask(app) for _ in range(3)] == [1, 1, 1]
+        assert await ask(app, principal="b") == 2, "what somebody else was told is not for others"
+        assert await ask(app, headers=[(b"if-none-match", b'"x"')]) == 3
+        stamps["/api/v1/masks"] = (2,)
+        assert [await ask(app) for _ in range(2)] == [4, 4]
+        assert [await ask(app, path="/api/v1/batches") for _ in range(2)] == [5, 6], "nothing is known of it"
+        failing = Together(Counting(404), stamp)
+        assert [await ask(failing) for _ in range(2)] == [1, 2], "a problem names the request that met it"
+
+    asyncio.run(run())
+
+
+def test_what_is_kept_has_a_limit():
+    async def run():
+        async def stamp(_scope):
+            return (1,)
+
+        inner = Counting(size=LARGEST)
+        app, most = Together(inner, stamp), MOST_KEPT // LARGEST
+        paths = [f"/api/v1/masks/m{number}" for number in range(most + 1)]
+        for path in paths:
+            await ask(app, path=path)
+        assert await ask(app, path=paths[-1]) == most + 1, "the newest are kept"
+        assert await ask(app, path=paths[0]) == most + 2, "the oldest had to go"
+        large = Together(Counting(size=LARGEST + 1), stamp)
+        assert [await ask(large) for _ in range(2)] == [1, 2]
+
+    asyncio.run(run())
+
+
+def test_only_what_a_stamp_says_all_of_is_stamped():
+    def asked(path, query=b""):
+        return question_of({"path": f"/api/v1/{path}", "query_string": query})
+
+    assert asked("jobs/j1") == Question("jobs", "j1")
+    assert asked("scans") == Question("scans")
+    assert asked("scans", b"limit=7&before=12") == Question("scans", None, 7, 12)
+    for path in ("scanners", "batches", "scans/s1/coverage"):
+        assert asked(path) is None
+    for query in (b"kind=export", b"limit=0", b"limit=2&limit=3", b"before=1", b"limit=1&before=99999999999"):
+        assert asked("jobs", query) is None
+
+
+def test_a_kept_answer_is_the_one_that_would_be_made(server, http, scan_with_alines):
+    """Whatever changes of a row, also in other processes, the next reader is told."""
+    scan, job = scan_with_alines["scan"]["id"], scan_with_alines["reconstruction"]["id"]
+    plan, mask = scan_with_alines["scan"]["plan_id"], scan_with_alines["scan"]["mask_id"]
+    ones = {"scans": scan, "jobs": job, "reconstructions": job, "plans": plan, "masks": mask}
+    paths = [*ones, *(f"{noun}?limit=1" for noun in ones), *(f"{noun}/{one}" for noun, one in ones.items())]
+    ledger, scans = JobLedger(server.database), ScanRepository(server.database)
+    other = {"arrangement": "grid", "aperture": 0.01, "count": 3, "interval": 1e-3}
+
+    def newest():
+        return http.post("/masks", json=other).json()["id"]
+
+    def settled():
+        return ledger.start(job, "test").fence
+
+    changes = [
+        lambda: None,
+        lambda: ledger.report(job, settled(), "migration", 3, 10),
+        lambda: ledger.report(job, ledger.get(job).fence, "migration", 4, 10),
+        lambda: ledger.put_back(job, ledger.get(job).fence, "test"),
+        lambda: http.patch(f"/jobs/{job}", json={"priority": 7}).raise_for_status(),
+        lambda: http.put(f"/jobs/{job}/desired-state", json={"state": "cancelled"}).raise_for_status(),
+        lambda: scans.label(scan, {"phantom": "yarn"}),
+        lambda: scans.report(scan, "over", 5, 69),
+        lambda: http.post("/masks", json=EQUI | {"count": 77}).raise_for_status(),
+        newest,
+        lambda: http.delete(f"/masks/{newest()}").raise_for_status(),
+        newest,
+        lambda: http.delete(f"/jobs/{job}"),
+    ]
+    for number, change in enumerate(changes):
+        change()
+        for path in paths:
+            made = http.get(f"/{path}", headers={"Prefer": "respond-async"})  # shares nothing
+            for _ in range(2):
+                given = http.get(f"/{path}")
+                told = (given.status_code, given.headers.get("ETag"), given.headers.get("Link"))
+                assert told == (made.status_code, made.headers.get("ETag"), made.headers.get("Link")), (number, path)
+                if given.is_success:
+                    assert given.json() == made.json(), (number, path)
+    assert scans.get(scan).state is ScanState.PARTIAL
+
+
+def test_stamps_that_are_asked_for_together_cost_one_look(server, mask):
+    async def run():
+        stamps, looks = Stamps(server.database), []
+        plain = stamps._look
+        stamps._look = lambda questions: looks.append(len(questions)) or plain(questions)
+        scopes = [{"path": f"/api/v1/masks/{mask['id'] if even else 'm0'}", "query_string": b""} for even in (1, 0)]
+        found = await asyncio.gather(*(stamps.of(scope) for scope in scopes * 20))
+        assert looks == [2]
+        assert found == [found[0], ()] * 20
+        assert found[0][0] == mask["id"]
+
+    asyncio.run(run())
