@@ -15,7 +15,6 @@ LONGER = {
     "fabry_perot/host/scanner",
     "steradian/cli/mask",
     "steradian/imaging/engines/numba/depth",
-    "steradian/imaging/iterative",
     "steradian/jobs/engine",
     "steradian/jobs/ledger",
     "steradian/reconstructions/live",

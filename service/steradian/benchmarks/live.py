@@ -12,15 +12,16 @@ from numpy.typing import NDArray
 
 from fabry_perot.simulator import phantoms
 from steradian.benchmarks.cases import INTERVAL, SPEED, YARN
-from steradian.imaging import Volume, reconstruct
+from steradian.imaging import Volume
 from steradian.imaging.conditioning import Display
+from steradian.imaging.reconstruct import image_by
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.progress import Progress
 from steradian.quality import correlation, of_interest
 from steradian.reconstructions.job import reconstruct_recording
 from steradian.reconstructions.live import Detail, LiveView, draw
-from steradian.reconstructions.options import plan_options
+from steradian.reconstructions.options import plan_parameters
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.scans.importing.writing import ImportedAline
 from steradian.scans.reading import read_scan
@@ -139,9 +140,9 @@ def _truth(modes: int, quick: bool) -> NDArray[np.float32]:
 def _from_scratch(scan: Path, view: LiveView, parameters: ReconstructionParameters) -> Volume:
     """Reconstruct all of a scan file at the view's resolution."""
     recording = read_scan(scan)
-    options = view.preview.plan_options(plan_options(recording, parameters))
+    chosen = view.preview.parameters(plan_parameters(recording, parameters))
     traces = np.multiply(recording.traces, np.asarray(recording.scale)[:, None], dtype=np.float32)
-    return reconstruct(view.preview.reduce(traces), recording.positions, **options)
+    return image_by(chosen, view.preview.reduce(traces), recording.positions)
 
 
 def _distance(a: Volume, b: Volume) -> float:

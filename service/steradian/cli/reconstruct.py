@@ -60,7 +60,9 @@ def reconstruct(
     tolerance: Annotated[float, typer.Option(help="Wanted relative error of the transforms.")] = 1e-4,
     window: Annotated[str, typer.Option(help="kaiser-bessel or semicircle.")] = "kaiser-bessel",
     time_padding: Annotated[float, typer.Option(help="Extend the record with zeros, times.")] = 1.0,
-    lateral_padding: Annotated[float, typer.Option(help="Extend the aperture with zeros, times.")] = 1.0,
+    lateral_padding: Annotated[
+        float | None, typer.Option(help="Extend the aperture with zeros, times; default: 1, for iterative as it needs.")
+    ] = None,
     highest_frequency: Annotated[
         Any,
         typer.Option(

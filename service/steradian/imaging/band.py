@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,18 +32,16 @@ def signal_band(traces: RealArray, sampling_interval: float) -> tuple[float, flo
     return float((last + 1) / (samples * sampling_interval)), float(np.sqrt(noise))
 
 
-def upper_limit(highest: float | str | None, traces: RealArray, sampling_interval: float) -> float | None:
+def upper_limit(highest: float | Literal["signal"] | None, traces: RealArray, sampling_interval: float) -> float | None:
     """Return the highest frequency to use, in Hz: as given, or of "signal" where that ends, two cycles at least.
 
     Raises
     ------
     InvalidInput
-        If it is another word, or the traces are no numbers, or none.
+        If the traces are no numbers, or none.
     """
     if not isinstance(highest, str):
         return highest
-    if highest != "signal":
-        raise InvalidInput("highest_frequency", highest, 'a frequency in Hz, "signal" or None')
     if traces.dtype.kind not in "iuf":
         raise InvalidInput("traces", f"an array of {traces.dtype}", "integers or floating numbers")
     if not traces.size:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -12,10 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 from steradian.errors import InvalidInput
 from steradian.imaging import checks
 from steradian.imaging.checks import Sensors
+from steradian.imaging.parameters import Parameters
 from steradian.imaging.transforms.sizes import fast_multiple, fast_record
 from steradian.imaging.volume import Axes
 from steradian.imaging.weights import sensor_areas
-from steradian.ranges import SAMPLING_INTERVAL, SOUND_SPEED, real
+from steradian.ranges import real
 
 LEAST_CYCLES = 2
 """Of the highest frequency in a record."""
@@ -163,49 +163,29 @@ def _depth_points(highest: float | None, depth_step: float | None, record: int, 
     return max(points, min(record, int(np.ceil(length / step - 1e-6))))
 
 
-def geometry(
-    positions: ArrayLike | Sensors,
-    *,
-    samples: int,
-    sampling_interval: float,
-    sound_speed: float,
-    aperture: float | Sequence[float] | None = None,
-    modes: int | Sequence[int],
-    weights: ArrayLike | Literal["voronoi"] | None = None,
-    upsampling: int = 1,
-    depth_range: tuple[float, float] | None = None,
-    time_zero: float = 0.0,
-    time_padding: float = 1.0,
-    lateral_padding: float = 1.0,
-    wrap: bool = False,
-    highest_frequency: float | None = None,
-    depth_step: float | None = None,
-) -> Geometry:
-    """Check and complete what the user gave; parameters as in :func:`steradian.imaging.reconstruct`.
+def geometry(positions: ArrayLike | Sensors, samples: int, chosen: Parameters) -> Geometry:
+    """Check and complete what was chosen for sensors (M, d−1) whose A-lines have so many samples.
 
     Raises
     ------
     InvalidInput
         Naming the parameter and what is allowed.
     """
-    positions, weights, aperture = checks.of_mask(positions, weights, aperture)
+    positions, weights, aperture = checks.of_mask(positions, chosen.weights, chosen.aperture)
     x = checks.places(positions)
     axes = x.shape[1]
     period = checks.apertures(aperture, axes)
-    number = tuple(checks.whole("modes", n, 2) for n in checks.per_axis("modes", modes, axes))
+    number = tuple(checks.whole("modes", n, 2) for n in checks.per_axis("modes", chosen.modes, axes))
     samples = checks.whole("samples", samples, 4, checks.MOST_SAMPLES)
-    interval = SAMPLING_INTERVAL.check("sampling_interval", sampling_interval)
-    speed = SOUND_SPEED.check("sound_speed", sound_speed)
-    time_padding = checks.within("time_padding", time_padding, 1, 16, "a factor")
-    lateral_padding = checks.within("lateral_padding", lateral_padding, 1, 16, "a factor")
+    interval, speed = chosen.sampling_interval, chosen.sound_speed
     extent = 2 * np.abs(x).max(axis=0)
-    if not wrap and any(e > X * (1 + checks.ROUNDING) for e, X in zip(extent, period, strict=True)):
+    if not chosen.wrap and any(e > X * (1 + checks.ROUNDING) for e, X in zip(extent, period, strict=True)):
         needed = ", ".join(f"{e:.6g}" for e in extent)
         raise InvalidInput("aperture", aperture, f"at least the sensors' extent about 0 ({needed} m), or wrap=True")
-    padded = tuple(int(np.ceil(n * lateral_padding - 1e-9)) for n in number)
-    record = fast_record(int(np.ceil(samples * time_padding - 1e-9)))
-    highest = _frequency(highest_frequency, record, interval)
-    points = _depth_points(highest, depth_step, record, interval, speed)
+    padded = tuple(int(np.ceil(n * (chosen.lateral_padding or 1.0) - 1e-9)) for n in number)
+    record = fast_record(int(np.ceil(samples * chosen.time_padding - 1e-9)))
+    highest = _frequency(chosen.highest_frequency, record, interval)
+    points = _depth_points(highest, chosen.depth_step, record, interval, speed)
     return Geometry(
         positions=x,
         weights=_weights(weights, x, period),
@@ -217,9 +197,9 @@ def geometry(
         record=record,
         sampling_interval=interval,
         sound_speed=speed,
-        time_zero=checks.start_time(time_zero),
+        time_zero=chosen.time_zero,
         highest_frequency=highest,
         depth_points=points,
-        depth=_depths(depth_range, samples, record, points, interval * speed),
-        upsampling=checks.whole("upsampling", upsampling, 1, 16),
+        depth=_depths(chosen.depth_range, samples, record, points, interval * speed),
+        upsampling=chosen.upsampling,
     )

@@ -1,11 +1,6 @@
 """Iterative reconstruction: the image whose A-lines fit the measured ones, among those a regulariser prefers.
 
-By thresholding (:mod:`.thresholding`), or as here:
-
-    minimise over f (≥ 0):  ½‖A f − g‖² + λ·R(f),   A the :class:`~steradian.imaging.operators.ForwardOperator`
-
-by accelerated proximal gradients (FISTA with restarts). From few sensors the direct formula leaves the streaks of each
-one all over the volume; what is non-negative, and flat or sparse, cannot hold them.
+By thresholding (:mod:`.thresholding`), or by accelerated proximal gradients (:mod:`.descent`).
 
 The A-lines are thinned first to the band that holds signal (:mod:`.band`): the yarn of 45 µm balls at 8 ns to every
 fourth sample, with voxels four times as deep. The result is interpolated to the depths asked for.
@@ -14,29 +9,28 @@ fourth sample, with voxels four times as deep. The result is interpolated to the
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from steradian.errors import Cancelled, InvalidInput
+from steradian.errors import InvalidInput
 from steradian.imaging import checks, memory
 from steradian.imaging.band import refined, signal_band, thinned, thinning
 from steradian.imaging.checks import Sensors
+from steradian.imaging.descent import Descent
+from steradian.imaging.iterations import Iterations, Stopped
 from steradian.imaging.iterative_options import Iterative
 from steradian.imaging.operators import ForwardOperator
+from steradian.imaging.parameters import Parameters
 from steradian.imaging.plan import ReconstructionPlan
-from steradian.imaging.regularisers import proximal
 from steradian.imaging.response import Correction, FilmResponse
-from steradian.imaging.thresholding import Stopped, Thresholding
+from steradian.imaging.thresholding import Thresholding
 from steradian.imaging.volume import Axes, RealArray, Volume
 from steradian.progress import IsCancelled, Progress
-from steradian.ranges import SAMPLING_INTERVAL, SOUND_SPEED, real
-
-_POWER_STEPS = 6
-_SAFETY = 1.1  # of the largest singular value found by so many power steps
+from steradian.ranges import real
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,158 +109,68 @@ def reconstruct_iteratively(
     Cancelled
         If ``cancelled`` said so.
     """
-    chosen = options or Iterative()
-    if not isinstance(chosen, Iterative):
-        raise InvalidInput("iterative", type(chosen).__name__, "steradian.imaging.Iterative(…), or None")
-    positions, _, aperture = checks.of_mask(positions, None, aperture)
+    chosen = Parameters(
+        method="iterative", iterative=options, sampling_interval=sampling_interval, sound_speed=sound_speed,
+        aperture=aperture, modes=modes, upsampling=upsampling, depth_range=depth_range, tolerance=tolerance,
+        time_zero=time_zero, lateral_padding=lateral_padding, wrap=wrap,
+        correction=None if response is None else Correction(response), dtype=dtype, memory_limit=memory_limit,
+        threads=threads,
+    )  # fmt: skip
+    return fit(traces, positions, chosen, scale=scale, progress=progress, cancelled=cancelled)
+
+
+def fit(
+    traces: ArrayLike,
+    positions: ArrayLike | Sensors,
+    chosen: Parameters,
+    *,
+    scale: float = 1.0,
+    progress: Progress | None = None,
+    cancelled: IsCancelled | None = None,
+) -> IterativeResult:
+    """Do the same with parameters that are one value; raises as :func:`reconstruct_iteratively`."""
+    options = chosen.iterative or Iterative()
+    positions, _, aperture = checks.of_mask(positions, None, chosen.aperture)
     positions = checks.places(positions)
-    aperture = checks.apertures(aperture, positions.shape[1])
-    sampling_interval = SAMPLING_INTERVAL.check("sampling_interval", sampling_interval)
-    sound_speed = SOUND_SPEED.check("sound_speed", sound_speed)
-    time_zero = checks.start_time(time_zero)
-    upsampling = checks.whole("upsampling", upsampling, 1, 16)
-    tolerance = checks.within("tolerance", tolerance, 1e-12, 0.1, "a relative error")
-    kind = checks.working_precision(dtype, tolerance)
+    kind, limit = chosen.precision, chosen.memory_limit
     data = np.asarray(traces)
     if data.ndim != 2 or not np.isfinite(data).all():
         raise InvalidInput(
             "traces", f"an array of shape {data.shape}", "finite numbers of shape (M, N_t), a row a sensor"
         )
-    highest, noise = signal_band(data, sampling_interval)
-    factor = thinning(chosen.highest_frequency or highest, sampling_interval)
-    step = sampling_interval * sound_speed
-    first, last, coarse = _slices(depth_range, data.shape[1], factor, step)
+    highest, noise = signal_band(data, chosen.sampling_interval)
+    factor = thinning(options.highest_frequency or highest, chosen.sampling_interval)
+    step = chosen.sampling_interval * chosen.sound_speed
+    first, last, coarse = _slices(chosen.depth_range, data.shape[1], factor, step)
     measured = thinned(data, factor, kind)
     measured *= measured.dtype.type(real("scale", scale, "a finite factor"))
-    common: dict[str, Any] = {
-        "samples": measured.shape[1],
-        "sampling_interval": sampling_interval * factor,
-        "sound_speed": sound_speed,
-        "aperture": aperture,
-        "modes": modes,
-        "depth_range": (coarse[0] * factor * step, coarse[1] * factor * step),
-        "time_zero": time_zero,
-        "tolerance": tolerance,
-        "wrap": wrap,
-        "dtype": kind,
-        "memory_limit": memory_limit,
-        "threads": threads,
-    }
-    model = ForwardOperator(positions, lateral_padding=lateral_padding, response=response, **common)
-    needed = _bytes(model, measured, chosen, factor, upsampling, last - first)
-    memory.require(needed, memory_limit, (*(upsampling * n for n in model.geometry.modes), last - first))
-    expected = (noise if chosen.noise is None else chosen.noise) * abs(scale) * np.sqrt(measured.size / factor)
-    solver: Callable[..., _Descent | Thresholding] = _Descent
-    if chosen.regularisation == "thresholding":  # its inverse is not padded: what that loses, the next step finds
-        correction = None if response is None else Correction(response)
-        solver = partial(Thresholding, ReconstructionPlan(positions, correction=correction, **common))
-    solution = solver(model, measured, chosen, float(expected), progress, cancelled)
+    thin = replace(
+        chosen,
+        method="nedner",
+        iterative=None,
+        aperture=aperture,
+        weights=None,
+        upsampling=1,
+        sampling_interval=chosen.sampling_interval * factor,
+        depth_range=(coarse[0] * factor * step, coarse[1] * factor * step),
+    )
+    model = ForwardOperator.of(positions, measured.shape[1], thin)
+    needed = _bytes(model, measured, options, factor, chosen.upsampling, last - first)
+    memory.require(needed, limit, (*(chosen.upsampling * n for n in model.geometry.modes), last - first))
+    expected = (noise if options.noise is None else options.noise) * abs(scale) * np.sqrt(measured.size / factor)
+    solver: Callable[..., Iterations] = Descent
+    if options.regularisation == "thresholding":  # its inverse is not padded: what that loses, the next step finds
+        inverse = ReconstructionPlan.of(positions, measured.shape[1], replace(thin, lateral_padding=None))
+        solver = partial(Thresholding, inverse)
+    solution = solver(model, measured, options, float(expected), progress, cancelled)
     shown = slice(first - coarse[0] * factor, last - coarse[0] * factor)
-    fine = refined(solution.run(), (*(upsampling for _ in model.geometry.modes), factor), shown)
-    if chosen.non_negative:
+    fine = refined(solution.run(), (*(chosen.upsampling for _ in model.geometry.modes), factor), shown)
+    if options.non_negative:
         np.maximum(fine, 0, out=fine)
-    volume = _volume(fine, model, upsampling, np.arange(first, last) * step, step)
+    volume = _volume(fine, model, chosen.upsampling, np.arange(first, last) * step, step)
     return IterativeResult(
         volume, solution.done, solution.stopped, tuple(solution.residuals), solution.products, factor, needed
     )
-
-
-class _Descent:
-    """FISTA (Beck and Teboulle 2009) with the restart of O'Donoghue and Candès (2015)."""
-
-    def __init__(
-        self,
-        model: ForwardOperator,
-        measured: RealArray,
-        options: Iterative,
-        noise: float,
-        progress: Progress | None,
-        cancelled: IsCancelled | None,
-    ) -> None:
-        self._model, self._data, self._options, self._noise = model, measured, options, noise
-        self._progress, self._cancelled = progress, cancelled
-        self.residuals: list[float] = []
-        self.products = self.done = 0
-        self.stopped: Stopped = "iterations"
-        g = model.geometry
-        self._proximal = proximal(
-            options.regularisation,
-            non_negative=options.non_negative,
-            shape=model.volume_shape,
-            spacing=g.spacing,
-            threads=model.threads,
-        )
-
-    def run(self) -> RealArray:
-        back = self._adjoint(self._data)
-        norm = float(np.linalg.norm(self._data)) or 1.0
-        curvature = self._curvature(back)
-        weight = self._options.weight()
-        weight *= curvature if self._options.regularisation == "tikhonov" else float(np.abs(back).max())
-        kind = back.dtype.type
-        image, point, new = np.zeros_like(back), np.zeros_like(back), np.empty_like(back)
-        momentum = 1.0
-        for iteration in range(self._options.iterations):
-            self._look(iteration)
-            if iteration:
-                residual = self._forward(point)
-                residual -= self._data
-                back = self._adjoint(residual)
-            else:
-                residual, back = -self._data, -back
-            size = float(np.linalg.norm(residual))
-            self.residuals.append(size / norm)
-            limit = self._options.discrepancy
-            if limit is not None and iteration and size <= limit * self._noise:
-                self.stopped = "discrepancy"
-                break
-            back *= kind(-1 / curvature)
-            back += point
-            self._proximal(back, new, weight / curvature)
-            self.done = iteration + 1
-            np.subtract(point, new, out=point)
-            np.subtract(new, image, out=image)  # the step
-            change, total = float(np.linalg.norm(image)), float(np.linalg.norm(new))
-            following = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
-            ahead = (momentum - 1) / following
-            if np.vdot(point, image) > 0:  # uphill: start anew without momentum
-                following, ahead = 1.0, 0.0
-            np.multiply(image, kind(ahead), out=point)
-            point += new
-            image, new = new, image
-            momentum = following
-            if change <= self._options.change * total:
-                self.stopped = "change"
-                break
-        self._look(self._options.iterations)
-        return image
-
-    def _curvature(self, start: RealArray) -> float:
-        """Largest singular value of A squared, by power steps from Aᵀg; a little more, to be sure."""
-        vector: RealArray = start + start.dtype.type(1e-3 * np.abs(start).max()) * np.random.default_rng(
-            0
-        ).standard_normal(start.shape, start.dtype)
-        value = 1.0
-        for _ in range(_POWER_STEPS):
-            vector /= np.linalg.norm(vector) or 1.0
-            vector = self._adjoint(self._forward(vector))
-            value = float(np.linalg.norm(vector))
-        return _SAFETY * (value or 1.0)
-
-    def _forward(self, volume: RealArray) -> RealArray:
-        self.products += 1
-        return self._model.forward(volume, cancelled=self._cancelled)
-
-    def _adjoint(self, traces: RealArray) -> RealArray:
-        self.products += 1
-        return self._model.backward(traces, cancelled=self._cancelled)
-
-    def _look(self, iteration: int) -> None:
-        if self._progress is not None:
-            misfit = f", misfit {100 * self.residuals[-1]:.1f} %" if self.residuals else ""
-            self._progress(f"iterations{misfit}", iteration, self._options.iterations)
-        if self._cancelled is not None and self._cancelled():
-            raise Cancelled("cancelled during: iterations")
 
 
 def _slices(

@@ -19,7 +19,8 @@ downwards along the film.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -32,13 +33,13 @@ from steradian.imaging.engines import Watch, image_of, traces_of
 from steradian.imaging.engines.numba.engine import NumbaEngine
 from steradian.imaging.engines.numba.room import least_bytes
 from steradian.imaging.geometry import Geometry, geometry
-from steradian.imaging.response import FilmResponse
-from steradian.imaging.tables import model_tables
+from steradian.imaging.parameters import Parameters
+from steradian.imaging.response import Correction, FilmResponse
+from steradian.imaging.tables import Tables, model_tables
 from steradian.imaging.transforms.sizes import fast_size
 from steradian.imaging.transforms.windows import Shape, Window
 from steradian.imaging.volume import RealArray
 from steradian.progress import IsCancelled, Progress
-from steradian.ranges import SAMPLING_INTERVAL, SOUND_SPEED, real
 
 if TYPE_CHECKING:
     _Base = LinearOperator[Any]
@@ -106,63 +107,33 @@ class ForwardOperator(_Base):
         memory_limit: int | None = None,
         threads: int | None = None,
     ) -> None:
-        positions, _, aperture = checks.of_mask(positions, None, aperture)
-        positions = checks.places(positions)
-        aperture = checks.apertures(aperture, positions.shape[1])
-        samples = checks.whole("samples", samples, 4, checks.MOST_SAMPLES)
-        sampling_interval = SAMPLING_INTERVAL.check("sampling_interval", sampling_interval)
-        sound_speed = SOUND_SPEED.check("sound_speed", sound_speed)
-        time_zero = checks.start_time(time_zero)
-        tolerance = checks.within("tolerance", tolerance, 1e-12, 0.1, "a relative error")
-        precision = checks.working_precision(dtype, tolerance)
-        threads = checks.thread_count(threads)
-        if highest_frequency is not None:
-            highest_frequency = real("highest_frequency", highest_frequency, "a frequency above 0 Hz, or None")
-            if highest_frequency <= 0:
-                raise InvalidInput("highest_frequency", highest_frequency, "a frequency above 0 Hz, or None")
-        step = sampling_interval * sound_speed
-        whole = (0.0, (samples - 1) * step)
-        depth_range = whole if depth_range is None else checks.depths(depth_range, whole[1])
-        if lateral_padding is None:
-            lateral_padding = quiet_padding(
-                positions,
-                aperture=aperture,
-                duration=samples * sampling_interval + max(0.0, time_zero),
-                sound_speed=sound_speed,
-                depth=depth_range[0],
-            )
-        deepest = int(np.floor(depth_range[1] / step + 1e-6)) + 1
-        heard = samples + max(0, int(np.ceil(time_zero / sampling_interval)))
-        # the mirror image's next copy lies at L − z; its sound comes no earlier than sample L − z
-        record = fast_size(deepest + heard)
-        found = geometry(
-            positions,
-            weights=np.full(len(positions), float(np.prod(aperture)) / len(positions)),  # no part of the model
-            samples=samples,
-            sampling_interval=sampling_interval,
-            sound_speed=sound_speed,
-            aperture=aperture,
-            modes=modes,
-            depth_range=depth_range,
-            time_zero=time_zero,
-            time_padding=max(1.0, record / samples),
-            lateral_padding=lateral_padding,
-            wrap=wrap,
-        )
-        memory.require(least_bytes(found, precision), memory_limit, found.shape)
-        self.tables = model_tables(
-            found,
-            tolerance=tolerance,
-            window=window,
-            response=response,
-            highest_frequency=highest_frequency,
-            dtype=precision,
-        )
-        self.engine = NumbaEngine(self.tables, threads=threads, memory_limit=memory_limit)
-        self.volume_shape, self.trace_shape = found.shape, (len(found.positions), found.samples)
-        super().__init__(  # type: ignore[call-arg]
-            np.dtype(precision), (int(np.prod(self.trace_shape)), int(np.prod(found.shape)))
-        )
+        chosen = Parameters(
+            sampling_interval=sampling_interval, sound_speed=sound_speed, aperture=aperture, modes=modes,
+            depth_range=depth_range, tolerance=tolerance, window=window, time_zero=time_zero,
+            lateral_padding=lateral_padding, wrap=wrap, highest_frequency=highest_frequency,
+            correction=None if response is None else Correction(response), dtype=dtype, memory_limit=memory_limit,
+            threads=threads,
+        )  # fmt: skip
+        self.tables, self.engine = _made(positions, samples, chosen)
+        super().__init__(*_size(self.tables))  # type: ignore[call-arg]
+
+    @classmethod
+    def of(cls, positions: ArrayLike | Sensors, samples: int, parameters: Parameters) -> Self:
+        """Make an operator of parameters that are one value already, with the response that they correct for."""
+        operator = object.__new__(cls)
+        operator.tables, operator.engine = _made(positions, samples, parameters)
+        _Base.__init__(operator, *_size(operator.tables))  # type: ignore[call-arg]
+        return operator
+
+    @property
+    def volume_shape(self) -> tuple[int, ...]:
+        """Of volumes, [x, y, z] ([x, z] in 2-D)."""
+        return self.geometry.shape
+
+    @property
+    def trace_shape(self) -> tuple[int, int]:
+        """Of A-lines, (M, N_t)."""
+        return len(self.geometry.positions), self.geometry.samples
 
     @property
     def geometry(self) -> Geometry:
@@ -210,6 +181,50 @@ class ForwardOperator(_Base):
         if array.shape != shape:
             raise InvalidInput(name, f"an array of shape {array.shape}", f"shape {shape}")
         return array
+
+
+def _size(tables: Tables) -> tuple[np.dtype[Any], tuple[int, int]]:
+    g = tables.geometry
+    return np.dtype(tables.dtype), (len(g.positions) * g.samples, int(np.prod(g.shape)))
+
+
+def _made(positions: ArrayLike | Sensors, samples: int, chosen: Parameters) -> tuple[Tables, NumbaEngine]:
+    positions, _, aperture = checks.of_mask(positions, None, chosen.aperture)
+    positions = checks.places(positions)
+    aperture = checks.apertures(aperture, positions.shape[1])
+    samples = checks.whole("samples", samples, 4, checks.MOST_SAMPLES)
+    found = geometry(positions, samples, _for_model(chosen, positions, aperture, samples))
+    memory.require(least_bytes(found, chosen.precision), chosen.memory_limit, found.shape)
+    tables = model_tables(found, chosen)
+    return tables, NumbaEngine(tables, threads=chosen.most_threads, memory_limit=chosen.memory_limit)
+
+
+def _for_model(
+    chosen: Parameters, positions: NDArray[np.float64], aperture: tuple[float, ...], samples: int
+) -> Parameters:
+    """Add the paddings that keep copies of the volume out of the record."""
+    step = chosen.sampling_interval * chosen.sound_speed
+    whole = (0.0, (samples - 1) * step)
+    depth_range = whole if chosen.depth_range is None else checks.depths(chosen.depth_range, whole[1])
+    lateral = chosen.lateral_padding
+    if lateral is None:
+        duration = samples * chosen.sampling_interval + max(0.0, chosen.time_zero)
+        lateral = quiet_padding(
+            positions, aperture=aperture, duration=duration, sound_speed=chosen.sound_speed, depth=depth_range[0]
+        )
+    deepest = int(np.floor(depth_range[1] / step + 1e-6)) + 1
+    heard = samples + max(0, int(np.ceil(chosen.time_zero / chosen.sampling_interval)))
+    # the mirror image's next copy lies at L − z; its sound comes no earlier than sample L − z
+    record = fast_size(deepest + heard)
+    return replace(
+        chosen,
+        aperture=aperture,
+        weights=np.full(len(positions), float(np.prod(aperture)) / len(positions)),  # no part of the model
+        depth_range=depth_range,
+        time_padding=max(1.0, record / samples),
+        lateral_padding=lateral,
+        highest_frequency=None,  # slices are as far apart as samples
+    )
 
 
 def quiet_padding(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal, get_args
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -15,8 +15,9 @@ from steradian.imaging.engines import NOBODY, Watch, image_of
 from steradian.imaging.engines.numba.engine import NumbaEngine
 from steradian.imaging.engines.numba.room import least_bytes
 from steradian.imaging.geometry import Geometry, geometry
+from steradian.imaging.parameters import DirectMethod, Method, Parameters
 from steradian.imaging.response import Correction
-from steradian.imaging.tables import Method, direct_tables
+from steradian.imaging.tables import Tables, direct_tables
 from steradian.imaging.transforms.windows import Shape, Window
 from steradian.imaging.volume import Volume
 from steradian.progress import IsCancelled, Progress
@@ -30,6 +31,8 @@ class ReconstructionPlan:
 
     Attributes
     ----------
+    parameters
+        What was chosen.
     tables, engine
         What is computed, and what computes it (:mod:`steradian.imaging.engines`).
     geometry
@@ -62,7 +65,7 @@ class ReconstructionPlan:
         weights: ArrayLike | Literal["voronoi"] | None = None,
         upsampling: int = 1,
         depth_range: tuple[float, float] | None = None,
-        method: Method = "nedner",
+        method: DirectMethod = "nedner",
         tolerance: float = 1e-4,
         window: Shape | Window = "kaiser-bessel",
         time_zero: float = 0.0,
@@ -76,37 +79,22 @@ class ReconstructionPlan:
         memory_limit: int | None = None,
         threads: int | None = None,
     ) -> None:
-        checks.choice("method", method, get_args(Method), "; iterative is for reconstruct()")
-        if not isinstance(window, Window):
-            checks.choice("window", window, get_args(Shape), ", or a Window")
-        if not isinstance(correction, Correction | None):
-            raise InvalidInput("correction", type(correction).__name__, "a Correction, or None")
-        self.tolerance = checks.within("tolerance", tolerance, 1e-12, 0.1, "a relative error")
-        precision = checks.working_precision(dtype, self.tolerance)
-        threads = checks.thread_count(threads)
-        found = geometry(
-            positions,
-            samples=samples,
-            sampling_interval=sampling_interval,
-            sound_speed=sound_speed,
-            aperture=aperture,
-            modes=modes,
-            weights=weights,
-            upsampling=upsampling,
-            depth_range=depth_range,
-            time_zero=time_zero,
-            time_padding=time_padding,
-            lateral_padding=lateral_padding,
-            wrap=wrap,
-            highest_frequency=highest_frequency,
-            depth_step=depth_step,
-        )
-        self._memory_limit = memory_limit
-        memory.require(least_bytes(found, precision), memory_limit, found.shape)
-        self.tables = direct_tables(
-            found, method=method, tolerance=self.tolerance, window=window, correction=correction, dtype=precision
-        )
-        self.engine = NumbaEngine(self.tables, threads=threads, memory_limit=memory_limit)
+        self.parameters = Parameters(
+            sampling_interval=sampling_interval, sound_speed=sound_speed, aperture=aperture, modes=modes,
+            weights=weights, upsampling=upsampling, depth_range=depth_range, method=method, tolerance=tolerance,
+            window=window, time_zero=time_zero, time_padding=time_padding, lateral_padding=lateral_padding, wrap=wrap,
+            highest_frequency=highest_frequency, depth_step=depth_step, correction=correction, dtype=dtype,
+            memory_limit=memory_limit, threads=threads,
+        )  # fmt: skip
+        self.tables, self.engine = _made(positions, samples, self.parameters)
+
+    @classmethod
+    def of(cls, positions: ArrayLike | Sensors, samples: int, parameters: Parameters) -> Self:
+        """Make a plan of parameters that are one value already."""
+        plan = cls.__new__(cls)
+        plan.parameters = parameters
+        plan.tables, plan.engine = _made(positions, samples, parameters)
+        return plan
 
     @property
     def geometry(self) -> Geometry:
@@ -180,7 +168,7 @@ class ReconstructionPlan:
         scale = real("scale", scale, "a finite factor")
         images = len(data) if data.ndim == 3 else 1
         needed = self.memory_bytes + max(0, images - 1) * self.engine.room.kept_bytes
-        memory.require(needed, self._memory_limit, g.shape, images)
+        memory.require(needed, self.parameters.memory_limit, g.shape, images)
         watch = Watch(progress, cancelled)
         if data.ndim == 3:
             return [self._one(frame, scale, watch) for frame in data]
@@ -207,3 +195,11 @@ class ReconstructionPlan:
         if data.dtype not in (np.float32, np.float64, np.int16, np.int32):
             data = data.astype(np.int32 if data.dtype.kind in "iu" and data.dtype.itemsize < 4 else np.float64)
         return Volume(image_of(self.engine, data, watch, scale=scale), g.axes(), g.spacing, g.sound_speed)
+
+
+def _made(positions: ArrayLike | Sensors, samples: int, chosen: Parameters) -> tuple[Tables, NumbaEngine]:
+    checks.choice("method", chosen.method, get_args(DirectMethod), "; iterative is for reconstruct()")
+    found = geometry(positions, samples, chosen)
+    memory.require(least_bytes(found, chosen.precision), chosen.memory_limit, found.shape)
+    tables = direct_tables(found, chosen)
+    return tables, NumbaEngine(tables, threads=chosen.most_threads, memory_limit=chosen.memory_limit)

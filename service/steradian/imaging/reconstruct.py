@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
+from dataclasses import replace
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from steradian.errors import InvalidInput
-from steradian.imaging import checks
 from steradian.imaging.band import upper_limit
 from steradian.imaging.checks import Sensors
 from steradian.imaging.iterative_options import Iterative
+from steradian.imaging.parameters import Method, Parameters
 from steradian.imaging.plan import ReconstructionPlan
 from steradian.imaging.response import Correction
-from steradian.imaging.tables import Method as DirectMethod
 from steradian.imaging.transforms.windows import Shape, Window
 from steradian.imaging.volume import Volume
 from steradian.progress import IsCancelled, Progress
-from steradian.ranges import SAMPLING_INTERVAL
 
 if TYPE_CHECKING:
     from steradian.imaging.iterative import IterativeResult
-
-Method: TypeAlias = DirectMethod | Literal["iterative"]
 
 
 def reconstruct(
@@ -144,88 +141,39 @@ def reconstruct(
     Cancelled
         If ``cancelled`` said so.
     """
-    checks.choice("method", method, (*get_args(DirectMethod), "iterative"))
+    chosen = Parameters(
+        sampling_interval=sampling_interval, sound_speed=sound_speed, aperture=aperture, modes=modes, weights=weights,
+        upsampling=upsampling, depth_range=depth_range, method=method, tolerance=tolerance, window=window,
+        time_zero=time_zero, time_padding=time_padding, lateral_padding=lateral_padding, wrap=wrap,
+        highest_frequency=highest_frequency, depth_step=depth_step, correction=correction, iterative=iterative,
+        dtype=dtype, memory_limit=memory_limit, threads=threads,
+    )  # fmt: skip
+    return image_by(chosen, traces, positions, on_fit=on_fit, scale=scale, progress=progress, cancelled=cancelled)
+
+
+def image_by(
+    chosen: Parameters,
+    traces: ArrayLike,
+    positions: ArrayLike | Sensors,
+    *,
+    on_fit: Callable[[IterativeResult], None] | None = None,
+    scale: float = 1.0,
+    progress: Progress | None = None,
+    cancelled: IsCancelled | None = None,
+) -> Volume:
+    """Do the same with parameters that are one value; raises as :func:`reconstruct`."""
     data = np.asarray(traces)
     if data.ndim != 2:
         raise InvalidInput("traces", f"an array of shape {data.shape}", "shape (M, N_t): one row a sensor")
-    if method == "iterative":
-        _refuse_unused(window, time_padding, correction)
-        if highest_frequency is not None or depth_step is not None:
-            name, value = (
-                ("depth_step", depth_step) if highest_frequency is None else ("highest_frequency", highest_frequency)
-            )
-            raise InvalidInput(name, value, "None with the method iterative, whose options have a highest_frequency")
-        from steradian.imaging.iterative import reconstruct_iteratively
+    if chosen.method == "iterative":
+        from steradian.imaging.iterative import fit
 
-        found = reconstruct_iteratively(
-            data,
-            positions,
-            sampling_interval=sampling_interval,
-            sound_speed=sound_speed,
-            aperture=aperture,
-            modes=modes,
-            options=iterative,
-            upsampling=upsampling,
-            depth_range=depth_range,
-            tolerance=tolerance,
-            time_zero=time_zero,
-            lateral_padding=lateral_padding,
-            wrap=wrap,
-            scale=scale,
-            response=correction.response if correction else None,
-            dtype=dtype,
-            memory_limit=memory_limit,
-            threads=threads,
-            progress=progress,
-            cancelled=cancelled,
-        )
+        found = fit(data, positions, chosen, scale=scale, progress=progress, cancelled=cancelled)
         if on_fit is not None:
             on_fit(found)
         return found.volume
-    if iterative is not None:
-        raise InvalidInput(
-            "iterative", "given", f"None with the method {method}; these options are of 'iterative' alone"
-        )
-    plan = ReconstructionPlan(
-        positions,
-        samples=data.shape[1],
-        sampling_interval=sampling_interval,
-        sound_speed=sound_speed,
-        aperture=aperture,
-        modes=modes,
-        weights=weights,
-        upsampling=upsampling,
-        depth_range=depth_range,
-        method=method,
-        tolerance=tolerance,
-        window=window,
-        time_zero=time_zero,
-        time_padding=time_padding,
-        lateral_padding=1.0 if lateral_padding is None else lateral_padding,
-        wrap=wrap,
-        highest_frequency=upper_limit(
-            highest_frequency, data, SAMPLING_INTERVAL.check("sampling_interval", sampling_interval)
-        ),
-        depth_step=depth_step,
-        correction=correction,
-        dtype=dtype,
-        memory_limit=memory_limit,
-        threads=threads,
-    )
+    limit = upper_limit(chosen.highest_frequency, data, chosen.sampling_interval)
+    plan = ReconstructionPlan.of(positions, data.shape[1], replace(chosen, highest_frequency=limit))
     volume = plan.run(data, scale=scale, progress=progress, cancelled=cancelled)
     assert isinstance(volume, Volume)  # noqa: S101
     return volume
-
-
-def _refuse_unused(window: Shape | Window, time_padding: float, correction: Correction | None) -> None:
-    """Refuse what the method iterative would not use, if it is not the default."""
-    allowed = "{} with the method iterative, which has no use for another"
-    if window != "kaiser-bessel":
-        raise InvalidInput("window", window, allowed.format("kaiser-bessel"))
-    if time_padding != 1:
-        raise InvalidInput("time_padding", time_padding, allowed.format("1"))
-    if not isinstance(correction, Correction | None):
-        raise InvalidInput("correction", type(correction).__name__, "a Correction, or None")
-    usual = Correction.__dataclass_fields__["max_gain"].default
-    if correction is not None and correction.max_gain != usual:
-        raise InvalidInput("correction.max_gain", correction.max_gain, allowed.format(f"{usual:g}"))

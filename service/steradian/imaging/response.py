@@ -20,6 +20,9 @@ from steradian.errors import InvalidInput
 ComplexArray = NDArray[np.complex128]
 RealTable = NDArray[np.float64]
 
+MAX_GAIN = 10.0
+"""Amplification of a :class:`Correction`, if nothing else is asked for."""
+
 
 class FilmResponse(Protocol):
     """Anything that knows its response."""
@@ -194,7 +197,7 @@ class Correction:
     """
 
     response: FilmResponse
-    max_gain: float = 10.0
+    max_gain: float = MAX_GAIN
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.max_gain) and self.max_gain >= 1):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import sqrt
-from typing import Literal, TypeAlias
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,15 +13,12 @@ from numpy.typing import NDArray
 from steradian.errors import InvalidInput
 from steradian.imaging import checks
 from steradian.imaging.geometry import Geometry
+from steradian.imaging.parameters import Method, Parameters, Precision
 from steradian.imaging.response import FilmResponse, tabulated
 from steradian.imaging.transforms.decimation import Decimation, decimation
 from steradian.imaging.transforms.depth import Interpolation, KappaRule, exact, simple
 from steradian.imaging.transforms.lateral import Lateral, filled, grid_of, gridded, non_uniform
 from steradian.imaging.transforms.sizes import lateral_grid
-from steradian.imaging.transforms.windows import Shape, Window
-
-Method: TypeAlias = Literal["nedner", "ner", "linear", "nearest", "interpolated"]
-Precision: TypeAlias = Literal["float32", "float64"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,15 +71,7 @@ class Tables:
         return (pairs[0], pairs[1]) if len(pairs) == 2 else ((0, 1), pairs[0])
 
 
-def direct_tables(
-    geometry: Geometry,
-    *,
-    method: Method,
-    tolerance: float,
-    window: Shape | Window,
-    correction: FilmResponse | None,
-    dtype: Precision,
-) -> Tables:
+def direct_tables(geometry: Geometry, chosen: Parameters) -> Tables:
     """Tables of the inversion (paper, equation 7).
 
     Raises
@@ -90,6 +79,7 @@ def direct_tables(
     InvalidInput
         If the method is "ner" and the sensors are on no grid.
     """
+    method, tolerance, window = chosen.method, chosen.tolerance, chosen.window
     modes, places, share = _modes(geometry), _places(geometry), _share(geometry, tolerance)
     point = float(np.prod([X / n for X, n in zip(geometry.period, geometry.padded_modes, strict=True)]))
     grid = grid_of(places, modes, 0.1 * tolerance, _rounding(geometry))
@@ -114,23 +104,16 @@ def direct_tables(
             samples, record = fewer.samples, geometry.record / fewer.every
         time = exact(samples, record, window, share, 0.05 * tolerance)
     used: Method = "ner" if method == "nedner" and grid is not None else method
-    rule = _rule(geometry, time, geometry.band, "rising", correction, fewer)
-    return Tables(geometry, used, dtype, lateral, time, rule, fewer)
+    rule = _rule(geometry, time, geometry.band, "rising", chosen.correction, fewer)
+    return Tables(geometry, used, chosen.precision, lateral, time, rule, fewer)
 
 
-def model_tables(
-    geometry: Geometry,
-    *,
-    tolerance: float,
-    window: Shape | Window,
-    response: FilmResponse | None,
-    highest_frequency: float | None,
-    dtype: Precision,
-) -> Tables:
+def model_tables(geometry: Geometry, chosen: Parameters) -> Tables:
     """Tables of the wave equation's solution and its transpose (:mod:`steradian.imaging.operators`).
 
     Sensors' weights play no part, and the lateral spectrum is never one that repeats.
     """
+    tolerance, window = chosen.tolerance, chosen.window
     modes, places, share = _modes(geometry), _places(geometry), _share(geometry, tolerance)
     grid, ones = grid_of(places, modes, 0.1 * tolerance, _rounding(geometry)), np.ones(len(places))
     if grid is not None and all(n % g == 0 and s == 0 for n, (g, s) in zip(modes, grid, strict=True)):
@@ -140,11 +123,10 @@ def model_tables(
         lateral = non_uniform(places, ones, modes, found, sizes)
     time = exact(geometry.samples, geometry.record, window, share, 0.05 * tolerance)
     band = 0.5 * geometry.record
-    if highest_frequency is not None:
-        band = min(band, highest_frequency * geometry.sampling_interval * geometry.record)
-    return Tables(
-        geometry, "nedner", dtype, lateral, time, _rule(geometry, time, band, "both", response and _Turned(response))
-    )
+    if chosen.highest_frequency is not None:
+        band = min(band, float(chosen.highest_frequency) * geometry.sampling_interval * geometry.record)
+    rule = _rule(geometry, time, band, "both", chosen.correction and _Turned(chosen.correction.response))
+    return Tables(geometry, "nedner", chosen.precision, lateral, time, rule)
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,19 +21,14 @@ were found are fitted once more without thresholds, until only noise is left of 
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import Cancelled
-from steradian.imaging.iterative_options import Iterative
-from steradian.imaging.operators import ForwardOperator
+from steradian.imaging.iterations import Iterations
 from steradian.imaging.plan import ReconstructionPlan
 from steradian.imaging.volume import RealArray, Volume
-from steradian.progress import IsCancelled, Progress
-
-Stopped = Literal["discrepancy", "change", "misfit", "iterations"]
 
 _NORMAL = 1.4826  # standard deviation of normally distributed values over the median of their absolute values
 _SHORTEST, _LONGEST = 1 / 16, 2.0  # step; a shorter one would not change what is seen
@@ -41,41 +36,17 @@ _PAYS = 0.05  # share of the misfit beyond the noise that a step has to take awa
 _SMOOTH = np.array([1, 2, 3, 2, 1]) / 9  # over depths
 
 
-class Thresholding:
-    """One run.
+class Thresholding(Iterations):
+    """One run, with B of the model's sensors and voxels."""
 
-    Parameters
-    ----------
-    direct
-        B, of the model's sensors and voxels.
-    model
-        A.
-    measured
-        g, the A-lines.
-    options
-        Thresholds and stopping rule.
-    noise
-        Norm of the noise in ``measured``.
-    """
-
-    def __init__(
-        self,
-        direct: ReconstructionPlan,
-        model: ForwardOperator,
-        measured: RealArray,
-        options: Iterative,
-        noise: float,
-        progress: Progress | None,
-        cancelled: IsCancelled | None,
-    ) -> None:
-        self._direct, self._model, self._data, self._options = direct, model, measured, options
-        self._noise, self._enough = noise, 0.0 if options.discrepancy is None else options.discrepancy * noise
-        self._progress, self._cancelled = progress, cancelled
+    def __init__(self, direct: ReconstructionPlan, *others: Any) -> None:
+        super().__init__(*others)
+        self._direct = direct
+        discrepancy = self._options.discrepancy
+        self._enough = 0.0 if discrepancy is None else discrepancy * self._noise
         self._signs = np.random.default_rng(0)
-        self._norm = _norm(measured) or 1.0
-        self.residuals = [_norm(measured) / self._norm]
-        self.products = self.done = 0
-        self.stopped: Stopped = "iterations"
+        self._norm = _norm(self._data) or 1.0
+        self.residuals.append(_norm(self._data) / self._norm)
 
     def run(self) -> RealArray:
         """Return the image."""
@@ -168,22 +139,11 @@ class Thresholding:
         residual = self._forward(image)
         return np.subtract(self._data, residual, out=residual)
 
-    def _forward(self, image: RealArray) -> RealArray:
-        self.products += 1
-        return self._model.forward(image, cancelled=self._cancelled)
-
     def _back(self, traces: RealArray) -> RealArray:
         self.products += 1
         volume = self._direct.run(traces, cancelled=self._cancelled)
         assert isinstance(volume, Volume)  # noqa: S101 - of one set of traces
         return volume.values
-
-    def _look(self) -> None:
-        if self._progress is not None:
-            misfit = f", misfit {100 * self.residuals[-1]:.1f} %" if self.done else ""
-            self._progress(f"iterations{misfit}", self.done, self._options.iterations)
-        if self._cancelled is not None and self._cancelled():
-            raise Cancelled("cancelled during: iterations")
 
 
 def level(values: RealArray) -> NDArray[np.float64]:

@@ -6,7 +6,7 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.drafts import draft
-from steradian.imaging import Volume, outlines, reconstruct
+from steradian.imaging import Volume, outlines
 from steradian.imaging.band import share_above, upper_limit
+from steradian.imaging.reconstruct import image_by
 from steradian.imaging.weights import sensed_outline
 from steradian.plain import plain
 from steradian.progress import IsCancelled, Progress
@@ -23,7 +24,7 @@ from steradian.reconstructions.found import Band, Fit
 from steradian.reconstructions.kept_plans import KeptPlans
 from steradian.reconstructions.missing import Missing, missing_points
 from steradian.reconstructions.near_field import from_depth, near_field
-from steradian.reconstructions.options import conditioned, plan_options, sound_speed_of, used, weights_of
+from steradian.reconstructions.options import conditioned, plan_parameters, sound_speed_of, used, weights_of
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.projections import project, project_from
 from steradian.reconstructions.shots import Unevenness, even_out
@@ -223,28 +224,13 @@ def reconstruct_recording(
     """Reconstruct a recording in memory; see :func:`reconstruct_scan` and :func:`steradian.imaging.reconstruct`."""
     recording, _ = even_out(recording, parameters.shots)
     traces = conditioned(recording, parameters)
-    options = plan_options(recording, parameters)
-    highest = options["highest_frequency"] = upper_limit(
-        parameters.highest_frequency, traces, recording.sampling_interval
-    )
+    highest = upper_limit(parameters.highest_frequency, traces, recording.sampling_interval)
     if highest is not None and on_band is not None:
         on_band(Band(highest, share_above(highest, traces, recording.sampling_interval)))
-    correction = parameters.film.correction()
-    fitted = parameters.method == "iterative"
-    if fitted and options["lateral_padding"] == 1:
-        options["lateral_padding"] = None  # as much as it needs
-    if plans is None or correction is not None or fitted:
-        return reconstruct(
-            traces,
-            recording.positions,
-            **options,
-            correction=correction,
-            iterative=parameters.iterative if fitted else None,
-            on_fit=on_fit,
-            progress=progress,
-            cancelled=cancelled,
-        )
-    plan = plans.get(recording.positions, traces.shape[1], options)
+    chosen = replace(plan_parameters(recording, parameters), highest_frequency=highest)
+    if plans is None or chosen.correction is not None or chosen.method == "iterative":
+        return image_by(chosen, traces, recording.positions, on_fit=on_fit, progress=progress, cancelled=cancelled)
+    plan = plans.get(recording.positions, traces.shape[1], chosen)
     volume = plan.run(traces, progress=progress, cancelled=cancelled)
     assert isinstance(volume, Volume)  # noqa: S101 - one set of traces
     return volume

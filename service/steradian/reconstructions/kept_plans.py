@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steradian.imaging import ReconstructionPlan
+from steradian.imaging.parameters import Parameters
 from steradian.validation import content_hash
 
 MOST_PLANS = 4
@@ -29,7 +28,7 @@ class KeptPlans:
         self._most, self._most_bytes = most, most_bytes
         self._plans: OrderedDict[str, tuple[ReconstructionPlan, int]] = OrderedDict()
 
-    def get(self, positions: NDArray[np.float64], samples: int, options: Mapping[str, Any]) -> ReconstructionPlan:
+    def get(self, positions: NDArray[np.float64], samples: int, parameters: Parameters) -> ReconstructionPlan:
         """Return the plan for a geometry, a kept one or a new one.
 
         Parameters
@@ -38,22 +37,22 @@ class KeptPlans:
             (M, 2) sensors in metres, (M, 1) on a line.
         samples
             Samples N_t of an A-line.
-        options
-            Whatever else :class:`steradian.imaging.ReconstructionPlan` takes.
+        parameters
+            All else, without a correction.
 
         Raises
         ------
         InvalidInput
             When the plan cannot be made.
         """
-        arrays = {name: value for name, value in options.items() if isinstance(value, np.ndarray)}
-        others = {name: value for name, value in options.items() if name not in arrays}
+        arrays = {name: value for name, value in vars(parameters).items() if isinstance(value, np.ndarray)}
+        others = {name: value for name, value in vars(parameters).items() if name not in arrays}
         about = {"samples": samples, "arrays": sorted(arrays), **others}
         key = content_hash("k", about, positions, *(arrays[name] for name in sorted(arrays)))
         if key in self._plans:
             self._plans.move_to_end(key)
             return self._plans[key][0]
-        plan = ReconstructionPlan(positions, samples=samples, **options)
+        plan = ReconstructionPlan.of(positions, samples, parameters)
         self._plans[key] = (plan, size_of(plan))
         while len(self._plans) > 1 and (len(self._plans) > self._most or self.bytes > self._most_bytes):
             self._plans.popitem(last=False)

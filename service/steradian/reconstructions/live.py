@@ -26,7 +26,7 @@ from steradian.progress import IsCancelled, Progress
 from steradian.reconstructions.coverage import largest_gap
 from steradian.reconstructions.job import Report, reconstruct_scan, write_json
 from steradian.reconstructions.near_field import from_depth, near_field
-from steradian.reconstructions.options import plan_options
+from steradian.reconstructions.options import modes_of, plan_parameters
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.preview import Preview, preview_of
 from steradian.reconstructions.projections import Projections, project, project_from
@@ -158,15 +158,11 @@ class LiveView:
         self.parameters, self.output = parameters, output
         self._follower = ScanFollower(scan, frame)
         whole = self._follower.whole
-        options = plan_options(whole, parameters)
+        full, modes = plan_parameters(whole, parameters), modes_of(whole, parameters)
         samples = whole.traces.shape[1]
-        step = options["sampling_interval"] * options["sound_speed"]
-        fine = Preview(options["modes"], 1)
-        coarse = preview_of(options["modes"], samples, whole.aperture / options["modes"], step)
-        self.preview = coarse if detail == "preview" else fine
-        plan = ReconstructionPlan(
-            whole.positions, samples=self.preview.samples(samples), **self.preview.plan_options(options)
-        )
+        coarse = preview_of(modes, samples, whole.aperture / modes, full.sampling_interval * full.sound_speed)
+        self.preview = coarse if detail == "preview" else Preview(modes, 1)
+        plan = ReconstructionPlan.of(whole.positions, self.preview.samples(samples), self.preview.parameters(full))
         self._growing = GrowingReconstruction(plan)
         self.latest: NDArray[Any] | None = None
         self.number = 0

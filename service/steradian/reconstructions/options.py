@@ -1,4 +1,4 @@
-"""What a recording and the parameters chosen for it come to: A-lines as they are used, and the options of a plan."""
+"""What a recording and the parameters chosen for it come to: A-lines as they are used, and what a plan takes."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from steradian.errors import InvalidInput
 from steradian.imaging import outlines
 from steradian.imaging.cells import cell_areas
 from steradian.imaging.conditioning import Conditioning
+from steradian.imaging.parameters import Parameters
 from steradian.imaging.weights import sensed_outline
 from steradian.ranges import SOUND_SPEED
 from steradian.reconstructions.parameters import DEFAULT_SPACING, ReconstructionParameters
@@ -19,7 +20,7 @@ from steradian.scans.recording import Recording
 
 def used(recording: Recording, parameters: ReconstructionParameters) -> dict[str, Any]:
     """Return the parameters as they take effect: also those of which the recording decides."""
-    decided = {"sound_speed": sound_speed_of(recording, parameters), "modes": _modes(recording, parameters)}
+    decided = {"sound_speed": sound_speed_of(recording, parameters), "modes": modes_of(recording, parameters)}
     return parameters.model_dump(mode="json") | decided
 
 
@@ -34,31 +35,33 @@ def conditioned(recording: Recording, parameters: ReconstructionParameters) -> N
     )
 
 
-def plan_options(recording: Recording, parameters: ReconstructionParameters) -> dict[str, Any]:
-    """Return what :func:`steradian.imaging.reconstruct` and a plan take, but positions and traces.
+def plan_parameters(recording: Recording, parameters: ReconstructionParameters) -> Parameters:
+    """Return what a reconstruction takes, but positions and traces.
 
     Raises
     ------
     InvalidInput
         When a parameter does not fit the recording.
     """
-    return {
-        "sampling_interval": recording.sampling_interval,
-        "sound_speed": sound_speed_of(recording, parameters),
-        "aperture": recording.aperture,
-        "modes": _modes(recording, parameters),
-        "weights": weights_of(recording, parameters),
-        "upsampling": parameters.upsampling,
-        "depth_range": _depth_range(recording, parameters),
-        "method": parameters.method,
-        "tolerance": parameters.tolerance,
-        "window": parameters.window,
-        "time_zero": recording.time_zero + parameters.conditioning.delay,
-        "time_padding": parameters.time_padding,
-        "lateral_padding": parameters.lateral_padding,
-        "highest_frequency": parameters.highest_frequency,
-        "depth_step": parameters.depth_step,
-    }
+    return Parameters(
+        sampling_interval=recording.sampling_interval,
+        sound_speed=sound_speed_of(recording, parameters),
+        aperture=recording.aperture,
+        modes=modes_of(recording, parameters),
+        weights=weights_of(recording, parameters),
+        upsampling=parameters.upsampling,
+        depth_range=depth_range_of(recording, parameters),
+        method=parameters.method,
+        tolerance=parameters.tolerance,
+        window=parameters.window,
+        time_zero=recording.time_zero + parameters.conditioning.delay,
+        time_padding=parameters.time_padding,
+        lateral_padding=parameters.lateral_padding,
+        highest_frequency=parameters.highest_frequency,
+        depth_step=parameters.depth_step,
+        correction=parameters.film.correction(),
+        iterative=parameters.iterative if parameters.method == "iterative" else None,
+    )
 
 
 def sound_speed_of(recording: Recording, parameters: ReconstructionParameters) -> float:
@@ -69,11 +72,13 @@ def sound_speed_of(recording: Recording, parameters: ReconstructionParameters) -
     return speed
 
 
-def _modes(recording: Recording, parameters: ReconstructionParameters) -> int:
+def modes_of(recording: Recording, parameters: ReconstructionParameters) -> int:
+    """Return the lateral modes an axis that take effect."""
     return parameters.modes or recording.grid or max(2, round(recording.aperture / DEFAULT_SPACING))
 
 
-def _depth_range(recording: Recording, parameters: ReconstructionParameters) -> tuple[float, float] | None:
+def depth_range_of(recording: Recording, parameters: ReconstructionParameters) -> tuple[float, float] | None:
+    """Return first and last depth in metres that take effect; None: all of the record."""
     if parameters.depth_range is None:
         return None
     first, last = parameters.depth_range

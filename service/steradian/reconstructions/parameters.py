@@ -42,8 +42,12 @@ class ReconstructionParameters(Value):
         default="kaiser-bessel", description="Shape of the interpolation window"
     )
     time_padding: float = quantity("times", "Zeros after the record against wrap-around", ge=1, le=16, default=1.0)
-    lateral_padding: float = quantity(
-        "times", "Zeros around the aperture against sources outside it", ge=1, le=16, default=1.0
+    lateral_padding: float | None = quantity(
+        "times",
+        "Zeros around the aperture against sources outside it; none: 1, and as much as it needs for iterative",
+        ge=1,
+        le=16,
+        default=None,
     )
     highest_frequency: float | Literal["signal"] | None = Field(
         default=None,
@@ -76,6 +80,8 @@ class ReconstructionParameters(Value):
             raise InvalidInput("highest_frequency", highest, "none with the method iterative; iterative has one")
         if self.method == "iterative" and self.depth_step is not None:
             raise InvalidInput("depth_step", self.depth_step, "none with the method iterative")
+        if self.method != "iterative" and self.iterative != Iterative():
+            raise InvalidInput("iterative", "given", f"nothing with the method {self.method}: of iterative alone")
         if self.depth_range is not None:
             first, last = self.depth_range
             if (first or 0.0) < 0 or (last is not None and last <= (first or 0.0)):

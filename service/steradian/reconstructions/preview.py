@@ -7,12 +7,14 @@ carries them, which leaves a quarter of the voxels or less.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from steradian.imaging.parameters import Parameters
 
 DEPTH_TO_LATERAL = 0.8
 """Largest depth step in lateral spacings: κ then still reaches beyond the largest lateral mode."""
@@ -37,20 +39,26 @@ class Preview:
     modes: int
     decimation: int
 
-    def plan_options(self, options: dict[str, Any]) -> dict[str, Any]:
-        """Change the full image's options (:func:`steradian.reconstructions.job.plan_options`) to the preview's."""
-        interval = self.decimation * options["sampling_interval"]
-        depths = options["depth_range"]
+    def parameters(self, full: Parameters) -> Parameters:
+        """Change the full image's parameters to the preview's."""
+        interval = self.decimation * full.sampling_interval
+        depths, highest, depth_step = full.depth_range, full.highest_frequency, full.depth_step
         if depths is not None:  # the last slice may lie between two of the preview's
-            step = interval * options["sound_speed"]
+            step = interval * full.sound_speed
             depths = (step * (depths[0] // step), step * (depths[1] // step))
-        changed = {"modes": self.modes, "sampling_interval": interval, "depth_range": depths, "upsampling": 1}
-        highest = options["highest_frequency"]
         if self.decimation > 1:  # that leaves out enough
-            changed |= {"highest_frequency": None, "depth_step": None}
+            highest = depth_step = None
         elif isinstance(highest, str):  # of A-lines that are still to come
-            changed |= {"highest_frequency": None}
-        return options | changed
+            highest = None
+        return replace(
+            full,
+            modes=self.modes,
+            sampling_interval=interval,
+            depth_range=depths,
+            upsampling=1,
+            highest_frequency=highest,
+            depth_step=depth_step,
+        )
 
     def samples(self, samples: int) -> int:
         """Count the samples of a preview's A-line."""

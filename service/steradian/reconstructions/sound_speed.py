@@ -23,7 +23,7 @@ from steradian.progress import IsCancelled, Progress
 from steradian.quality import tenenbaum
 from steradian.ranges import SOUND_SPEED
 from steradian.reconstructions.job import write_json
-from steradian.reconstructions.options import conditioned, plan_options
+from steradian.reconstructions.options import conditioned, depth_range_of, modes_of, sound_speed_of, weights_of
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.shots import even_out
 from steradian.scans.opening import open_recording
@@ -100,19 +100,17 @@ def scan_sound_speed(
     chosen = parameters or ReconstructionParameters()
     recording, _ = even_out(open_recording(scan), chosen.shots)
     known = chosen if chosen.sound_speed or recording.sound_speed else chosen.replace(sound_speed=(first + last) / 2)
-    options = plan_options(recording, known)
+    depth, speed = depth_range_of(recording, known), sound_speed_of(recording, known)
     curve = find_sound_speed(
         conditioned(recording, chosen),
         recording.positions,
         np.linspace(*_checked(first, last, steps)),
-        sampling_interval=options["sampling_interval"],
-        aperture=options["aperture"],
-        modes=options["modes"],
-        weights=options["weights"],
-        depth_times=None
-        if (depth := options["depth_range"]) is None
-        else tuple(z / options["sound_speed"] for z in depth),
-        time_zero=options["time_zero"],
+        sampling_interval=recording.sampling_interval,
+        aperture=recording.aperture,
+        modes=modes_of(recording, known),
+        weights=weights_of(recording, known),
+        depth_times=depth and (depth[0] / speed, depth[1] / speed),
+        time_zero=recording.time_zero + known.conditioning.delay,
         progress=progress,
         cancelled=cancelled,
     )

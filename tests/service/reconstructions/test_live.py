@@ -16,14 +16,15 @@ from fabry_perot import simulator
 from fabry_perot.simulator import phantoms
 from steradian.benchmarks.live import live as benchmark
 from steradian.errors import Cancelled, InvalidInput, NotFound
-from steradian.imaging import Volume, reconstruct
+from steradian.imaging import Volume
+from steradian.imaging.reconstruct import image_by
 from steradian.masks import equi_steradian_mask, equiangular_mask
 from steradian.plans import ScanPlan
 from steradian.quality import correlation, of_interest
 from steradian.reconstructions import live
 from steradian.reconstructions.job import reconstruct_scan
 from steradian.reconstructions.live import LiveView, follow_scan
-from steradian.reconstructions.options import plan_options
+from steradian.reconstructions.options import plan_parameters
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.preview import Preview, preview_of
 from steradian.reconstructions.volume_file import read_volume
@@ -79,8 +80,8 @@ def _from_scratch(scan: GrowingScan, view: LiveView, parameters: ReconstructionP
     """All A-lines of the file, with the view's voxels."""
     recording = read_scan(scan.path)
     traces = recording.traces * np.asarray(recording.scale)[:, None]
-    options = view.preview.plan_options(plan_options(recording, parameters))
-    return reconstruct(view.preview.reduce(traces), recording.positions, **options)
+    chosen = view.preview.parameters(plan_parameters(recording, parameters))
+    return image_by(chosen, view.preview.reduce(traces), recording.positions)
 
 
 def test_revisions_appear_as_alines_come_and_the_last_is_the_reconstruction_from_the_file(
@@ -173,7 +174,7 @@ def test_the_median_that_all_alines_share_is_found_anew_at_each_revision(scan: G
     recording = read_scan(scan.path)
     traces = recording.traces * np.asarray(recording.scale)[:, None]
     traces -= np.median(traces, axis=0)
-    whole = reconstruct(traces, recording.positions, **plan_options(recording, parameters))
+    whole = image_by(plan_parameters(recording, parameters), traces, recording.positions)
     assert _distance(view.volume().values, whole.values) < 1e-4
 
 
@@ -335,7 +336,7 @@ def test_a_line_of_sensors_is_followed_too(tmp_path: Path) -> None:
             view.revise()
     recording = read_scan(tmp_path / "scan.h5")
     traces = recording.traces.astype(np.float32)
-    whole = reconstruct(traces, recording.positions, **plan_options(recording, PARAMETERS))
+    whole = image_by(plan_parameters(recording, PARAMETERS), traces, recording.positions)
     assert _distance(view.volume().values, whole.values) < 1e-4
     assert {path.name for path in (tmp_path / "live").iterdir()} == {"mip-y.png", "revision.json"}
 
@@ -376,5 +377,5 @@ def test_a_later_frame_of_a_scan_is_followed_by_its_number(tmp_path: Path) -> No
     assert view.revise() is not None
     recording = read_scan(path, 1)
     traces = recording.traces.astype(np.float32)
-    whole = reconstruct(traces, recording.positions, **plan_options(recording, PARAMETERS))
+    whole = image_by(plan_parameters(recording, PARAMETERS), traces, recording.positions)
     assert _distance(view.volume().values, whole.values) < 1e-4

@@ -16,11 +16,11 @@ from steradian.cli.reconstruct import _fit as told_of
 from steradian.errors import InvalidInput
 from steradian.imaging import Volume
 from steradian.imaging.conditioning import Display
-from steradian.imaging.thresholding import Stopped
+from steradian.imaging.iterations import Stopped
 from steradian.reconstructions.found import Fit
 from steradian.reconstructions.job import Report, reconstruct_recording, reconstruct_scan, write_reconstruction
 from steradian.reconstructions.kept_plans import KeptPlans
-from steradian.reconstructions.options import plan_options
+from steradian.reconstructions.options import plan_parameters
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.preview import Preview
 from steradian.reconstructions.volume_file import read_volume
@@ -119,17 +119,26 @@ def test_a_limit_that_is_none_is_refused_before_anything_is_read() -> None:
             ReconstructionParameters.create(method="iterative", **more)
 
 
+def test_options_of_the_method_iterative_are_refused_with_another(recording: Path) -> None:
+    """And 1 as lateral padding is 1, not as much as the method needs."""
+    with pytest.raises(InvalidInput, match="iterative is given; allowed: nothing with the method nedner"):
+        ReconstructionParameters.create(iterative={"iterations": 4})
+    for padding in (None, 1.0):
+        chosen = ReconstructionParameters.create(method="iterative", lateral_padding=padding)
+        assert plan_parameters(open_recording(recording), chosen).lateral_padding == padding
+
+
 def test_kept_plans_and_an_image_that_grows_leave_out_the_same(recording: Path) -> None:
     found = open_recording(recording)
     for highest in (10e6, "signal"):
         parameters = ReconstructionParameters.create(highest_frequency=highest)
         plain = reconstruct_recording(found, parameters).values
         np.testing.assert_array_equal(plain, reconstruct_recording(found, parameters, plans=KeptPlans()).values)
-    options = plan_options(found, parameters)
+    full = plan_parameters(found, parameters)
     for preview in (Preview(16, 1), Preview(16, 2)):  # what is still to come has no end of its signal
-        assert preview.plan_options(options)["highest_frequency"] is None
-    options = plan_options(found, parameters.replace(highest_frequency=10e6))
-    assert Preview(16, 1).plan_options(options)["highest_frequency"] == 10e6
+        assert preview.parameters(full).highest_frequency is None
+    full = plan_parameters(found, parameters.replace(highest_frequency=10e6))
+    assert Preview(16, 1).parameters(full).highest_frequency == 10e6
 
 
 def test_pictures_may_leave_out_what_is_below_zero(recording: Path) -> None:

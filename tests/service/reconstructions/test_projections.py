@@ -8,6 +8,7 @@ from steradian.drawing.sheet import SHORT_SIDE
 from steradian.drawing.ticks import ticks
 from steradian.imaging import Axes, ReconstructionPlan, Volume
 from steradian.imaging.conditioning import Display
+from steradian.imaging.parameters import Parameters
 from steradian.reconstructions.kept_plans import KeptPlans, size_of
 from steradian.reconstructions.pictures import draw_mip
 from steradian.reconstructions.projections import project
@@ -105,8 +106,8 @@ def positions():
 
 def test_the_same_geometry_finds_its_plan_again_and_gives_the_same_image(positions):
     plans, traces = KeptPlans(), np.random.default_rng(3).normal(size=(20, 32)).astype(np.float32)
-    plan = plans.get(positions, 32, OPTIONS)
-    assert plans.get(positions.copy(), 32, dict(OPTIONS)) is plan
+    plan = plans.get(positions, 32, Parameters(**OPTIONS))
+    assert plans.get(positions.copy(), 32, Parameters(**OPTIONS)) is plan
     first, again = plan.run(traces).values.copy(), plan.run(traces).values
     np.testing.assert_array_equal(first, again)
     np.testing.assert_array_equal(first, ReconstructionPlan(positions, samples=32, **OPTIONS).run(traces).values)
@@ -119,15 +120,15 @@ def test_the_same_geometry_finds_its_plan_again_and_gives_the_same_image(positio
 )
 def test_another_geometry_gets_another_plan(positions, change):
     plans = KeptPlans()
-    plan = plans.get(positions, 32, OPTIONS)
-    assert plans.get(positions, 32, OPTIONS | change) is not plan
-    assert plans.get(positions + 1e-9, 32, OPTIONS) is not plan
-    assert plans.get(positions, 33, OPTIONS) is not plan
+    plan = plans.get(positions, 32, Parameters(**OPTIONS))
+    assert plans.get(positions, 32, Parameters(**OPTIONS | change)) is not plan
+    assert plans.get(positions + 1e-9, 32, Parameters(**OPTIONS)) is not plan
+    assert plans.get(positions, 33, Parameters(**OPTIONS)) is not plan
 
 
 def test_only_the_plans_used_last_are_kept_and_little_memory(positions):
     plans = KeptPlans(most=2)
-    speeds = [OPTIONS | {"sound_speed": speed} for speed in (1400.0, 1500.0, 1600.0)]
+    speeds = [Parameters(**OPTIONS | {"sound_speed": speed}) for speed in (1400.0, 1500.0, 1600.0)]
     first, second, _ = (plans.get(positions, 32, options) for options in speeds)
     assert len(plans) == 2
     assert plans.get(positions, 32, speeds[1]) is second
