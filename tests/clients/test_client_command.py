@@ -54,6 +54,17 @@ def test_the_main_job_from_a_shell(run, tmp_path):
     assert job["id"] not in run("reconstruction", "list")
 
 
+def test_lists_are_filtered_by_options(run):
+    made = run("mask", "create", "grid", "aperture=0.01", "count=3", "interval=1e-3", "--json")
+    plan = run("plan", "create", made["id"], "samples=200", "--json")
+    assert [one["id"] for one in run("plan", "list", "--mask", made["id"], "--json")] == [plan["id"]]
+    scan = run("scan", "create", plan["id"], "phantom=leaf", "--json")
+    chosen = ("--label", "phantom=leaf", "--label", "phantom", "--mask", made["id"], "--json")
+    assert [one["id"] for one in run("scan", "list", *chosen)] == [scan["id"]]
+    assert run("scan", "list", "--state", "failed", "--state", "aborted", *chosen) == []
+    assert run("job", "list", "kind=export", "--scan", scan["id"], "--json") == []
+
+
 def test_the_emergency_stop_is_one_command(run):
     stop = run("scanner", "stop", "--reason", "smoke", "--json")
     assert stop["reason"] == "smoke"

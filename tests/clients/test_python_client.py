@@ -240,6 +240,21 @@ def test_lists_are_read_page_by_page(service, monkeypatch):
     assert sorted(found) == sorted(made)
 
 
+def test_filters_hold_on_every_page(service, monkeypatch):
+    """Several values of one filter are all sent, also where the next page is asked for; a misspelt one is refused."""
+    plan = service.plans.create(service.masks.grid(aperture=0.01, count=2, interval=1e-3).id, pulse_rate=100)
+    made = [service.scans.create(plan.id, labels={"page": "a=b", "number": str(one)}) for one in range(3)]
+    ended = [service.scans.wait(scan, timeout=120).state for scan in made]
+    monkeypatch.setattr("steradian_client.session.PAGE", 1)
+    found = service.scans.list(limit=10, state=["queued", *set(ended)], label=["page=a=b", "number"], plan_id=plan.id)
+    assert [scan.id for scan in found] == [scan.id for scan in reversed(made)]
+    assert service.scans.list(label="page=c") == []
+    with pytest.raises(InvalidInput, match="'running'"):
+        service.scans.list(state="runing")
+    with pytest.raises(InvalidInput, match="colour"):
+        service.jobs.list(colour="red")
+
+
 def test_the_service_says_how_it_is(service):
     assert service.health().status == "ok"
     assert service.about().mode == "simulated"

@@ -118,7 +118,8 @@ class Session:
             answer = await self.exchange(route, identifiers, params=params)
             found += [kind.model_validate(item) for item in answer.json()["items"]]
             following = answer.links.get("next", {}).get("url")
-            params = dict(httpx.URL(following).params) if following else None
+            named = httpx.URL(following).params if following else None
+            params = named and {name: named.get_list(name) for name in named}
         return found[:limit]
 
     @asynccontextmanager

@@ -126,7 +126,7 @@ class Transport(ABC):
         return {
             "method": request.method,
             "url": request.path,
-            "params": {name: _text(value) for name, value in request.params.items() if value is not None},
+            "params": {name: _texts(value) for name, value in request.params.items() if value is not None},
             "headers": {**request.headers, **size},
             "json": request.json,
             "timeout": httpx.Timeout(request.timeout or self.timeout, connect=min(self.timeout, 10.0)),
@@ -208,5 +208,7 @@ class AwaitedTransport(Transport):
             yield piece
 
 
-def _text(value: Any) -> str:
+def _texts(value: Any) -> str | list[str]:
+    if isinstance(value, list | tuple):
+        return [str(one) for one in value]
     return str(value).lower() if isinstance(value, bool) else str(value)

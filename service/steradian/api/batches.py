@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 
+from steradian.api.choices import BatchStates, OfScan
 from steradian.api.dependencies import Before, Limit, OptionalKey, ServicesNeeded, Who, link_next, replay
 from steradian.api.identifiers import BATCH_ID
 from steradian.api.job_checks import check_parts, check_reconstruction, frames_of, room_of
@@ -26,6 +27,8 @@ from steradian.jobs.ledger import to_status
 from steradian.jobs.model import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobStatus
 from steradian.jobs.requests import Identifier, ReconstructionRequest, Through
 from steradian.reconstructions.parameters import ReconstructionParameters
+from steradian.storage import filters
+from steradian.storage.filters import BatchState
 from steradian.storage.idempotency import Answer
 from steradian.storage.states import is_terminal
 from steradian.storage.tables import BatchRow, ReconstructionRow
@@ -115,7 +118,7 @@ class BatchView(BaseModel):
     scan_id: str
     vary: dict[str, Any]
     parameters: dict[str, Any]
-    state: Literal["queued", "running", "succeeded", "failed", "cancelled", "forgotten"] = Field(
+    state: BatchState = Field(
         description="succeeded when all jobs have; failed or cancelled when all are over and one is; of jobs that are"
         " not kept any more nothing is known, and a batch of nothing else is forgotten"
     )
@@ -174,10 +177,16 @@ async def create_batch(services: ServicesNeeded, who: Who, wanted: BatchRequest,
 
 @router.get("", summary="Batches, newest first")
 def list_batches(
-    services: ServicesNeeded, request: Request, response: Response, limit: Limit = 20, before: Before = None
+    services: ServicesNeeded,
+    request: Request,
+    response: Response,
+    state: BatchStates = None,
+    scan_id: OfScan = None,
+    limit: Limit = 20,
+    before: Before = None,
 ) -> Listing[BatchView]:
     """List batches."""
-    page = services.batches.page(limit, before)
+    page = services.batches.page(limit, before, filters.batches(state=state, scan_id=scan_id))
     link_next(response, request, limit, page.cursor)
     return Listing(items=[_view(services, row) for row in page.rows])
 
@@ -219,11 +228,13 @@ def _member(batch: BatchRow, row: ReconstructionRow, job: JobStatus) -> MemberVi
     return MemberView(id=row.id, varied=varied, state=job.state, progress=progress, figures=result)
 
 
-def _state(counts: Counter[str]) -> Any:
+def _state(counts: Counter[str]) -> BatchState:
     if counts["forgotten"] == counts.total():
-        return "forgotten"
+        return BatchState.FORGOTTEN
     if counts["queued"] == counts.total() - counts["forgotten"]:
-        return "queued"
+        return BatchState.QUEUED
     if counts["queued"] or counts["running"] or counts["cancelling"]:
-        return "running"
-    return "failed" if counts["failed"] else "cancelled" if counts["cancelled"] else "succeeded"
+        return BatchState.RUNNING
+    if counts["failed"]:
+        return BatchState.FAILED
+    return BatchState.CANCELLED if counts["cancelled"] else BatchState.SUCCEEDED

@@ -141,9 +141,7 @@ def _refusals(operation: dict[str, Any], *, guarded: bool) -> set[str]:
     parameters, body = operation.get("parameters", []), operation.get("requestBody", {}).get("content", {})
     sent, places = {parameter["name"] for parameter in parameters}, {parameter["in"] for parameter in parameters}
     if guarded:
-        found |= {"401", "403", "429"}
-    if parameters or body:
-        found.add("422")
+        found |= {"401", "403", "422", "429"}
     if places & {"path", "query"} or name in NAMING or name == "job_create":
         found.add("404")
     if body:

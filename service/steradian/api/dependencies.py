@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable
 from contextlib import aclosing, suppress
 from typing import Annotated, Any, Final, TypeAlias, TypeVar
+from urllib.parse import urlencode
 
 from fastapi import Depends, Header, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
@@ -120,11 +121,12 @@ Before: TypeAlias = Annotated[
 ]
 
 
-def link_next(response: Response, request: Request, limit: int, cursor: int | None, **filters: str | None) -> None:
-    """Point to the next page of a list, whose ``filters`` stay as they are."""
+def link_next(response: Response, request: Request, limit: int, cursor: int | None) -> None:
+    """Point to the next page of a list, whose filters stay as they are."""
     if cursor is not None:
-        chosen = "".join(f"&{name}={value}" for name, value in filters.items() if value is not None)
-        response.headers["Link"] = f'<{request.url.path}?limit={limit}&before={cursor}{chosen}>; rel="next"'
+        chosen = [pair for pair in request.query_params.multi_items() if pair[0] not in {"limit", "before"}]
+        query = urlencode([("limit", limit), ("before", cursor), *chosen])
+        response.headers["Link"] = f'<{request.url.path}?{query}>; rel="next"'
 
 
 def replay(answer: Answer) -> Response:

@@ -119,7 +119,7 @@ class Feed:
 
     def _find_progress(self) -> dict[str, Progress]:
         rows: list[tuple[str, Any, str | None]] = [("scan", row, row.id) for row in self._services.scans.under_way()]
-        rows += [(resource_of(row.kind), row, row.payload.get("scan_id")) for row in self._services.ledger.unfinished()]
+        rows += [(resource_of(row.kind), row, row.scan_id) for row in self._services.ledger.unfinished()]
         found = {}
         for kind, row, scan_id in rows:
             if row.stage is not None:

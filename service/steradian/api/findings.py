@@ -54,6 +54,8 @@ def _finding(error: Mapping[str, Any], body: object, annotation: object) -> Find
         return Finding(place="body", pointer=f"#/{pointer}", allowed=cause.allowed, detail=str(cause))
     allowed = _allowed(annotation, path, body) if place == "body" else ""
     allowed = allowed or _limit(error)
+    if place == "query":
+        path = path[:1]  # without the place in a list
     name = ".".join(path) or "the body"
     tag = str(error.get("ctx", {}).get("discriminator", "")).strip("'")
     if error["type"] == "union_tag_invalid":
@@ -65,6 +67,8 @@ def _finding(error: Mapping[str, Any], body: object, annotation: object) -> Find
         detail, allowed = f"{name}: {allowed}", ""
     elif error["type"] == "missing":
         detail = f"{name} is missing"
+    elif error["type"] == "unknown_query":
+        detail = f"{name} is no parameter of this address"
     elif error["type"] == "extra_forbidden":
         detail, allowed = f"{name} is no known field", "no such field"
     else:

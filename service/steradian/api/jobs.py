@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
-from fastapi import APIRouter, Body, Query, Request, Response
+from fastapi import APIRouter, Body, Request, Response
 from pydantic import Field
 from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 
+from steradian.api.choices import JobKind, JobStates, OfBatch, OfScan
 from steradian.api.conditions import ChangeConditionsNeeded, ConditionsNeeded, etag_of, etag_of_file
 from steradian.api.dependencies import Before, Limit, OptionalKey, ServicesNeeded, Wait, Who, link_next, replay
 from steradian.api.files import RANGED, RangedFile
@@ -24,6 +25,7 @@ from steradian.errors import NotFound
 from steradian.jobs.ledger import to_status
 from steradian.jobs.requests import EXAMPLES, WorkRequest, job_of
 from steradian.security.keys import Principal
+from steradian.storage import filters
 from steradian.storage.idempotency import Answer, Key
 from steradian.storage.repository import new_id
 from steradian.storage.states import ReconstructionState
@@ -83,24 +85,22 @@ async def queue_job(
     return replay(Answer(201 if view.is_over else 202, answer.location, view.model_dump_json()))
 
 
-Kind = Annotated[
-    Literal["reconstruction", "live", "what-if", "sound-speed", "quality", "export", "import"] | None,
-    Query(description="Only this kind"),
-]
-
-
 @router.get("", summary="Jobs of every kind, newest first")
 def list_jobs(
     services: ServicesNeeded,
     request: Request,
     response: Response,
-    kind: Kind = None,
+    kind: JobKind = None,
+    state: JobStates = None,
+    scan_id: OfScan = None,
+    batch_id: OfBatch = None,
     limit: Limit = 100,
     before: Before = None,
 ) -> Listing[JobView]:
     """List jobs, reconstructions among them."""
-    page = services.ledger.page_of(limit, before, kind)
-    link_next(response, request, limit, page.cursor, kind=kind)
+    where = filters.jobs(kind=kind, state=state, scan_id=scan_id, batch_id=batch_id)
+    page = services.ledger.page(limit, before, where)
+    link_next(response, request, limit, page.cursor)
     return Listing(items=[JobView.of(to_status(row)) for row in page.rows])
 
 

@@ -12,6 +12,7 @@ from fastapi import APIRouter, Body, Request, Response
 from starlette.concurrency import run_in_threadpool
 
 from steradian.api.arrays import CSV, JSON, NPY, negotiate
+from steradian.api.choices import OfArrangement
 from steradian.api.conditions import ConditionsNeeded, etag_of
 from steradian.api.dependencies import Before, Limit, ServicesNeeded, link_next
 from steradian.api.files import RANGED, RangedFile
@@ -20,6 +21,7 @@ from steradian.api.security import V1, GuardedRoute
 from steradian.api.views import Listing, MaskView, PointsView
 from steradian.errors import InvalidInput
 from steradian.masks import Arrangement, Mask
+from steradian.storage import filters
 from steradian.storage.masks import to_columns
 
 router = APIRouter(prefix=f"{V1}/masks", tags=["masks"], route_class=GuardedRoute)
@@ -61,10 +63,15 @@ async def create_mask(
 
 @router.get("", summary="Masks, newest first")
 def list_masks(
-    services: ServicesNeeded, request: Request, response: Response, limit: Limit = 100, before: Before = None
+    services: ServicesNeeded,
+    request: Request,
+    response: Response,
+    arrangement: OfArrangement = None,
+    limit: Limit = 100,
+    before: Before = None,
 ) -> Listing[MaskView]:
     """List masks."""
-    page = services.masks.page(limit, before)
+    page = services.masks.page(limit, before, filters.masks(arrangement=arrangement))
     link_next(response, request, limit, page.cursor)
     return Listing(items=[MaskView.of(row) for row in page.rows])
 

@@ -8,6 +8,7 @@ from fastapi import APIRouter, Request, Response
 from pydantic import ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
+from steradian.api.choices import OfMask
 from steradian.api.conditions import ConditionsNeeded, etag_of
 from steradian.api.dependencies import Before, Limit, ServicesNeeded, link_next
 from steradian.api.identifiers import PLAN_ID
@@ -17,6 +18,7 @@ from steradian.api.services import Services
 from steradian.api.views import Listing, PlanView
 from steradian.masks import Mask
 from steradian.plans import Link, Motion, ScannerLimits, ScanPlan, Tuning, VisitOrder
+from steradian.storage import filters
 from steradian.storage.plans import to_columns
 from steradian.validation import FloatArray, Value
 
@@ -86,10 +88,15 @@ async def preview_plan(services: ServicesNeeded, wanted: PlanRequest) -> Preview
 
 @router.get("", summary="Plans, newest first")
 def list_plans(
-    services: ServicesNeeded, request: Request, response: Response, limit: Limit = 100, before: Before = None
+    services: ServicesNeeded,
+    request: Request,
+    response: Response,
+    mask_id: OfMask = None,
+    limit: Limit = 100,
+    before: Before = None,
 ) -> Listing[PlanView]:
     """List plans."""
-    page = services.plans.page(limit, before)
+    page = services.plans.page(limit, before, filters.plans(mask_id=mask_id))
     link_next(response, request, limit, page.cursor)
     return Listing(items=[PlanView.of(row) for row in page.rows])
 

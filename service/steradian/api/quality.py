@@ -14,6 +14,7 @@ from steradian.api.jobs import queue_job
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.views import BASE, Listing
 from steradian.jobs.requests import Identifier, QualityRequest
+from steradian.storage import filters
 from steradian.storage.states import ReconstructionState
 from steradian.validation import Value
 
@@ -68,7 +69,7 @@ async def create_reconstruction_quality(
 def list_reconstruction_quality(services: ServicesNeeded, reconstruction_id: RECONSTRUCTION_ID) -> Listing[QualityView]:
     """List the comparisons of a reconstruction, newest first."""
     services.reconstructions.get(reconstruction_id)
-    page = services.ledger.page_of(MOST, None, "quality", reconstruction_id=reconstruction_id)
+    page = services.ledger.page(MOST, None, filters.jobs(kind="quality", reconstruction_id=reconstruction_id))
     return Listing(
         items=[
             QualityView(

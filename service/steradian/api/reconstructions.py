@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 
+from steradian.api.choices import JobStates, OfBatch, OfScan, ThroughMask, VolumeKind
 from steradian.api.conditions import ChangeConditionsNeeded, ConditionsNeeded, etag_of
 from steradian.api.dependencies import Before, Limit, OptionalKey, ServicesNeeded, Wait, Who, link_next, replay
 from steradian.api.identifiers import RECONSTRUCTION_ID
@@ -21,6 +22,7 @@ from steradian.jobs.ledger import to_status
 from steradian.jobs.model import LOWEST_PRIORITY, JobStatus
 from steradian.jobs.requests import ReconstructionRequest, job_of
 from steradian.security.keys import Principal
+from steradian.storage import filters
 from steradian.storage.idempotency import Answer
 from steradian.storage.tables import BatchRow, JobRow, ReconstructionRow, ScanRow
 from steradian.validation import Value
@@ -92,10 +94,20 @@ async def create_reconstruction(
 
 @router.get("", summary="Reconstructions, newest first")
 def list_reconstructions(
-    services: ServicesNeeded, request: Request, response: Response, limit: Limit = 100, before: Before = None
+    services: ServicesNeeded,
+    request: Request,
+    response: Response,
+    state: JobStates = None,
+    kind: VolumeKind = None,
+    scan_id: OfScan = None,
+    batch_id: OfBatch = None,
+    mask_id: ThroughMask = None,
+    limit: Limit = 100,
+    before: Before = None,
 ) -> Listing[ReconstructionView]:
     """List reconstructions."""
-    page = services.reconstructions.page(limit, before)
+    where = filters.reconstructions(state=state, kind=kind, scan_id=scan_id, batch_id=batch_id, mask_id=mask_id)
+    page = services.reconstructions.page(limit, before, where)
     link_next(response, request, limit, page.cursor)
     jobs = services.ledger.statuses([row.id for row in page.rows])
     return Listing(items=[ReconstructionView.of(row, jobs[row.id]) for row in page.rows if row.id in jobs])

@@ -9,6 +9,7 @@ from pydantic import ConfigDict, Field, StringConstraints
 from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 
+from steradian.api.choices import Labels, OfMask, OfPlan, ScanStates, pairs_of
 from steradian.api.conditions import ChangeConditionsNeeded, ConditionsNeeded, etag_of
 from steradian.api.dependencies import Before, Limit, RequiredKey, ServicesNeeded, Wait, Who, link_next, replay
 from steradian.api.identifiers import SCAN_ID
@@ -17,6 +18,7 @@ from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.api.views import Listing, ScanView
 from steradian.security.keys import Principal
+from steradian.storage import filters
 from steradian.storage.idempotency import Answer
 from steradian.storage.scanners import EmergencyStopped
 from steradian.storage.states import SETTLED_SCAN_STATES, DesiredScanState
@@ -94,10 +96,19 @@ async def create_scan(
 
 @router.get("", summary="Scans, newest first")
 def list_scans(
-    services: ServicesNeeded, request: Request, response: Response, limit: Limit = 100, before: Before = None
+    services: ServicesNeeded,
+    request: Request,
+    response: Response,
+    state: ScanStates = None,
+    label: Labels = None,
+    plan_id: OfPlan = None,
+    mask_id: OfMask = None,
+    limit: Limit = 100,
+    before: Before = None,
 ) -> Listing[ScanView]:
     """List scans."""
-    page = services.scans.page(limit, before)
+    where = filters.scans(state=state, label=pairs_of(label), plan_id=plan_id, mask_id=mask_id)
+    page = services.scans.page(limit, before, where)
     link_next(response, request, limit, page.cursor)
     return Listing(items=[ScanView.of(row) for row in page.rows])
 

@@ -22,6 +22,7 @@ from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from steradian.api.bodies import JsonRequest
+from steradian.api.choices import refuse_unknown
 from steradian.api.problems import database_problem, problem
 from steradian.security.keys import Forbidden, KeyStore, Principal, Unauthorized
 from steradian.security.keys import Scope as Need
@@ -243,6 +244,7 @@ class GuardedRoute(APIRoute):
                 raise Unauthorized("a key is needed")
             if need is not None and not principal.may(need):
                 raise Forbidden(f"this needs a key with the scope {need}")
+            refuse_unknown(request, self.dependant)
             checked = JsonRequest(request.scope, request.receive)
             try:
                 answer = await handle(checked)

@@ -22,7 +22,7 @@ from steradian.jobs.model import (
     Succeeded,
 )
 from steradian.storage.events import record
-from steradian.storage.repository import Page, Repository
+from steradian.storage.repository import Repository
 from steradian.storage.scans import Outdated
 from steradian.storage.states import DesiredJobState, ReconstructionState, ScanState, check_job_transition, is_terminal
 from steradian.storage.tables import JobRow, ScanRow
@@ -30,7 +30,7 @@ from steradian.storage.tables import JobRow, ScanRow
 _R = ReconstructionState
 _UNFINISHED = [state for state in _R if not is_terminal(state)]
 _WAITS_FOR_SCAN = JobRow.kind.in_(FOLLOWING) & exists().where(
-    ScanRow.id == JobRow.payload["scan_id"].as_string(), ScanRow.state == ScanState.QUEUED
+    ScanRow.id == JobRow.scan_id, ScanRow.state == ScanState.QUEUED
 )
 
 
@@ -49,6 +49,7 @@ class JobLedger(Repository[JobRow]):
             id=request.id,
             kind=request.kind,
             payload=dict(request.payload),
+            scan_id=request.payload.get("scan_id"),
             batch_id=request.batch_id,
             priority=request.priority,
             timeout=request.timeout,
@@ -83,26 +84,6 @@ class JobLedger(Repository[JobRow]):
         """Tell how several jobs stand."""
         with self.database.read() as session:
             return {row.id: to_status(row) for row in session.scalars(select(JobRow).where(JobRow.id.in_(job_ids)))}
-
-    def page_of(self, limit: int, before: int | None, kind: str | None, **members: str | None) -> Page[JobRow]:
-        """List jobs, newest first, like :meth:`page`; of one kind, or those whose request says something.
-
-        Parameters
-        ----------
-        **members
-            Members of the request that must be equal; ``None`` does not matter.
-        """
-        query = select(JobRow).order_by(JobRow.sequence.desc()).limit(limit + 1)
-        if before is not None:
-            query = query.where(JobRow.sequence < before)
-        if kind is not None:
-            query = query.where(JobRow.kind == kind)
-        for name, value in members.items():
-            if value is not None:
-                query = query.where(JobRow.payload[name].as_string() == value)
-        with self.database.read() as session:
-            rows = list(session.scalars(query))
-        return Page(rows[:limit], rows[limit - 1].sequence if len(rows) > limit else None)
 
     def waits_for_scan(self, session: Session, row: JobRow) -> bool:
         """Whether a job follows a scan that waits itself: it would hold a worker for nothing."""
@@ -311,7 +292,7 @@ class JobLedger(Repository[JobRow]):
         record(session, now, resource_of(row.kind), row.id, self._event(row, who, why))
 
     def _event(self, row: JobRow, who: str, why: str) -> dict[str, Any]:
-        about = {"scan_id": row.payload.get("scan_id"), "batch_id": row.batch_id}
+        about = {"scan_id": row.scan_id, "batch_id": row.batch_id}
         return {"state": row.state, "attempt": row.attempt, "who": who, "why": why, **about}
 
 

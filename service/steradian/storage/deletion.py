@@ -178,4 +178,4 @@ def _event_of(session: Session, one: Resource) -> dict[str, Any]:
     if one.kind == "batch":
         return {"scan_id": session.scalar(select(BatchRow.scan_id).where(BatchRow.id == one.id))}
     row = session.scalars(select(JobRow).where(JobRow.id == one.id)).one()
-    return {"scan_id": row.payload.get("scan_id"), "batch_id": row.batch_id}
+    return {"scan_id": row.scan_id, "batch_id": row.batch_id}

@@ -87,7 +87,7 @@ def _dependents(session: Session, of: Resource) -> list[Resource]:
             ]
         case "scan":
             batches = session.scalars(select(BatchRow.id).where(BatchRow.scan_id == of.id))
-            work = jobs(session, asked["scan_id"].as_string() == of.id)
+            work = jobs(session, JobRow.scan_id == of.id)
             return [*work, *(Resource("batch", batch) for batch in batches)]
         case "batch":
             return jobs(session, JobRow.batch_id == of.id)

@@ -13,6 +13,7 @@ from ulid import ULID
 
 from steradian.errors import NotFound
 from steradian.storage.database import Database
+from steradian.storage.filters import Conditions
 from steradian.storage.tables import BatchRow, JobRow, MaskRow, PlanRow, ReconstructionRow, ScannerRow, ScanRow
 
 Clock: TypeAlias = Callable[[], datetime]
@@ -57,9 +58,15 @@ class Repository(Generic[Row]):
         with self.database.read() as session:
             return self._find(session, identifier)
 
-    def page(self, limit: int, before: int | None = None) -> Page[Row]:
-        """List the newest ``limit`` rows, or those made before the row with the sequence number ``before``."""
-        query = select(self.table).order_by(self.table.sequence.desc()).limit(limit + 1)
+    def page(self, limit: int, before: int | None = None, where: Conditions | None = None) -> Page[Row]:
+        """List the newest ``limit`` rows, or those made before the row with the sequence number ``before``.
+
+        Parameters
+        ----------
+        where
+            Which rows only; see :mod:`steradian.storage.filters`.
+        """
+        query = select(self.table).where(*where or ()).order_by(self.table.sequence.desc()).limit(limit + 1)
         if before is not None:
             query = query.where(self.table.sequence < before)
         with self.database.read() as session:

@@ -104,7 +104,7 @@ class ScanRow(Table):
     id: Mapped[str] = mapped_column(String(40), unique=True)
     revision: Mapped[int] = mapped_column()
     plan_id: Mapped[str] = mapped_column(ForeignKey("plans.id"), index=True)
-    mask_id: Mapped[str] = mapped_column(String(40))
+    mask_id: Mapped[str] = mapped_column(String(40), index=True)
     simulated: Mapped[bool]
     labels: Mapped[dict[str, str]]
     fence: Mapped[int]
@@ -130,16 +130,17 @@ class JobRow(Table):
 
     The queue's engine decides who runs a job and when; this row is what everybody else reads. ``fence`` counts its
     starts, also those that were put back: what an earlier start than the newest has to say is refused. ``promised`` is
-    how many bytes it may write.
+    how many bytes it may write; ``scan_id`` repeats the payload's, for lists.
     """
 
     __tablename__ = "jobs"
     sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
     id: Mapped[str] = mapped_column(String(40), unique=True)
     revision: Mapped[int] = mapped_column()
-    kind: Mapped[str] = mapped_column(String(40))
+    kind: Mapped[str] = mapped_column(String(40), index=True)
     payload: Mapped[dict[str, Any]]
-    batch_id: Mapped[str | None] = mapped_column(String(40))
+    scan_id: Mapped[str | None] = mapped_column(String(40), index=True)
+    batch_id: Mapped[str | None] = mapped_column(String(40), index=True)
     priority: Mapped[int]
     timeout: Mapped[float | None]
     promised: Mapped[int] = mapped_column(BigInteger, default=0, server_default="0")

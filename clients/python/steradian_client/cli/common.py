@@ -9,7 +9,7 @@ import typer
 
 from steradian_client.cli.show import AsJson, Timeout, live, settings, show, show_all
 from steradian_client.client import Client
-from steradian_client.resources.base import Stored, Working
+from steradian_client.resources.base import Stored, Working, given
 from steradian_client.worlds import Blocking
 
 Id: TypeAlias = Annotated[str, typer.Argument(metavar="ID")]
@@ -31,14 +31,19 @@ def client_of(context: typer.Context) -> Client:
 def add_stored(app: typer.Typer, those: Callable[[Client], Stored[Blocking, Any]], columns: Sequence[str]) -> None:
     """Add ``list``, ``show`` and ``delete``."""
 
-    @app.command("list", help="Show the newest; NAME=VALUE filters, as the service has them.")
+    @app.command("list", help="Show the newest; NAME=VALUE are any other filters of the service.")
     def list_(
         context: typer.Context,
         filters: Annotated[list[str] | None, typer.Argument(metavar="[NAME=VALUE]...")] = None,
+        state: Annotated[list[str] | None, typer.Option(help="Only in one of these states.")] = None,
+        label: Annotated[list[str] | None, typer.Option(help="Only with this label: NAME or NAME=TEXT.")] = None,
+        scan: Annotated[str | None, typer.Option(help="Only of this scan.")] = None,
+        mask: Annotated[str | None, typer.Option(help="Only of this mask.")] = None,
         limit: Annotated[int, typer.Option(min=1, help="Most of them.")] = 20,
         as_json: AsJson = False,
     ) -> None:
-        show_all(those(client_of(context)).list(limit, **settings(filters)), columns, as_json)
+        chosen = given(state=state, label=label, scan_id=scan, mask_id=mask)
+        show_all(those(client_of(context)).list(limit, **settings(filters), **chosen), columns, as_json)
 
     @app.command("show", help="Show one.")
     def show_(context: typer.Context, identifier: Id, as_json: AsJson = False) -> None:

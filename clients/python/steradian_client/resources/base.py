@@ -35,7 +35,13 @@ class Stored(Resource[World], Generic[World, Kind]):
 
     @operation
     async def list(self, /, limit: int = 100, **filters: Any) -> builtins.list[Kind]:
-        """Read the newest, those only that the service's ``filters`` let through."""
+        """Read the newest, those only that the service's ``filters`` let through.
+
+        Parameters
+        ----------
+        filters
+            Such as ``state="running"``, ``state=["queued", "running"]``, ``label="phantom=yarn"``, ``scan_id=…``.
+        """
         return await self._session.list(self._kind, self._list, limit, filters)
 
     @operation
