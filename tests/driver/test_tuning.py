@@ -8,10 +8,12 @@ import pytest
 import fabry_perot
 from fabry_perot import TuningMap
 from fabry_perot.errors import NoAnswer, PlanInvalid, Refused
+from fabry_perot.hardware import Sampling
 from fabry_perot.simulator import launch, phantoms, shapes
 from fabry_perot.simulator.film import BANDWIDTH, LINEWIDTH, Film, Response, directivity, low_pass
 from fabry_perot.simulator.instrument import PhantomInstrument
 from fabry_perot.wire.codes import Operation
+from fabry_perot.wire.messages import POINT
 from fabry_perot.wire.states import DeviceState
 
 SWEEP = {"x": 0, "y": 0, "from_pm": 1_548_000, "to_pm": 1_552_000, "steps": 5}
@@ -214,3 +216,41 @@ def test_a_phantom_from_a_file_is_its_balls_or_its_volumes_strongest_voxels(tmp_
     np.savez(tmp_path / "d.npz", volume=0 * volume, spacing=[1e-4] * 3, origin=[0, 0, 1e-3])
     with pytest.raises(ValueError, match="all zero"):
         shapes.from_file(tmp_path / "d.npz")
+
+
+@pytest.mark.parametrize(("relief", "alike", "unlike"), [("scatter", 5e-6, 100e-6), ("domains", 2e-6, 8e-3)])
+def test_films_are_uneven_as_their_relief_says(relief, alike, unlike):
+    """Resonances at places so near each other are the same, at places so far apart they are not."""
+    film, random = Film(1, relief), np.random.default_rng(0)
+    places = (random.integers(-250, 250, (200, 2)) * 20_000 + 7_000).tolist()
+    near = [film.resonance(x, y) == film.resonance(x + round(alike * 1e9), y) for x, y in places]
+    far = [film.resonance(x, y) == film.resonance(x - round(unlike * 1e9) * (1 if x > 0 else -1), y) for x, y in places]
+    assert np.mean(near) > 0.95
+    assert np.mean(far) < 0.3
+    found = [film.resonance(x, y) for x, y in places]
+    assert 1_548_000 <= min(found) < 1_549_000
+    assert 1_551_000 < max(found) <= 1_552_000
+
+
+def test_a_wedge_rises_evenly():
+    film = Film(1, "wedge")
+    rise = np.diff([film.resonance(x, 0) for x in range(-5_000_000, 5_000_001, 1_000_000)])
+    np.testing.assert_allclose(rise, rise[0])
+    assert rise[0] > 0
+
+
+def test_the_laser_tunes_only_after_the_record_and_in_the_time_it_was_given():
+    instrument = PhantomInstrument(phantoms.yarn(0), seed=3, tuning=5_000)
+    places = np.zeros(4, POINT)
+    places["wavelength"], places["averages"] = [1_549_000, 1_551_000] * 2, 1
+    instrument.boot(0)
+    instrument.begin(Sampling(1024, 8_000, 1_000_000))
+    instrument.queue(0, places, 0)
+    instrument.open()
+    instrument.permit(1 << 40, 0)
+    taken, now = [], 0
+    while len(taken) < 4:
+        taken += instrument.poll(now)
+        now = instrument.next_due(now) or now
+    gaps = np.diff([each.fire_time for each in taken])
+    assert np.round(gaps / 1000).tolist() == [6, 6, 6], "5 ms and 8 µs of record miss the fifth pulse"

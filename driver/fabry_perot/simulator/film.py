@@ -48,6 +48,17 @@ class Response:
     directivity: bool = False
 
 
+RELIEFS = ("waves", "scatter", "wedge", "domains", "both")
+"""How the resonance varies over a film: smoothly up and down; from point to point; steadily from one side to the other;
+in patches with a resonance each; a wedge with such patches."""
+GRAIN = 20_000
+"""Size in nm of the patches of a film that scatters."""
+PATCHES = 40
+"""Patches of a film in domains."""
+HALF = 7e6
+"""Half of a film's side in nm; a wedge spreads over it."""
+
+
 class Film:
     """One film.
 
@@ -55,9 +66,15 @@ class Film:
     ----------
     seed
         Of its unevenness.
+    relief
+        One of :data:`RELIEFS`.
     """
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, relief: str = "waves") -> None:
+        self._seed, self._relief = seed, relief
+        patches = np.random.default_rng([seed, 17])
+        self._places = patches.uniform(-HALF, HALF, (PATCHES, 2))
+        self._shifts = patches.uniform(-1, 1, PATCHES)
         random = np.random.default_rng([seed, 7])
         self._waves = random.normal(size=(2, 6, 2)) * 500.0
         self._phases = random.uniform(0, 2 * np.pi, (2, 6))
@@ -70,7 +87,23 @@ class Film:
 
     def resonance(self, x: int, y: int) -> float:
         """Return λ₀ in pm at x, y in nm."""
-        return CENTRE + SPREAD * self._uneven(0, x, y) + self.drift
+        return CENTRE + SPREAD * self._relative(x, y) + self.drift
+
+    def _relative(self, x: int, y: int) -> float:
+        """Return the resonance's deviation in −1 … 1."""
+        match self._relief:
+            case "scatter":
+                cell = [x // GRAIN + (1 << 31), y // GRAIN + (1 << 31)]
+                return float(np.random.default_rng([self._seed, 13, *cell]).uniform(-1, 1))
+            case "wedge":
+                return float(np.clip((0.8 * x + 0.6 * y) / HALF, -1, 1))
+            case "domains":
+                return float(self._shifts[np.argmin(np.hypot(*(self._places - [x, y]).T))])
+            case "both":
+                patch = float(self._shifts[np.argmin(np.hypot(*(self._places - [x, y]).T))])
+                return float(np.clip((0.8 * x + 0.6 * y) / HALF, -1, 1)) / 2 + patch / 2
+            case _:
+                return self._uneven(0, x, y)
 
     def bias(self, x: int, y: int) -> int:
         """Return the wavelength of the steepest slope, in pm."""

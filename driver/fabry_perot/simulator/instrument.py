@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from fabry_perot.hardware import Apparatus, Interrogation
 from fabry_perot.hardware.apparatus import mean
 from fabry_perot.simulator.parts import (
+    TUNING_STEP,
     SimulatedDigitiser,
     SimulatedExcitation,
     SimulatedGalvo,
@@ -43,6 +44,8 @@ class PhantomInstrument(Apparatus):
         Device seconds per host second, as told to the host.
     line_rate
         Bytes per device second the line carries, as told to the host; 0 for unlimited.
+    tuning
+        Time in which the interrogation laser tunes, in µs.
     settings
         Further ones of :class:`~fabry_perot.simulator.recorder.Recorder`.
     """
@@ -54,10 +57,17 @@ class PhantomInstrument(Apparatus):
     shutter: SimulatedShutter
 
     def __init__(
-        self, balls: Balls, *, seed: int = 0, clock_rate: float = 1.0, line_rate: int = 0, **settings: Any
+        self,
+        balls: Balls,
+        *,
+        seed: int = 0,
+        clock_rate: float = 1.0,
+        line_rate: int = 0,
+        tuning: int = TUNING_STEP,
+        **settings: Any,
     ) -> None:
         self.recorder = Recorder(balls, seed=seed, **settings)
-        galvo, shutter, laser = SimulatedGalvo(), SimulatedShutter(), SimulatedLaser(self.recorder)
+        galvo, shutter, laser = SimulatedGalvo(), SimulatedShutter(), SimulatedLaser(self.recorder, tuning)
         excitation = SimulatedExcitation(self.recorder, shutter, galvo, seed)
         super().__init__(
             galvo=galvo,
@@ -84,7 +94,7 @@ class PhantomInstrument(Apparatus):
         self.epoch, self._before = now, self.excitation.shots()
         self._done.clear()
         self.excitation.boot()
-        self.galvo.rests_at = self.laser.rests_at = 0
+        self.galvo.rests_at = self.laser.rests_at = self.laser.free_at = 0
 
     def capabilities(self) -> dict[str, Any]:
         """Return the limits."""
@@ -127,4 +137,5 @@ class PhantomInstrument(Apparatus):
         count = self.excitation.shots()
         self.log.append((self.epoch + time, self._points[self.galvo.step]))
         self.digitiser.trigger(time, count - self._before, count)
-        self.galvo.trigger(time)
+        self.laser.free_at = time + self.recorder.length
+        self.galvo.trigger(self.laser.free_at)

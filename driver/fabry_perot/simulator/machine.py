@@ -37,6 +37,8 @@ class Machine:
             response=FILMS[options.film],
             energy_jitter=options.energy_jitter,
             time_zero=options.time_zero,
+            relief=options.relief,
+            tuning=round(1e6 * options.tuning_time),
             full_scale=options.full_scale,
             repeat=options.repeat,
         )

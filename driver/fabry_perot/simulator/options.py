@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fabry_perot.simulator.film import Response
+from fabry_perot.simulator.film import RELIEFS, Response
 from fabry_perot.simulator.shapes import NAMES
 
 FILMS = {
@@ -47,6 +47,10 @@ class Options:
         Points the device holds.
     film
         One of :data:`FILMS`. The default, ``"ideal"``, records the phantom's closed-form pressure plus noise.
+    relief
+        How the film's resonance varies over it, one of :data:`fabry_perot.simulator.film.RELIEFS`.
+    tuning_time
+        Time in which the interrogation laser tunes, in s.
     energy_jitter
         Standard deviation of the pulse energy, relative.
     full_scale
@@ -73,6 +77,8 @@ class Options:
     ring: int = 512
     plan_points: int = 8192
     film: str = "ideal"
+    relief: str = "waves"
+    tuning_time: float = 200e-6
     energy_jitter: float = 0.01
     full_scale: float = 2.0
     bit_errors: float = 0.0
@@ -111,6 +117,8 @@ def parse(arguments: Sequence[str] | None = None) -> tuple[Options, bool]:
     add("--ring", type=int, default=512, help="A-lines the device holds")
     add("--plan-points", type=int, default=8192, help="points the device holds")
     add("--film", choices=tuple(FILMS), default="ideal", help="which shortcomings the film has; ideal: none")
+    add("--relief", choices=RELIEFS, default="waves", help="how the film's resonance varies over it")
+    add("--tuning-time", type=_positive, default=200e-6, help="time in which the interrogation laser tunes, in s")
     add("--energy-jitter", type=float, default=0.01, help="of the pulse energy, relative")
     add("--full-scale", type=_positive, default=2.0, help="digitiser's range over the strongest signal")
     add("--bit-errors", type=_share, default=0.0, help="probability of each bit to be flipped, both ways")

@@ -15,7 +15,7 @@ from fabry_perot.simulator.motion import Mirrors, PulseTrain
 from fabry_perot.simulator.recorder import Recorder
 
 TUNING_STEP = 200
-"""Time of one step of the interrogation laser, in µs."""
+"""Time that the interrogation laser takes to another wavelength unless told otherwise, in µs."""
 HALF_APERTURE = 10_000_000
 """Reach of the galvo to either side, in nm."""
 
@@ -77,10 +77,14 @@ class SimulatedLaser:
     ----------
     recorder
         Has the film, and the power on it.
+    step
+        Time to another wavelength, in µs.
     """
 
-    def __init__(self, recorder: Recorder) -> None:
-        self._recorder = recorder
+    def __init__(self, recorder: Recorder, step: int = TUNING_STEP) -> None:
+        self._recorder, self._step = recorder, step
+        self.free_at = 0
+        """Until then a record is being taken, and it must not tune."""
         self.wavelength = recorder.bias(0, 0)
         self.rests_at = 0
         """When it is tuned."""
@@ -89,7 +93,7 @@ class SimulatedLaser:
         """Return its range."""
         return {
             "wavelength_pm": [1_545_000, 1_555_000],
-            "tuning_us": TUNING_STEP,
+            "tuning_us": self._step,
             "parameters": {"interrogation_uw": [100, 5000]},
         }
 
@@ -100,7 +104,7 @@ class SimulatedLaser:
     def tune(self, wavelength: int, now: int) -> None:
         """Begin to tune."""
         if wavelength != self.wavelength:
-            self.wavelength, self.rests_at = wavelength, now + TUNING_STEP
+            self.wavelength, self.rests_at = wavelength, max(now, self.free_at) + self._step
 
     def tuned(self, now: int) -> bool:
         """Return whether it is there."""

@@ -54,6 +54,8 @@ class Recorder:
         Different records made; afterwards they come again. 0: no limit.
     time_zero
         The digitiser begins so long after the pulse, in s; to 100 ps.
+    relief
+        How the film is uneven, one of :data:`fabry_perot.simulator.film.RELIEFS`.
     """
 
     def __init__(
@@ -68,6 +70,7 @@ class Recorder:
         full_scale: float = 2.0,
         repeat: int = 0,
         time_zero: float = 0.0,
+        relief: str = "waves",
     ) -> None:
         self._balls, self._sound_speed, self._seed = balls, sound_speed, seed
         self._peak = peak_pressure(balls, sound_speed)
@@ -75,12 +78,14 @@ class Recorder:
         """Pressure unit per count."""
         self.noise_rms = self._peak * 10 ** (-noise_db / 20)
         self._energy_jitter = energy_jitter
-        self.response, self.film = response or Response(), Film(seed)
+        self.response, self.film = response or Response(), Film(seed, relief)
         self.power, self.excitation = POWER, EXCITATION
         self._repeat, self._made = repeat, list[Record]()
         self._time_zero = round(time_zero * 1e10)
         self._interval = 0.0
         self._times: NDArray[np.float64] = np.zeros(0)
+        self.length = 0
+        """Of a record, in µs, rounded up."""
         self._lines: dict[tuple[int, int], NDArray[np.float32]] = {}
         self._places: list[tuple[int, int]] = []
 
@@ -88,6 +93,7 @@ class Recorder:
         """Set up length and interval of records."""
         self._interval = sampling.interval_ps * 1e-12
         ticks = np.arange(sampling.samples, dtype=np.float64) * sampling.interval_ps
+        self.length = -(-sampling.samples * sampling.interval_ps // 1_000_000)
         self._times = ticks * 1e-12 + self._time_zero * 1e-10
         self._made.clear()
         self._lines.clear()

@@ -16,15 +16,16 @@ from steradian.api.reports import PreviewView
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.api.views import Listing, PlanView
+from steradian.errors import InvalidInput
 from steradian.masks import Mask
-from steradian.plans import Link, Motion, ScannerLimits, ScanPlan, Tuning, VisitOrder
+from steradian.plans import Fringe, Link, Motion, ScannerLimits, ScanPlan, Tuning, TuningMap, VisitOrder
 from steradian.storage import filters
 from steradian.storage.plans import to_columns
 from steradian.validation import FloatArray, Value
 
 router = APIRouter(prefix=f"{V1}/plans", tags=["plans"], route_class=GuardedRoute)
 
-SEARCHED = frozenset({VisitOrder.SHORTEST, VisitOrder.WAVELENGTH, VisitOrder.PROGRESSIVE})
+SEARCHED = frozenset({VisitOrder.SHORTEST, VisitOrder.WAVELENGTH, VisitOrder.BANDS, VisitOrder.PROGRESSIVE})
 """Orders that take seconds and compiled code; the others are told in milliseconds."""
 
 
@@ -53,6 +54,12 @@ class PlanRequest(Value):
     sound_speed: float = _same_as("sound_speed")
     order: VisitOrder = VisitOrder.SNAKE
     wavelengths: FloatArray | None = _same_as("wavelengths")
+    tuning_map: TuningMap | None = Field(
+        default=None, description="Where which wavelength is best, to be interpolated; in place of wavelengths"
+    )
+    wavelength_uncertainty: float = _same_as("wavelength_uncertainty")
+    max_sensitivity_loss: float = _same_as("max_sensitivity_loss")
+    fringe: Fringe = Fringe()
     frames: int = _same_as("frames")
     excitation: tuple[float, ...] = _same_as("excitation")
     scanner: ScannerLimits = ScannerLimits()
@@ -61,7 +68,7 @@ class PlanRequest(Value):
     link: Link = Link()
 
 
-_OF_THE_PLAN = tuple(name for name in PlanRequest.model_fields if name != "mask_id")
+_OF_THE_PLAN = tuple(name for name in PlanRequest.model_fields if name not in ("mask_id", "tuning_map"))
 
 
 @router.post(
@@ -118,4 +125,9 @@ async def _worked_out(services: Services, wanted: PlanRequest) -> dict[str, Any]
 
 
 def _build(mask: Mask, wanted: PlanRequest) -> dict[str, Any]:
-    return to_columns(ScanPlan.create(mask=mask, **{name: getattr(wanted, name) for name in _OF_THE_PLAN}))
+    fields = {name: getattr(wanted, name) for name in _OF_THE_PLAN}
+    if wanted.tuning_map is not None:
+        if wanted.wavelengths is not None:
+            raise InvalidInput("wavelengths", f"{wanted.wavelengths.size} of them", "none beside tuning_map")
+        fields |= wanted.tuning_map.fields(mask)
+    return to_columns(ScanPlan.create(mask=mask, **fields))

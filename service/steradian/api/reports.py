@@ -67,6 +67,13 @@ class PreviewView(Figures):
     limiting: Literal["laser", "mover", "tuning", "link", "disk"] = Field(description="The part that decides the time")
     travel: float = Field(description="Way of the beam (m)")
     retunings: int = Field(description="How often the bias wavelength changes")
+    bands: int = Field(default=0, description="How many bias wavelengths are set; 0: the scanner's own")
+    sensitivity_loss: dict[str, float] = Field(
+        default_factory=dict,
+        description="Share of sensitivity lost to wavelengths beside the best: max, mean, and expected, the mean with"
+        " the uncertainty of the best ones",
+        examples=[{"max": 0.1, "mean": 0.03, "expected": 0.04}],
+    )
     bytes: int = Field(description="Size of the A-lines' samples")
     findings: list[RemarkView]
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian import phantoms
+from steradian.benchmarks.pages import put_between
 from steradian.imaging import Volume, reconstruct
 from steradian.imaging.outlines import Outline, holds
 from steradian.masks import (
@@ -128,6 +129,4 @@ def table(rows: list[Row]) -> str:
 
 def write_page(page: Path, rows: list[Row]) -> None:
     """Put the table between the page's marks."""
-    text = page.read_text(encoding="utf-8")
-    before, after = text.partition(BEGIN)[0], text.partition(END)[2]
-    page.write_text(f"{before}{BEGIN}\n{table(rows)}\n{END}{after}", encoding="utf-8")
+    put_between(page, BEGIN, END, table(rows))

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import json
 import os
-import platform
 from collections.abc import Iterable, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.table import Table
 
-from steradian import __version__
+from steradian.benchmarks.pages import document
 from steradian.cli.console import console, progress_bar, show_end
 
 app = typer.Typer(
@@ -48,7 +46,7 @@ def speed(
     shown = ("case", "shape", "run_s", "one_shot_s", "yardstick_s", "ratio", "limit", "one_shot_ratio", "part", "error")
     _publish("speed", rows, json_file, shown)
     if page is not None:
-        write_page(page, _document("speed", rows))
+        write_page(page, document("speed", rows))
     if not quick and (exceeded := over(rows)):
         console().print("\n".join(exceeded))
         raise typer.Exit(1)
@@ -87,6 +85,25 @@ def amplitudes(
     if page is not None:
         measured.write_page(page, rows)
     _publish("amplitudes", rows, json_file)
+
+
+@app.command()
+def tuning(
+    json_file: JsonFile = None,
+    page: Annotated[Path | None, typer.Option(help="Also write the tables into this page, docs/tuning.md.")] = None,
+) -> None:
+    """Compare orders of interrogation on uneven films at 1 kHz and 50 Hz, 5 ms a retuning, and time them.
+
+    'expected s' is the preview's, 'simulated s' by the simulated hardware's clock, 'faster' over a snake tuned anew at
+    every point.
+    """
+    from steradian.benchmarks import tuning as measured
+
+    with progress_bar() as progress:
+        rows = measured.tuning(progress=progress)
+    if page is not None:
+        measured.write_page(page, rows)
+    _publish("tuning", rows, json_file)
 
 
 @app.command()
@@ -243,39 +260,9 @@ def _write(name: str, rows: list[Row], path: Path | None) -> None:
     """Write rows with what they were measured on, if there is a file for it."""
     if path is None:
         return
-    document = _document(name, rows)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(document(name, rows), indent=2) + "\n", encoding="utf-8")
     show_end(("figures", path))
-
-
-def _document(name: str, rows: list[Row]) -> dict[str, Any]:
-    """Rows with what they were measured on."""
-    machine = {
-        "processor": _processor(),
-        "cpus": os.cpu_count(),
-        "compiled_for": os.environ.get("NUMBA_CPU_NAME", "itself"),
-        "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
-        "system": platform.platform(),
-        "python": platform.python_version(),
-    }
-    return {
-        "benchmark": name,
-        "measured": datetime.now(UTC).isoformat(timespec="seconds"),
-        "software": f"steradian {__version__}",
-        "machine": machine,
-        "rows": rows,
-    }
-
-
-def _processor() -> str:
-    """Name of the processor."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:  # not Linux
-        return platform.processor()
-    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(named, platform.processor())
 
 
 def _is_text(rows: Iterable[Row], column: str) -> bool:

@@ -4,14 +4,25 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from steradian.cli.console import console, duration, frequency, length, picture, quantity, show_end, show_figures, speed
 from steradian.errors import InvalidInput
 from steradian.masks import Mask
-from steradian.plans import Link, Motion, Preview, ScannerLimits, ScanPlan, VisitOrder, preview
+from steradian.plans import (
+    Fringe,
+    Link,
+    Motion,
+    Preview,
+    ScannerLimits,
+    ScanPlan,
+    Tuning,
+    TuningMap,
+    VisitOrder,
+    preview,
+)
 from steradian.plans.files import read_value, write_value
 
 
@@ -23,12 +34,31 @@ def plan(
     sampling_interval: Annotated[float, quantity(duration, "8ns", help="Time between samples.")] = 8e-9,
     sound_speed: Annotated[float, quantity(speed, "1500m/s", help="Assumed speed of sound.")] = 1500.0,
     order: Annotated[
-        VisitOrder,
+        VisitOrder | None,
         typer.Option(
             help="Order of the points. shortest: little travel; progressive: every stop leaves a usable sparse scan;"
-            " wavelength: seldom retuned, needs --wavelengths."
+            " bands: least time for moves and retunings together, needs --tuning or --wavelengths; wavelength: seldom"
+            " retuned. Without it bands where --tuning is given, else snake."
         ),
-    ] = VisitOrder.SNAKE,
+    ] = None,
+    tuning: Annotated[
+        Path | None,
+        typer.Option(
+            help="Tuning map of the film: .npz of 'fabry-perot tune', .csv with x_mm, y_mm, wavelength_nm, or .json."
+        ),
+    ] = None,
+    max_sensitivity_loss: Annotated[
+        float | None,
+        typer.Option(
+            help="Share of the film's sensitivity a point may lose to save a retuning. With --tuning 0.1, else none."
+        ),
+    ] = None,
+    linewidth: Annotated[
+        float, quantity(length, "500pm", help="Full width at half depth of the film's fringe (Lorentzian).")
+    ] = 500e-12,
+    retuning: Annotated[
+        float, quantity(duration, "10ms", help="Time until the interrogation laser rests at a new wavelength.")
+    ] = 10e-3,
     wavelengths: Annotated[
         Path | None, typer.Option(help="Bias wavelength of each point in nm: a .csv or .txt column or .npy.")
     ] = None,
@@ -53,15 +83,19 @@ def plan(
 
     Errors refuse the plan (exit code 2, nothing written); warnings do not.
     """
+    over = read_value(Mask, mask)
     made = ScanPlan.create(
-        mask=read_value(Mask, mask),
+        mask=over,
         pulse_rate=pulse_rate,
         averages=averages,
         samples=samples,
         sampling_interval=sampling_interval,
         sound_speed=sound_speed,
-        order=order,
-        wavelengths=None if wavelengths is None else _read_wavelengths(wavelengths),
+        order=order or (VisitOrder.SNAKE if tuning is None else VisitOrder.BANDS),
+        **_wavelengths(over, tuning, wavelengths),
+        max_sensitivity_loss=(0.0 if tuning is None else 0.1) if max_sensitivity_loss is None else max_sensitivity_loss,
+        fringe=Fringe.create(linewidth=linewidth),
+        tuning=Tuning.create(settling=retuning),
         frames=frames,
         excitation=tuple(excitation or ()),
         scanner=ScannerLimits.create(x=(-field / 2, field / 2), y=(-field / 2, field / 2)),
@@ -94,8 +128,13 @@ def _show(made: ScanPlan, cost: Preview) -> None:
     }
     if made.frame_count > 1:
         figures["frames"] = made.frame_count
-    if cost.retunings:
-        figures["retunings"] = cost.retunings
+    if cost.bands:
+        figures["wavelengths"] = f"{cost.bands:,} set, {cost.retunings:,} retunings"
+        loss = {name: f"{100 * share:.2g} %" for name, share in cost.sensitivity_loss.items()}
+        said = f"at most {loss['max']}, mean {loss['mean']}"
+        if made.wavelength_uncertainty:
+            said += f"; {loss['expected']} with ±{1e12 * made.wavelength_uncertainty:.2g} pm of the map"
+        figures["sensitivity lost"] = said
     if len(made.passes) > 1:
         figures["usable after"] = ", ".join(f"{end:,}" for end in made.passes) + " points"
     show_figures("Plan", figures)
@@ -103,6 +142,15 @@ def _show(made: ScanPlan, cost: Preview) -> None:
         colour = "red" if finding.severity == "error" else "yellow"
         allowed = f" (allowed: {finding.allowed})" if finding.allowed else ""
         console().print(f"[{colour}]{finding.severity}[/] {finding.field}: {finding.message}{allowed}")
+
+
+def _wavelengths(mask: Mask, tuning: Path | None, wavelengths: Path | None) -> dict[str, Any]:
+    """Return the plan's fields that say at which wavelength each point is read best."""
+    if tuning is not None and wavelengths is not None:
+        raise InvalidInput("wavelengths", str(wavelengths), "nothing beside --tuning")
+    if tuning is not None:
+        return TuningMap.read(tuning).fields(mask)
+    return {"wavelengths": None if wavelengths is None else _read_wavelengths(wavelengths)}
 
 
 def _read_wavelengths(path: Path) -> list[float]:

@@ -1,13 +1,16 @@
 """Plans: in what order and at what pace a mask is measured, and what that will cost."""
 
+from steradian.plans.fringe import Fringe
 from steradian.plans.order import VisitOrder, travel, visit_order
 from steradian.plans.plan import ScanPlan
 from steradian.plans.preview import Finding, Preview, preview
 from steradian.plans.progressive import Progressive, progressive
 from steradian.plans.scanner import Link, Motion, ScannerLimits, Tuning
+from steradian.plans.tuning_map import TuningMap
 
 __all__ = [
     "Finding",
+    "Fringe",
     "Link",
     "Motion",
     "Preview",
@@ -15,6 +18,7 @@ __all__ = [
     "ScanPlan",
     "ScannerLimits",
     "Tuning",
+    "TuningMap",
     "VisitOrder",
     "preview",
     "progressive",

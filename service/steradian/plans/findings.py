@@ -69,10 +69,10 @@ def _limits(plan: ScanPlan) -> Iterator[Finding]:
         value = getattr(plan, name)
         if not low * (1 - 1e-9) <= value <= high * (1 + 1e-9):
             yield Finding("error", name, f"the scanner cannot do {value:g}{unit}", f"{low:g} to {high:g}{unit}")
-    if plan.wavelengths is not None:
+    if plan.bias is not None:
         low, high = limits.wavelength
-        if plan.wavelengths.min() < low or plan.wavelengths.max() > high:
-            span = f"{1e9 * plan.wavelengths.min():.3f} to {1e9 * plan.wavelengths.max():.3f} nm"
+        if plan.bias.min() < low or plan.bias.max() > high:
+            span = f"{1e9 * plan.bias.min():.3f} to {1e9 * plan.bias.max():.3f} nm"
             yield Finding(
                 "error", "wavelengths", f"the laser does not reach {span}", f"{1e9 * low:g} to {1e9 * high:g} nm"
             )

@@ -26,6 +26,8 @@ class VisitOrder(StrEnum):
     """Nearest neighbour, then improved by 2-opt and Or-opt moves."""
     WAVELENGTH = "wavelength"
     """By bias wavelength, so that the interrogation laser is seldom retuned; a short way within each wavelength."""
+    BANDS = "bands"
+    """In bands of bias wavelength where that is quicker, within a plan's loss of sensitivity; least time in all."""
     PROGRESSIVE = "progressive"
     """In passes that double in size, each prefix a sparser mask of the same kind; a short way within each pass."""
 
@@ -78,20 +80,20 @@ def visit_order(
             if wavelengths is None:
                 raise InvalidInput("order", "wavelength", "an order without wavelengths; this plan has no wavelengths")
             return by_wavelength(positions, wavelengths, wavelength_step)
+        case VisitOrder.BANDS:
+            raise InvalidInput("order", "bands", "an order of points alone; bands are a plan's, see ScanPlan.tuned")
         case VisitOrder.PROGRESSIVE:
             return progressive(positions, mask).visit
 
 
 def by_wavelength(positions: NDArray[np.float64], wavelengths: NDArray[np.float64], step: float) -> NDArray[np.int64]:
     """Visit all points of one wavelength before the next, upwards; ``step`` is the width of a group in metres."""
-    from steradian.plans.tour import join, shortest
+    from steradian.plans.tour import group_by_group
 
     group = np.unique(wavelengths, return_inverse=True)[1].reshape(-1)
     if step > 0:
         group = np.floor((wavelengths - wavelengths.min()) / step).astype(np.int64)
-    ranked = np.argsort(group, kind="stable")
-    pieces = np.split(ranked, np.flatnonzero(np.diff(group[ranked])) + 1)
-    return join(positions, [piece[shortest(positions[piece])] for piece in pieces])
+    return group_by_group(positions, group)
 
 
 def travel(positions: NDArray[np.float64], visit: NDArray[np.int64]) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from steradian.drawing.page import colour_bar, dress, name_page, page, save
 from steradian.drawing.style import ACCENT, INK, PLAIN, TICK, TIME
-from steradian.plans.preview import Preview, moving_seconds, preview, tuning_seconds
+from steradian.plans.preview import Preview, preview
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -85,8 +85,10 @@ def _draw_seconds(axes: Axes, cost: Preview) -> None:
 
 
 def _draw_moves(axes: Axes, plan: ScanPlan) -> None:
-    taken = 1e3 * (moving_seconds(plan) + tuning_seconds(plan))
-    axes.hist(taken, bins=60, color=PLAIN)
+    taken = plan.pace.moving(plan.mask.film_positions[plan.visit])
+    if plan.bias is not None:
+        taken = np.maximum(taken, plan.pace.retuning(plan.bias[plan.visit]))
+    axes.hist(1e3 * taken, bins=60, color=PLAIN)
     axes.axvline(1e3 / plan.pulse_rate, color=INK, linestyle=":", linewidth=1)
     axes.set_yscale("log")
     dress(axes, title="Moving and tuning to a point; pulse period dotted", across="time (ms)", up="points")

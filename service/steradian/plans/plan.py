@@ -13,7 +13,10 @@ from pydantic import Field, model_validator
 from steradian.drawing.shown import ShownValue
 from steradian.errors import InvalidInput
 from steradian.masks import Mask, subset_mask
+from steradian.plans.bands import Tuned, banded, held
+from steradian.plans.fringe import Fringe
 from steradian.plans.order import VisitOrder, visit_order
+from steradian.plans.pace import Pace
 from steradian.plans.progressive import progressive
 from steradian.plans.scanner import Link, Motion, ScannerLimits, Tuning
 from steradian.ranges import SAMPLING_INTERVAL, SOUND_SPEED
@@ -37,8 +40,13 @@ class ScanPlan(ShownValue):
     sound_speed: float = quantity("m/s", "Assumed speed of sound", default=1500.0, **SOUND_SPEED.limits)
     order: VisitOrder = VisitOrder.SNAKE
     wavelengths: FloatArray | None = Field(
-        default=None, description="(M,) bias wavelength of each point of the mask (m); none: one for all"
+        default=None, description="(M,) best bias wavelength of each point of the mask (m); none: one for all"
     )
+    wavelength_uncertainty: float = quantity("m", "Standard deviation of these wavelengths", ge=0, le=1e-8, default=0.0)
+    max_sensitivity_loss: float = quantity(
+        "share", "Sensitivity a point may lose to save a retuning", ge=0, le=0.9, default=0.0
+    )
+    fringe: Fringe = Fringe()
     frames: int = quantity(
         "frames", "How often the mask is measured, at each excitation wavelength", ge=1, le=10_000, default=1
     )
@@ -67,7 +75,7 @@ class ScanPlan(ShownValue):
         for place, value in enumerate(self.excitation):
             if not EXCITATION[0] <= value <= EXCITATION[1] or value in self.excitation[:place]:
                 raise InvalidInput(f"excitation[{place}]", f"{value:g}", "200e-9 to 3e-6 (m), each once")
-        if self.order is VisitOrder.WAVELENGTH and self.wavelengths is None:
+        if self.order in (VisitOrder.WAVELENGTH, VisitOrder.BANDS) and self.wavelengths is None:
             raise InvalidInput("order", self.order, "another order, or give wavelengths (m) for the points")
         return self
 
@@ -79,6 +87,9 @@ class ScanPlan(ShownValue):
             del content["frames"]
         if not self.excitation:
             del content["excitation"]
+        for name in ("wavelength_uncertainty", "max_sensitivity_loss", "fringe"):  # plans were without them
+            if getattr(self, name) == type(self).model_fields[name].default:
+                del content[name]
         return content_hash("p", content)
 
     @property
@@ -102,13 +113,35 @@ class ScanPlan(ShownValue):
     @cached_property
     def visit(self) -> NDArray[np.int64]:
         """(M,) indices into the mask's positions, in the order of interrogation."""
-        return visit_order(
-            self.mask.film_positions,
-            self.order,
-            mask=self.mask,
-            wavelengths=self.wavelengths,
-            wavelength_step=self.tuning.tolerance,
-        )
+        return self.tuned.visit
+
+    @property
+    def bias(self) -> NDArray[np.float64] | None:
+        """(M,) bias wavelength in m that is set at each point of the mask; ``None``: the scanner's own.
+
+        It is the point's best one, or one near enough that was set before: as near as the tuning's tolerance says, or
+        as :attr:`max_sensitivity_loss` allows.
+        """
+        return None if self.wavelengths is None else self.tuned.bias
+
+    @cached_property
+    def tuned(self) -> Tuned:
+        """The order of interrogation together with the wavelengths that are set."""
+        points, optima = self.mask.film_positions, self.wavelengths
+        if self.order is VisitOrder.BANDS and optima is not None:
+            return banded(points, optima, self.fringe, self.max_sensitivity_loss, self.pace)
+        step = self.tuning.tolerance
+        visit = visit_order(points, self.order, mask=self.mask, wavelengths=optima, wavelength_step=step)
+        bias = np.zeros(len(visit))
+        if optima is not None:
+            reach = self.fringe.reach(self.max_sensitivity_loss) if self.max_sensitivity_loss else (step, step)
+            bias[visit] = held(optima[visit], reach)
+        return Tuned(visit, bias)
+
+    @property
+    def pace(self) -> Pace:
+        """How soon the next point can be measured."""
+        return Pace(self.motion, self.tuning, self.pulse_rate, self.samples * self.sampling_interval)
 
     @property
     def recording_depth(self) -> float:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from steradian.plans.findings import Finding, find
 from steradian.plans.order import travel
@@ -44,6 +43,11 @@ class Preview:
         Way of the beam in metres.
     retunings
         How often the bias wavelength changes.
+    bands
+        How many different bias wavelengths are set; 0: the scanner's own.
+    sensitivity_loss
+        Share of the film's sensitivity that points lose to wavelengths beside their best: ``max``, ``mean``, and
+        ``expected``, the mean where the best wavelengths are as uncertain as the plan says; empty without wavelengths.
     bytes
         Size of the A-lines' samples; the scan file is a few per cent larger.
     findings
@@ -58,6 +62,8 @@ class Preview:
     retunings: int
     bytes: int
     findings: tuple[Finding, ...]
+    bands: int = 0
+    sensitivity_loss: dict[str, float] = field(default_factory=dict)
 
     @property
     def is_refused(self) -> bool:
@@ -87,20 +93,20 @@ def preview(
 
     Notes
     -----
-    The laser runs freely: a point is fired on at the first pulse after the beam has settled and the wavelength is
-    stable, so a move a little longer than the pulse period costs a second period. Tuning the excitation laser between
-    frames, and the way back to the first point, are not counted.
+    What a point waits for is in :class:`~steradian.plans.pace.Pace`. Tuning the excitation laser between frames, and
+    the way back to the first point, are not counted.
     """
     alines, period, frames = plan.aline_count, 1 / plan.pulse_rate, plan.frame_count
-    moving, tuning = moving_seconds(plan), tuning_seconds(plan)
-    waits = np.maximum(np.ceil((moving + tuning) * plan.pulse_rate - 1e-9), 1)
-    loop = float(frames * waits.sum() + alines * (plan.averages - 1)) * period
+    points = plan.mask.film_positions[plan.visit]
+    bias = None if plan.bias is None else plan.bias[plan.visit]
+    retuning = np.zeros(len(points)) if bias is None else plan.pace.retuning(bias)
+    loop = frames * plan.pace.seconds(points, bias) + alines * (plan.averages - 1) * period
     size = alines * plan.samples * BYTES_PER_SAMPLE
     file_size = size + alines * BYTES_PER_ALINE
     seconds: dict[Part, float] = {
         "laser": alines * plan.averages * period,
-        "mover": frames * float(moving.sum()),
-        "tuning": frames * float(tuning.sum()),
+        "mover": frames * float(plan.pace.moving(points).sum()),
+        "tuning": frames * float(retuning.sum()),
         "link": plan.link.seconds_of(alines, plan.samples),
         "disk": file_size / disk_rate,
     }
@@ -111,25 +117,22 @@ def preview(
         total_seconds=max(loop, seconds["link"], seconds["disk"]),
         limiting=_limiting(seconds, loop),
         travel=way,
-        retunings=frames * int((tuning > 0).sum()),
+        retunings=frames * int((retuning > 0).sum()),
         bytes=size,
         findings=find(plan, alines_per_second=alines / loop, bytes_=file_size, free=free_bytes, resolution=resolution),
+        bands=0 if bias is None else len(np.unique(bias)),
+        sensitivity_loss=_loss(plan),
     )
 
 
-def moving_seconds(plan: ScanPlan) -> NDArray[np.float64]:
-    """Time (M,) to move to each point in the order of interrogation and settle there; the first is on the spot."""
-    points = plan.mask.film_positions[plan.visit]
-    way = np.linalg.norm(np.diff(points, axis=0, prepend=points[:1]), axis=1)
-    return np.where(way > 0, way / plan.motion.speed + plan.motion.settling, 0.0)
-
-
-def tuning_seconds(plan: ScanPlan) -> NDArray[np.float64]:
-    """Time (M,) to retune to each point's wavelength in the order of interrogation; the first is tuned already."""
-    if plan.wavelengths is None:
-        return np.zeros(plan.mask.count)
-    change = np.abs(np.diff(plan.wavelengths[plan.visit], prepend=plan.wavelengths[plan.visit[0]]))
-    return np.where(change > plan.tuning.tolerance, plan.tuning.settling + change / plan.tuning.speed, 0.0)
+def _loss(plan: ScanPlan) -> dict[str, float]:
+    """Return what the wavelengths that are set lose, by the film's fringe."""
+    if plan.bias is None or plan.wavelengths is None:
+        return {}
+    detuning = plan.bias - plan.wavelengths
+    lost = np.maximum(plan.fringe.loss(detuning), 0.0)
+    expected = plan.fringe.expected_loss(detuning, plan.wavelength_uncertainty)
+    return {"max": float(lost.max()), "mean": float(lost.mean()), "expected": float(expected.mean())}
 
 
 def _limiting(seconds: dict[Part, float], loop: float) -> Part:

@@ -7,6 +7,7 @@ of elementary steps, not by a clock: the same points always give the same order.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +28,8 @@ BOTH = 60_000
 """Up to so many points, two beginnings are improved and the better kept; beyond, only the shorter one is."""
 
 
-def shortest(positions: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Visit points (M, 2) on a short way, open at both ends.
+def shortest(positions: NDArray[np.float64], kicks: int = KICKS) -> NDArray[np.int64]:
+    """Visit points (M, 2) on a short way, open at both ends, disturbed and mended at most ``kicks`` times.
 
     Returns
     -------
@@ -41,7 +42,7 @@ def shortest(positions: NDArray[np.float64]) -> NDArray[np.int64]:
     starts = [_nearest_neighbour(positions, neighbours, curve), curve]
     if len(positions) > BOTH:
         starts = [min(starts, key=lambda tour: _open_length(positions, tour))]
-    kicks = min(KICKS, KICKS_PER_POINT * len(positions))
+    kicks = min(kicks, KICKS_PER_POINT * len(positions))
     tours = [_improve(positions, neighbours, start, BUDGET, LONGEST, kicks) for start in starts]
     best: NDArray[np.int64] = min(tours, key=lambda tour: _open_length(positions, tour))
     return best
@@ -53,6 +54,14 @@ def nearest_neighbour(positions: NDArray[np.float64]) -> NDArray[np.int64]:
         return hilbert(positions)
     tour: NDArray[np.int64] = _nearest_neighbour(positions, nearest(positions, NEIGHBOURS), hilbert(positions))
     return tour
+
+
+def group_by_group(positions: NDArray[np.float64], group: NDArray[Any]) -> NDArray[np.int64]:
+    """Visit points (M, 2) group (M,) by group, upwards, each on a short way; the groups share the kicks."""
+    ranked = np.argsort(group, kind="stable")
+    pieces = np.split(ranked, np.flatnonzero(np.diff(group[ranked])) + 1)
+    share = KICKS / len(positions)
+    return join(positions, [piece[shortest(positions[piece], round(share * len(piece)))] for piece in pieces])
 
 
 def join(positions: NDArray[np.float64], pieces: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:

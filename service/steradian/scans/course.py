@@ -45,7 +45,7 @@ class Course:
     excitation
         (F,) excitation wavelength of each frame in m; 0: as the laser stands.
     wavelengths
-        (M,) bias wavelengths in m, or ``None`` for the scanner's own map.
+        (M,) bias wavelengths that are set, in m, or ``None`` for the scanner's own map.
     samples, sampling_interval, pulse_rate, averages
         As in :class:`steradian.plans.ScanPlan`.
     """
@@ -66,7 +66,7 @@ class Course:
             positions=plan.mask.film_positions,
             visit=plan.visit,
             excitation=plan.frame_excitation,
-            wavelengths=plan.wavelengths,
+            wavelengths=plan.bias,
             samples=plan.samples,
             sampling_interval=plan.sampling_interval,
             pulse_rate=plan.pulse_rate,
@@ -79,12 +79,13 @@ class Course:
         plan, where = file["plan"], np.asarray(file["mask/positions"], dtype=np.float64)
         if where.shape[1] == 1:
             where = np.column_stack([where[:, 0], np.zeros(len(where))])
+        tuned = "bias" if "bias" in plan else "wavelengths"
         excitation = np.asarray(plan["frame_excitation"]) if "frame_excitation" in plan else np.zeros(1)
         return cls(
             positions=where,
             visit=np.asarray(plan["visit"], dtype=np.int64),
             excitation=tuple(excitation.tolist()),
-            wavelengths=np.asarray(plan["wavelengths"], dtype=np.float64) if "wavelengths" in plan else None,
+            wavelengths=np.asarray(plan[tuned], dtype=np.float64) if tuned in plan else None,
             samples=int(plan.attrs["samples"]),
             sampling_interval=float(plan.attrs["sampling_interval_s"]),
             pulse_rate=float(plan.attrs["pulse_rate_hz"]),

@@ -102,7 +102,7 @@ def scan_file_bytes(plan: ScanPlan, sample_kind: np.dtype[Any] = schema.SAMPLES)
     rows = _chunk_rows(plan.aline_count, plan.samples, sample_kind)
     padded = -(-plan.aline_count // rows) * rows
     columns = sum(kind.itemsize for kind in schema.COLUMNS.values()) + schema.UPLOAD.itemsize
-    geometry = plan.mask.count * (2 * 8 + 8 + 8 + 8) + 8 * plan.frame_count
+    geometry = plan.mask.count * (2 * 8 + 4 * 8) + 8 * plan.frame_count
     return padded * plan.samples * sample_kind.itemsize + plan.aline_count * columns + geometry + 65_536
 
 
@@ -138,6 +138,7 @@ GEOMETRY = (
     *(f"mask/{name}" for name in ("positions", "weights")),
     *(f"plan/{name}" for name in ("visit", "wavelengths", "frame_excitation")),
     "mask/outline",
+    "plan/bias",
 )
 """All that says what the A-lines mean, in the order of its checksum."""
 
@@ -199,8 +200,9 @@ def _write_plan(file: h5py.File, plan: ScanPlan, time_zero: float, visit: NDArra
         }
     )
     group.create_dataset("visit", data=Course.of_plan(plan).visit if visit is None else visit)
-    if plan.wavelengths is not None:
+    if plan.wavelengths is not None and plan.bias is not None:
         group.create_dataset("wavelengths", data=plan.wavelengths).attrs["units"] = "m"
+        group.create_dataset("bias", data=plan.bias).attrs["units"] = "m"
     group.create_dataset("frame_excitation", data=np.asarray(plan.frame_excitation)).attrs["units"] = "m"
 
 

@@ -200,7 +200,7 @@ def check_scanner(plan: ScanPlan, capabilities: fabry_perot.Capabilities) -> Non
         pulse_rate=plan.pulse_rate,
         averages=plan.averages,
     )
-    capabilities.wavelengths(0.0 if plan.wavelengths is None else plan.wavelengths, plan.mask.count)
+    capabilities.wavelengths(0.0 if plan.bias is None else plan.bias, plan.mask.count)
     for wavelength in plan.excitation:
         check_excitation(capabilities, wavelength)
 

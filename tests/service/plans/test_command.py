@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 from steradian import InvalidInput, ScanPlan, grid_mask
 from steradian.cli.plan import plan
 from steradian.errors import DamagedFile
-from steradian.masks import write_mask
+from steradian.masks import Mask, write_mask
 from steradian.plans.files import read_value
 
 app = typer.Typer()
@@ -41,6 +41,24 @@ def test_a_plan_the_link_cannot_carry_is_not_written(mask, tmp_path):
     with pytest.raises(InvalidInput, match="refused"):
         run(mask, "--pulse-rate", "2kHz", "--baud", "115200", "-o", tmp_path / "plan.json")
     assert not (tmp_path / "plan.json").exists()
+
+
+def test_a_tuning_map_makes_bands_and_the_loss_is_told(mask, tmp_path):
+    """A map of the mask's own points; what is set differs from the best, within the loss that was allowed."""
+    places = read_value(Mask, mask).positions
+    best = 1550 + np.random.default_rng(0).uniform(-2, 2, len(places))
+    table = np.column_stack([1e3 * places, best])
+    np.savetxt(tmp_path / "map.csv", table, delimiter=",", header="x_mm,y_mm,wavelength_nm", comments="", fmt="%.9f")
+    words = (mask, "--tuning", tmp_path / "map.csv", "--pulse-rate", "1kHz", "--baud", 0, "-o", tmp_path / "plan.json")
+    told = run(*words, "--max-sensitivity-loss", 0.2, "--retuning", "5ms").output
+    assert "sensitivity lost" in told
+    assert "at most 20 %" in told
+    made = read_value(ScanPlan, tmp_path / "plan.json")
+    assert (made.order, made.max_sensitivity_loss, made.tuning.settling) == ("bands", 0.2, 5e-3)
+    np.testing.assert_allclose(made.wavelengths, 1e-9 * best, rtol=1e-9)
+    assert len(np.unique(made.bias)) < 40
+    with pytest.raises(InvalidInput, match="wavelengths"):
+        run(*words, "--wavelengths", tmp_path / "map.csv")
 
 
 def test_wavelengths_are_read_in_nanometres(mask, tmp_path):

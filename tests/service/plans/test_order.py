@@ -12,7 +12,7 @@ from steradian.plans import VisitOrder, preview, travel, visit_order
 from steradian.plans.tour import nearest_neighbour
 
 MASK = equi_steradian_mask(13.56e-3, 3.6e-3, 1600)
-SELF_CONTAINED = [order for order in VisitOrder if order is not VisitOrder.WAVELENGTH]
+SELF_CONTAINED = [order for order in VisitOrder if order not in (VisitOrder.WAVELENGTH, VisitOrder.BANDS)]
 
 
 def way(positions, order):

@@ -61,6 +61,7 @@ def _external(name, kind, shape):
         ("run/upload", "i8", (5,)),
         ("run/reference", "f8", (4,)),
         ("plan/wavelengths", "f8", None),
+        ("plan/bias", "f8", None),
         ("plan/frame_excitation", "f8", (1,)),
         ("plan/visit", "i8", None),
         ("alines/shot", "u4", None),

@@ -31,7 +31,7 @@ GROUPS = {"mask", "plan", "alines", "run"}
 DATASETS = {
     "fired",
     *(f"mask/{name}" for name in ("positions", "weights", "outline")),
-    *(f"plan/{name}" for name in ("visit", "wavelengths", "frame_excitation")),
+    *(f"plan/{name}" for name in ("visit", "wavelengths", "bias", "frame_excitation")),
     *(f"alines/{name}" for name in ("samples", *schema.COLUMNS)),
     *(f"run/{name}" for name in ("queue", "upload", "reference")),
 }
@@ -128,6 +128,8 @@ def _read(file: h5py.File) -> _Scan:
     light = untrusted.array(file, "plan/frame_excitation") if "plan/frame_excitation" in file else None
     if light is not None and not np.array_equal(light, plan.frame_excitation):
         raise DamagedFile(f"{name}: plan/frame_excitation is not what the plan says")
+    if "plan/bias" in file and untrusted.array(file, "plan/bias").shape != (plan.mask.count,):
+        raise DamagedFile(f"{name}: plan/bias does not name a wavelength of each of {plan.mask.count} points")
     visit = _visit(file, plan)
     if untrusted.figure(file, "/", "geometry_crc32c") not in (None, geometry_checksum(file)):
         raise DamagedFile(f"{name}: positions, weights or order of the points do not match their checksum")

@@ -1,0 +1,47 @@
+"""What a benchmark leaves: its figures with what they were measured on, and its part of a page."""
+
+from __future__ import annotations
+
+import os
+import platform
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from steradian import __version__
+
+
+def document(name: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Rows with what they were measured on."""
+    machine = {
+        "processor": _processor(),
+        "cpus": os.cpu_count(),
+        "compiled_for": os.environ.get("NUMBA_CPU_NAME", "itself"),
+        "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
+        "system": platform.platform(),
+        "python": platform.python_version(),
+    }
+    return {
+        "benchmark": name,
+        "measured": datetime.now(UTC).isoformat(timespec="seconds"),
+        "software": f"steradian {__version__}",
+        "machine": machine,
+        "rows": rows,
+    }
+
+
+def _processor() -> str:
+    """Name of the processor."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:  # not Linux
+        return platform.processor()
+    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(named, platform.processor())
+
+
+def put_between(page: Path, begin: str, end: str, text: str) -> None:
+    """Put ``text`` between the marks ``begin`` and ``end`` of a page."""
+    said = page.read_text(encoding="utf-8")
+    before, after = said.partition(begin)[0], said.partition(end)[2]
+    page.write_text(f"{before}{begin}\n{text}\n{end}{after}", encoding="utf-8")

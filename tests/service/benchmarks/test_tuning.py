@@ -1,0 +1,51 @@
+"""The page on tuning says what was measured, and that is what the code does today."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from steradian.benchmarks.tuning import BEGIN, END, optima, tables, write_page
+from steradian.masks import equi_steradian_mask
+from steradian.plans import Link, ScanPlan, Tuning, preview
+
+DOCS = Path(__file__).parents[3] / "docs"
+ROWS = json.loads((DOCS / "tuning.json").read_text())["rows"]
+
+
+def chosen(**wanted):
+    """Return the one row with these values."""
+    found = [row for row in ROWS if all(row[name] == value for name, value in wanted.items())]
+    assert len(found) == 1
+    return found[0]
+
+
+def test_the_page_is_that_of_its_figures(tmp_path):
+    """Writing it again changes nothing."""
+    page = tmp_path / "tuning.md"
+    page.write_text((DOCS / "tuning.md").read_text())
+    write_page(page, ROWS)
+    assert page.read_text() == (DOCS / "tuning.md").read_text()
+    assert f"{BEGIN}\n{tables(ROWS)}\n{END}" in page.read_text()
+
+
+def test_the_figures_are_those_of_today():
+    """Time, retunings and loss of the film that scatters, worked out anew; and what they are to show."""
+    kept = chosen(film="scatter", pulse_rate_hz=1000.0, order="bands", allowed_loss=0.1, points=1605)
+    mask = equi_steradian_mask(13.56e-3, 3.6e-3, 1600)
+    cost = preview(
+        ScanPlan.create(
+            mask=mask,
+            wavelengths=optima(mask, "scatter"),
+            max_sensitivity_loss=0.1,
+            order="bands",
+            pulse_rate=1000.0,
+            link=Link(byte_rate=None),
+            tuning=Tuning(settling=5e-3, speed=1.0),
+        )
+    )
+    assert cost.total_seconds == pytest.approx(kept["expected_s"])
+    assert cost.retunings == kept["retunings"]
+    assert cost.sensitivity_loss["mean"] == pytest.approx(kept["mean_loss"])
+    assert kept["faster"] >= 5
+    assert all(row["order_s"] < 10 for row in ROWS if row["points"] > 40_000)
