@@ -16,18 +16,15 @@ from steradian.masks import (
     PointOfInterest,
     ScannerGrid,
     Weighting,
-    aimed,
     combined_mask,
     convenient_counts,
     equi_steradian_mask,
     equiangular_mask,
     grid_mask,
-    hexagonal_interval,
     hexagonal_mask,
     nearest_points,
     nearest_square,
     poisson_disc_mask,
-    poisson_spacing,
     random_mask,
     read_mask,
     reweighted,
@@ -130,10 +127,18 @@ def grid(
         raise InvalidInput("count", "both or neither of --count and --per-axis", "one of them")
     side = nearest_square(count) if count else per_axis or 0
     # what fills the aperture is symmetric to it; intervals of a scanner lie on its own places
-    mask = grid_mask(aperture, side, interval or aperture / side, centred=centred or not interval, weighting=weights)
+    mask = grid_mask(
+        aperture,
+        side,
+        interval or aperture / side,
+        depth=depth,
+        offset=(offset_x, offset_y),
+        centred=centred or not interval,
+        weighting=weights,
+    )
     square = f"{side} × {side}"
     told = _asked(mask.count, count, f"squares near it: {(side - 1) ** 2}, {side**2} and {(side + 1) ** 2}")
-    _keep(_aimed(mask, depth, offset_x, offset_y), output, plot, told if count else f"{mask.count} ({square})")
+    _keep(mask, output, plot, told if count else f"{mask.count} ({square})")
 
 
 @app.command("hexagonal")
@@ -151,11 +156,9 @@ def hexagonal(
     plot: Plot = None,
 ) -> None:
     """Points on a hexagonal lattice over the whole aperture: the fewest for an even spacing."""
-    if (count is None) == (interval is None):
-        raise InvalidInput("count", "both or neither of --count and --interval", "one of them")
-    mask = hexagonal_mask(aperture, hexagonal_interval(aperture, count) if count else interval or 0, weighting=weights)
-    told = _asked(mask.count, count, "rows fit in steps")
-    _keep(_aimed(mask, depth, offset_x, offset_y), output, plot, told)
+    offset = (offset_x, offset_y)
+    mask = hexagonal_mask(aperture, interval, count=count, depth=depth, offset=offset, weighting=weights)
+    _keep(mask, output, plot, _asked(mask.count, count, "rows fit in steps"))
 
 
 @app.command("random")
@@ -171,8 +174,8 @@ def random(
     plot: Plot = None,
 ) -> None:
     """Independent random points over the whole aperture."""
-    mask = random_mask(aperture, count, seed=seed, weighting=weights)
-    _keep(_aimed(mask, depth, offset_x, offset_y), output, plot)
+    offset = (offset_x, offset_y)
+    _keep(random_mask(aperture, count, depth=depth, offset=offset, seed=seed, weighting=weights), output, plot)
 
 
 @app.command("poisson-disc")
@@ -192,12 +195,9 @@ def poisson_disc(
     plot: Plot = None,
 ) -> None:
     """Random points that keep a distance from each other, as many as fit."""
-    if (count is None) == (spacing is None):
-        raise InvalidInput("count", "both or neither of --count and --spacing", "one of them")
-    least = poisson_spacing(aperture, count, seed) if count else spacing or 0.0
-    mask = poisson_disc_mask(aperture, least, seed=seed, weighting=weights)
-    told = _asked(mask.count, count, "their number jumps with the spacing")
-    _keep(_aimed(mask, depth, offset_x, offset_y), output, plot, told)
+    offset = (offset_x, offset_y)
+    mask = poisson_disc_mask(aperture, spacing, count=count, depth=depth, offset=offset, seed=seed, weighting=weights)
+    _keep(mask, output, plot, _asked(mask.count, count, "their number jumps with the spacing"))
 
 
 @app.command("combined")
@@ -282,10 +282,6 @@ def _point_of_interest(text: str) -> PointOfInterest:
         raise InvalidInput("point", text, "x,y,depth,count such as 2mm,-1mm,3.6mm,800")
     x, y, depth = (length(part) for part in parts[:3])
     return PointOfInterest.create(offset=(x, y), depth=depth, count=int(parts[3]))
-
-
-def _aimed(mask: Mask, depth: float | None, offset_x: float, offset_y: float) -> Mask:
-    return mask if depth is None else aimed(mask, depth, (offset_x, offset_y))
 
 
 def _asked(found: int, wanted: int | None, why: str) -> str:

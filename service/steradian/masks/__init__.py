@@ -7,15 +7,15 @@ from typing import Annotated, TypeAlias
 from pydantic import Field
 
 from steradian.masks.combined import Combined, PointOfInterest, combined_mask
-from steradian.masks.counted import Counted, aimed, counted_mask, hexagonal_interval, nearest_square, poisson_spacing
+from steradian.masks.counted import Counted, aimed, counted_mask, nearest_square
 from steradian.masks.equi_steradian import EquiSteradian, convenient_counts, equi_steradian_mask
 from steradian.masks.equiangular import Equiangular, equiangular_mask
 from steradian.masks.files import read_mask
 from steradian.masks.grid import Grid, grid_mask
-from steradian.masks.hexagonal import Hexagonal, hexagonal_mask
+from steradian.masks.hexagonal import Hexagonal, hexagonal_interval, hexagonal_mask
 from steradian.masks.mask import Mask
 from steradian.masks.points import Points, custom_mask
-from steradian.masks.scattered import PoissonDisc, Random, poisson_disc_mask, random_mask
+from steradian.masks.scattered import PoissonDisc, Random, poisson_disc_mask, poisson_spacing, random_mask
 from steradian.masks.snapping import ScannerGrid
 from steradian.masks.subset import Subset, nearest_points, subset_mask
 from steradian.masks.weights import Weighting, reweighted, voronoi_areas

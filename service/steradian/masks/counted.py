@@ -5,21 +5,19 @@ Not every arrangement can have every number of points; each function here finds 
 
 from __future__ import annotations
 
-from itertools import pairwise
 from math import floor, sqrt
 from typing import Literal, TypeAlias, get_args
 
 from steradian.errors import InvalidInput
-from steradian.masks.equi_steradian import check_offset, equi_steradian_mask
+from steradian.masks.aim import MOST_POINTS, check_offset
+from steradian.masks.equi_steradian import equi_steradian_mask
 from steradian.masks.grid import grid_mask
 from steradian.masks.hexagonal import hexagonal_mask
 from steradian.masks.mask import Mask
-from steradian.masks.scattered import MOST_POINTS, poisson_disc_mask, random_mask
+from steradian.masks.scattered import poisson_disc_mask, random_mask
 
 Counted: TypeAlias = Literal["equi-steradian", "grid", "hexagonal", "poisson-disc", "random"]
 """Arrangements of a plane that a number of points and perhaps a depth describe."""
-TRIES = 24
-"""Spacings tried for a number of Poisson-disc points, after halving."""
 
 
 def counted_mask(
@@ -66,16 +64,15 @@ def counted_mask(
             return equi_steradian_mask(aperture, depth, count, offset=offset)
         case "grid":
             side = nearest_square(count)
-            mask = grid_mask(aperture, side, aperture / side, centred=True)
+            return grid_mask(aperture, side, aperture / side, centred=True, depth=depth, offset=offset)
         case "hexagonal":
-            mask = hexagonal_mask(aperture, hexagonal_interval(aperture, count))
+            return hexagonal_mask(aperture, count=count, depth=depth, offset=offset)
         case "poisson-disc":
-            mask = poisson_disc_mask(aperture, poisson_spacing(aperture, count, seed), seed=seed)
+            return poisson_disc_mask(aperture, count=count, depth=depth, offset=offset, seed=seed)
         case "random":
-            mask = random_mask(aperture, count, seed=seed)
+            return random_mask(aperture, count, depth=depth, offset=offset, seed=seed)
         case _:
             raise InvalidInput("arrangement", arrangement, ", ".join(get_args(Counted)))
-    return mask if depth is None else aimed(mask, depth, offset)
 
 
 def aimed(mask: Mask, depth: float, offset: tuple[float, float] = (0.0, 0.0)) -> Mask:
@@ -94,57 +91,3 @@ def nearest_square(count: int) -> int:
     """Side n of the grid of n × n points nearest to ``count``."""
     side = max(1, floor(sqrt(count)))
     return side + 1 if (side + 1) ** 2 - count <= count - side**2 else side
-
-
-def hexagonal_interval(aperture: float, count: int) -> float:
-    """Interval in metres of the hexagonal lattice whose number of points is nearest to ``count``.
-
-    The number changes only where a row or a column more fits, so one interval between any two such places is tried;
-    of two equally near numbers the larger is taken, and of the intervals that give it the widest.
-    """
-    guess = aperture * sqrt(2 / sqrt(3) / count)
-    columns = range(1, 2 + floor(aperture / (0.4 * guess)))
-    changes = {aperture / n for n in columns} | {aperture / (n * sqrt(3)) for n in columns}
-    places = sorted({value for value in changes if 0.5 * guess <= value} | {0.5 * guess, 3 * max(guess, aperture)})
-    middles = [(low + high) / 2 for low, high in pairwise(places) if high > low * (1 + 1e-9)]
-    return min(middles, key=lambda interval: (*_nearness(_lattice_count(aperture, interval), count), -interval))
-
-
-def poisson_spacing(aperture: float, count: int, seed: int = 0) -> float:
-    """Spacing in metres of Poisson-disc points of a seed whose number is as near to ``count`` as a search finds.
-
-    Their number jumps by chance with the spacing; it is exact for most counts and off by a few at times.
-    """
-    low, high = 0.6, 1.1
-    tried: dict[float, int] = {}
-
-    def number(share: float) -> int:
-        if share not in tried:
-            spacing = aperture * share / sqrt(count)
-            tried[share] = poisson_disc_mask(aperture, spacing, seed=seed, weighting="uniform").count
-        return tried[share]
-
-    for _ in range(8):
-        middle = (low + high) / 2
-        if number(middle) == count:
-            break
-        low, high = (middle, high) if number(middle) > count else (low, middle)
-    centre = (low + high) / 2
-    for step in range(TRIES):
-        if count in tried.values():
-            break
-        number(centre * (1 + (-1) ** step * 0.0007 * (step // 2 + 1)))
-    best = min(tried, key=lambda share: _nearness(tried[share], count))
-    return aperture * best / sqrt(count)
-
-
-def _lattice_count(aperture: float, interval: float) -> int:
-    """Points of :func:`steradian.masks.hexagonal_mask`: rows through the centre and between its columns by turns."""
-    rows, half = floor(aperture / (interval * sqrt(3))), aperture / (2 * interval)
-    even = 1 + 2 * (rows // 2)
-    return even * (1 + 2 * floor(half)) + (2 * rows + 1 - even) * 2 * floor(half + 0.5)
-
-
-def _nearness(found: int, wanted: int) -> tuple[int, int]:
-    """Order numbers of points: the nearest first, of two equally near the larger."""
-    return abs(found - wanted), -found

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from steradian.errors import InvalidInput
 from steradian.imaging import outlines
 from steradian.imaging.outlines import Outline
+from steradian.masks.aim import check_offset
 from steradian.masks.equalise import equalise, unit_angle
 from steradian.masks.mask import Mask
 from steradian.masks.slices import Slices, convenient_below, convenient_slices
@@ -173,12 +173,6 @@ class Pattern:
         share = self.unit * self.distances_of(positions) ** 3 / self.point_of_interest[2]
         found: NDArray[np.float64] = np.sqrt(share)
         return found
-
-
-def check_offset(offset: tuple[float, float], aperture: float) -> None:
-    """Refuse a point of interest that is not over the aperture."""
-    if max(abs(offset[0]), abs(offset[1])) > aperture / 2:
-        raise InvalidInput("offset", offset, f"over the aperture, ±{aperture / 2:g} (m) on each axis")
 
 
 def equi_steradian_mask(

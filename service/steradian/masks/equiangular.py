@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from steradian.imaging import outlines
-from steradian.masks.equi_steradian import check_offset
+from steradian.masks.aim import check_offset
 from steradian.masks.mask import Mask
 from steradian.masks.snapping import ScannerGrid
 from steradian.masks.weights import Weighting, covering, weights_for

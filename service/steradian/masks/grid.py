@@ -8,17 +8,17 @@ import numpy as np
 
 from steradian.errors import InvalidInput
 from steradian.imaging import outlines
+from steradian.masks.aim import Aimed
 from steradian.masks.mask import Mask
 from steradian.masks.weights import Weighting, weights_for
 from steradian.ranges import LENGTH
-from steradian.validation import Value, quantity
+from steradian.validation import quantity
 
 
-class Grid(Value):
+class Grid(Aimed):
     """Parameters of a square grid of points."""
 
     arrangement: Literal["grid"] = "grid"
-    aperture: float = quantity("m", "Side X of the square aperture", **LENGTH.limits)
     count: int = quantity("points", "Points on each axis", ge=1, le=4096)
     interval: float = quantity("m", "Distance between neighbours", **LENGTH.limits)
     centred: bool = False
@@ -53,12 +53,19 @@ class Grid(Value):
             positions=positions,
             weights=weights_for(self.weighting, positions, outline, np.ones(len(positions))),
             outline=outline,
-            arrangement=self.model_dump(mode="json"),
+            **self._fields_of_mask(),
         )
 
 
 def grid_mask(
-    aperture: float, count: int, interval: float, *, centred: bool = False, weighting: Weighting = "analytic"
+    aperture: float,
+    count: int,
+    interval: float,
+    *,
+    depth: float | None = None,
+    offset: tuple[float, float] = (0.0, 0.0),
+    centred: bool = False,
+    weighting: Weighting = "analytic",
 ) -> Mask:
     """Arrange ``count`` × ``count`` points at equal distance.
 
@@ -70,6 +77,8 @@ def grid_mask(
         Points on each axis.
     interval
         Distance between neighbours in metres.
+    depth, offset
+        Of the point of interest in metres that the mask is judged for; the points do not depend on it.
     centred
         An odd count is always symmetric to the centre. An even one lies on −n/2 … n/2−1 intervals, where the modes
         of an FFT are, or symmetric if this is set.
@@ -92,4 +101,12 @@ def grid_mask(
     >>> grid_mask(aperture=13.56e-3, count=41, interval=300e-6).count
     1681
     """
-    return Grid.create(aperture=aperture, count=count, interval=interval, centred=centred, weighting=weighting).build()
+    return Grid.create(
+        aperture=aperture,
+        count=count,
+        interval=interval,
+        depth=depth,
+        offset=offset,
+        centred=centred,
+        weighting=weighting,
+    ).build()

@@ -2,35 +2,52 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from math import floor, sqrt
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import model_validator
 
 from steradian.imaging import outlines
 from steradian.imaging.outlines import Outline
+from steradian.masks.aim import COUNT, Aimed, check_either, nearness
 from steradian.masks.mask import Mask
 from steradian.masks.weights import Weighting, weights_for
 from steradian.ranges import LENGTH
-from steradian.validation import Value, quantity
+from steradian.validation import quantity
 
 
-class Hexagonal(Value):
+class Hexagonal(Aimed):
     """Parameters of a lattice of equilateral triangles that fills the aperture, with a point at the centre."""
 
     arrangement: Literal["hexagonal"] = "hexagonal"
-    aperture: float = quantity("m", "Side X of the square aperture", **LENGTH.limits)
-    interval: float = quantity("m", "Distance between neighbours", **LENGTH.limits)
+    interval: float | None = quantity("m", "Distance between neighbours", default=None, **LENGTH.limits)
+    count: int | None = quantity(
+        "points", "Wanted number of points instead of the interval; the nearest is taken", default=None, **COUNT
+    )
     weighting: Weighting = "analytic"
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        check_either(count=self.count, interval=self.interval)
+        return self
 
     @property
     def expected_count(self) -> int:
         """About how many points the mask will have."""
-        return round((self.aperture / self.interval) ** 2 * 2 / sqrt(3)) + 1
+        return self.count or round((self.aperture / self.lattice) ** 2 * 2 / sqrt(3)) + 1
+
+    @property
+    def lattice(self) -> float:
+        """Distance between neighbours in metres, found for the wanted number of points if it is not given."""
+        return self.interval or hexagonal_interval(self.aperture, self.count or 1)
 
     def build(self) -> Mask:
         """Place the points."""
+        if self.interval is None:
+            return self.replace(interval=self.lattice, count=None).build()
         half = self.aperture / 2
         rise = self.interval * sqrt(3) / 2
         rows = np.arange(-floor(half / rise), floor(half / rise) + 1)
@@ -45,7 +62,7 @@ class Hexagonal(Value):
             positions=positions,
             weights=weights_for(self.weighting, positions, outline, np.ones(len(positions))),
             outline=outline,
-            arrangement=self.model_dump(mode="json"),
+            **self._fields_of_mask(),
         )
 
     def _outline(self, positions: NDArray[np.float64], rise: float) -> Outline:
@@ -54,11 +71,19 @@ class Hexagonal(Value):
         if len(positions) == 1:
             return outlines.rectangle(-half, half)
         low, high = positions[:, 1].min() - rise / 2, positions[:, 1].max() + rise / 2
-        width, middle = len(positions) * self.interval * rise / (high - low), float(positions[:, 0].mean())
+        width, middle = len(positions) * self.lattice * rise / (high - low), float(positions[:, 0].mean())
         return outlines.rectangle((middle - width / 2, low), (middle + width / 2, high))
 
 
-def hexagonal_mask(aperture: float, interval: float, *, weighting: Weighting = "analytic") -> Mask:
+def hexagonal_mask(
+    aperture: float,
+    interval: float | None = None,
+    *,
+    count: int | None = None,
+    depth: float | None = None,
+    offset: tuple[float, float] = (0.0, 0.0),
+    weighting: Weighting = "analytic",
+) -> Mask:
     """Fill the aperture with a hexagonal lattice.
 
     Parameters
@@ -67,6 +92,10 @@ def hexagonal_mask(aperture: float, interval: float, *, weighting: Weighting = "
         Side X of the square aperture in metres.
     interval
         Distance between neighbours in metres.
+    count
+        Wanted number of points instead; the nearest that a lattice has is taken.
+    depth, offset
+        Of the point of interest in metres that the mask is judged for; the points do not depend on it.
     weighting
         ``analytic`` and ``uniform``: each point stands for a cell of the lattice, √3/2·interval², and the mask senses
         the rectangle of rows that they fill; ``voronoi``: cells within it, uneven at the ends of rows.
@@ -81,4 +110,27 @@ def hexagonal_mask(aperture: float, interval: float, *, weighting: Weighting = "
     InvalidInput
         Naming the parameter and its allowed range.
     """
-    return Hexagonal.create(aperture=aperture, interval=interval, weighting=weighting).build()
+    return Hexagonal.create(
+        aperture=aperture, interval=interval, count=count, depth=depth, offset=offset, weighting=weighting
+    ).build()
+
+
+def hexagonal_interval(aperture: float, count: int) -> float:
+    """Interval in metres of the hexagonal lattice whose number of points is nearest to ``count``.
+
+    The number changes only where a row or a column more fits, so one interval between any two such places is tried;
+    of two equally near numbers the larger is taken, and of the intervals that give it the widest.
+    """
+    guess = aperture * sqrt(2 / sqrt(3) / count)
+    columns = range(1, 2 + floor(aperture / (0.4 * guess)))
+    changes = {aperture / n for n in columns} | {aperture / (n * sqrt(3)) for n in columns}
+    places = sorted({value for value in changes if 0.5 * guess <= value} | {0.5 * guess, 3 * max(guess, aperture)})
+    middles = [(low + high) / 2 for low, high in pairwise(places) if high > low * (1 + 1e-9)]
+    return min(middles, key=lambda interval: (*nearness(_lattice_count(aperture, interval), count), -interval))
+
+
+def _lattice_count(aperture: float, interval: float) -> int:
+    """Points of :func:`steradian.masks.hexagonal_mask`: rows through the centre and between its columns by turns."""
+    rows, half = floor(aperture / (interval * sqrt(3))), aperture / (2 * interval)
+    even = 1 + 2 * (rows // 2)
+    return even * (1 + 2 * floor(half)) + (2 * rows + 1 - even) * 2 * floor(half + 0.5)

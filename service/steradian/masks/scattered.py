@@ -2,27 +2,30 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from math import sqrt
+from typing import Literal, Self
 
 import numpy as np
+from pydantic import model_validator
 
 from steradian.errors import InvalidInput
 from steradian.imaging import outlines
 from steradian.imaging.outlines import Outline
+from steradian.masks.aim import COUNT, MOST_POINTS, Aimed, check_either, nearness
 from steradian.masks.mask import Mask
 from steradian.masks.weights import Weighting, weights_for
 from steradian.ranges import LENGTH
-from steradian.validation import Value, quantity
+from steradian.validation import quantity
 
-MOST_POINTS = 1_000_000
+TRIES = 24
+"""Spacings tried for a number of Poisson-disc points, after halving."""
 
 
-class Random(Value):
+class Random(Aimed):
     """Parameters of independent, uniformly distributed points."""
 
     arrangement: Literal["random"] = "random"
-    aperture: float = quantity("m", "Side X of the square aperture", **LENGTH.limits)
-    count: int = quantity("points", "Number of points", ge=1, le=MOST_POINTS)
+    count: int = quantity("points", "Number of points", **COUNT)
     seed: int = quantity("any", "The same seed gives the same points", ge=0, lt=2**63, default=0)
     weighting: Weighting = "voronoi"
 
@@ -39,23 +42,33 @@ class Random(Value):
             positions=positions,
             weights=weights_for(self.weighting, positions, _square(self.aperture), np.ones(self.count)),
             outline=_square(self.aperture),
-            arrangement=self.model_dump(mode="json"),
+            **self._fields_of_mask(),
         )
 
 
-class PoissonDisc(Value):
+class PoissonDisc(Aimed):
     """Parameters of points by chance of which no two are closer than ``spacing`` and no gap takes another."""
 
     arrangement: Literal["poisson-disc"] = "poisson-disc"
-    aperture: float = quantity("m", "Side X of the square aperture", **LENGTH.limits)
-    spacing: float = quantity("m", "Least distance between two points", **LENGTH.limits)
+    spacing: float | None = quantity("m", "Least distance between two points", default=None, **LENGTH.limits)
+    count: int | None = quantity(
+        "points",
+        "Wanted number of points instead of the spacing; as near to it as a search comes",
+        default=None,
+        **COUNT,
+    )
     seed: int = quantity("any", "The same seed gives the same points", ge=0, lt=2**63, default=0)
     weighting: Weighting = "voronoi"
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        check_either(count=self.count, spacing=self.spacing)
+        return self
 
     @property
     def expected_count(self) -> int:
         """About how many points the mask will have: discs of the spacing's diameter cover 55 % of the plane."""
-        return round(0.7 * (self.aperture / self.spacing) ** 2) + 1
+        return self.count or round(0.7 * (self.aperture / (self.spacing or self.aperture)) ** 2) + 1
 
     def build(self) -> Mask:
         """Place the points.
@@ -67,6 +80,9 @@ class PoissonDisc(Value):
         """
         from steradian.masks.dart import throw_darts
 
+        if self.spacing is None:
+            least = poisson_spacing(self.aperture, self.count or 1, self.seed)
+            return self.replace(spacing=least, count=None).build()
         least = self.aperture * (0.7 / MOST_POINTS) ** 0.5
         if self.spacing < least:
             raise InvalidInput("spacing", self.spacing, f"at least {least:.3g} (m), a million points")
@@ -76,7 +92,7 @@ class PoissonDisc(Value):
             positions=positions,
             weights=weights_for(self.weighting, positions, _square(self.aperture), np.ones(len(positions))),
             outline=_square(self.aperture),
-            arrangement=self.model_dump(mode="json"),
+            **self._fields_of_mask(),
         )
 
 
@@ -85,7 +101,15 @@ def _square(aperture: float) -> Outline:
     return outlines.rectangle((-aperture / 2, -aperture / 2), (aperture / 2, aperture / 2))
 
 
-def random_mask(aperture: float, count: int, *, seed: int = 0, weighting: Weighting = "voronoi") -> Mask:
+def random_mask(
+    aperture: float,
+    count: int,
+    *,
+    depth: float | None = None,
+    offset: tuple[float, float] = (0.0, 0.0),
+    seed: int = 0,
+    weighting: Weighting = "voronoi",
+) -> Mask:
     """Scatter ``count`` points over the aperture independently; the same seed gives the same points.
 
     The mask senses the whole aperture; each point stands for its Voronoi cell, or for X²/M if ``weighting`` is
@@ -96,11 +120,25 @@ def random_mask(aperture: float, count: int, *, seed: int = 0, weighting: Weight
     InvalidInput
         Naming the parameter and its allowed range.
     """
-    return Random.create(aperture=aperture, count=count, seed=seed, weighting=weighting).build()
+    return Random.create(
+        aperture=aperture, count=count, depth=depth, offset=offset, seed=seed, weighting=weighting
+    ).build()
 
 
-def poisson_disc_mask(aperture: float, spacing: float, *, seed: int = 0, weighting: Weighting = "voronoi") -> Mask:
+def poisson_disc_mask(
+    aperture: float,
+    spacing: float | None = None,
+    *,
+    count: int | None = None,
+    depth: float | None = None,
+    offset: tuple[float, float] = (0.0, 0.0),
+    seed: int = 0,
+    weighting: Weighting = "voronoi",
+) -> Mask:
     """Scatter points over the aperture, none closer than ``spacing`` metres to another, until no more fit.
+
+    With ``count`` instead of ``spacing`` the spacing is searched for that gives about so many. ``depth`` and
+    ``offset`` in metres are those of the point of interest that the mask is judged for.
 
     The mask senses the whole aperture; each point stands for its Voronoi cell, or for X²/M if ``weighting`` is
     ``analytic`` or ``uniform``.
@@ -110,4 +148,34 @@ def poisson_disc_mask(aperture: float, spacing: float, *, seed: int = 0, weighti
     InvalidInput
         Naming the parameter and its allowed range.
     """
-    return PoissonDisc.create(aperture=aperture, spacing=spacing, seed=seed, weighting=weighting).build()
+    return PoissonDisc.create(
+        aperture=aperture, spacing=spacing, count=count, depth=depth, offset=offset, seed=seed, weighting=weighting
+    ).build()
+
+
+def poisson_spacing(aperture: float, count: int, seed: int = 0) -> float:
+    """Spacing in metres of Poisson-disc points of a seed whose number is as near to ``count`` as a search finds.
+
+    Their number jumps by chance with the spacing; it is exact for most counts and off by a few at times.
+    """
+    low, high = 0.6, 1.1
+    tried: dict[float, int] = {}
+
+    def number(share: float) -> int:
+        if share not in tried:
+            spacing = aperture * share / sqrt(count)
+            tried[share] = poisson_disc_mask(aperture, spacing, seed=seed, weighting="uniform").count
+        return tried[share]
+
+    for _ in range(8):
+        middle = (low + high) / 2
+        if number(middle) == count:
+            break
+        low, high = (middle, high) if number(middle) > count else (low, middle)
+    centre = (low + high) / 2
+    for step in range(TRIES):
+        if count in tried.values():
+            break
+        number(centre * (1 + (-1) ** step * 0.0007 * (step // 2 + 1)))
+    best = min(tried, key=lambda share: nearness(tried[share], count))
+    return aperture * best / sqrt(count)

@@ -6,7 +6,7 @@ import httpx
 import numpy as np
 import pytest
 
-from steradian.masks import equi_steradian_mask
+from steradian.masks import aimed, equi_steradian_mask, hexagonal_interval, hexagonal_mask
 from steradian.storage.scans import ScanRepository
 from steradian.storage.states import ScanState
 
@@ -50,6 +50,32 @@ def test_the_points_are_those_of_the_library(http, mask):
     assert mask["id"] == points["id"] == own.id
     np.testing.assert_array_equal(points["positions"], own.positions)
     np.testing.assert_array_equal(points["weights"], own.weights)
+
+
+def test_an_arrangement_is_asked_for_by_its_number_of_points_and_its_depth(http):
+    """The same mask as that of the interval which gives the number, aimed afterwards."""
+    wanted = {"aperture": 13.56e-3, "depth": 3.6e-3, "offset": [1e-3, 0]}
+    made = http.post("/masks", json={"arrangement": "hexagonal", "count": 200} | wanted).json()
+    own = aimed(hexagonal_mask(13.56e-3, hexagonal_interval(13.56e-3, 200)), 3.6e-3, (1e-3, 0.0))
+    assert (made["id"], made["count"]) == (own.id, own.count)
+    scattered = http.post("/masks", json={"arrangement": "poisson-disc", "count": 200} | wanted).json()
+    assert abs(scattered["count"] - 200) <= 1
+    assert scattered["depth"] == 3.6e-3
+
+
+@pytest.mark.parametrize(
+    ("wrong", "field"),
+    [
+        ({"arrangement": "hexagonal", "interval": 1e-3, "count": 50}, "count"),
+        ({"arrangement": "poisson-disc"}, "count"),
+        ({"arrangement": "random", "count": 50, "offset": [1e-3, 0]}, "offset"),
+        ({"arrangement": "random", "count": 50, "offset": [0.1, 0], "depth": 3e-3}, "offset"),
+    ],
+)
+def test_what_says_too_much_or_too_little_of_a_mask_is_refused(http, wrong, field):
+    answer = http.post("/masks", json={"aperture": 0.01} | wrong)
+    assert answer.status_code == 422
+    assert answer.json()["errors"][0]["pointer"].endswith(field), answer.json()
 
 
 def test_the_same_plan_is_made_once_and_states_its_cost(http, mask):

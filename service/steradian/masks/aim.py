@@ -1,0 +1,59 @@
+"""What a mask of any arrangement is for: its point of interest, and about how many points."""
+
+from __future__ import annotations
+
+from typing import Any, Self
+
+from pydantic import Field, model_validator
+
+from steradian.errors import InvalidInput
+from steradian.ranges import LENGTH
+from steradian.validation import Value, quantity
+
+MOST_POINTS = 1_000_000
+COUNT = {"ge": 1, "le": MOST_POINTS}
+"""Limits of a number of points."""
+AIM = {"depth", "offset"}
+"""Fields that a mask keeps itself, beside its arrangement's parameters."""
+
+
+class Aimed(Value):
+    """An arrangement whose points do not depend on the point of interest that its mask is judged for."""
+
+    aperture: float = quantity("m", "Side X of the square aperture", **LENGTH.limits)
+    depth: float | None = quantity(
+        "m", "Distance of the point of interest from the plane", default=None, **LENGTH.limits
+    )
+    offset: tuple[float, float] = Field(
+        default=(0.0, 0.0), description="x and y of the point of interest, centred on the aperture (m)"
+    )
+
+    @model_validator(mode="after")
+    def _check_aim(self) -> Self:
+        if self.depth is None and self.offset != (0.0, 0.0):
+            raise InvalidInput("offset", self.offset, "only with the depth of the point of interest")
+        check_offset(self.offset, self.aperture)
+        return self
+
+    def _fields_of_mask(self) -> dict[str, Any]:
+        """Point of interest and parameters, as a mask keeps them."""
+        arrangement = self.model_dump(mode="json", exclude=AIM, exclude_none=True)
+        return {"depth": self.depth, "offset": self.offset, "arrangement": arrangement}
+
+
+def check_offset(offset: tuple[float, float], aperture: float) -> None:
+    """Refuse a point of interest that is not over the aperture."""
+    if max(abs(offset[0]), abs(offset[1])) > aperture / 2:
+        raise InvalidInput("offset", offset, f"over the aperture, ±{aperture / 2:g} (m) on each axis")
+
+
+def check_either(**given: object) -> None:
+    """Refuse both or neither of two fields."""
+    (first, one), (second, other) = given.items()
+    if (one is None) == (other is None):
+        raise InvalidInput(first, f"both or neither of {first} and {second}", "one of them")
+
+
+def nearness(found: int, wanted: int) -> tuple[int, int]:
+    """Order numbers of points: the nearest first, of two equally near the larger."""
+    return abs(found - wanted), -found
