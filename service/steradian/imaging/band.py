@@ -75,16 +75,16 @@ def thinning(highest: float, sampling_interval: float) -> int:
     return max(1, int(0.5 / sampling_interval / (_MARGIN * highest)))
 
 
-def thinned(traces: RealArray, factor: int, dtype: str) -> RealArray:
-    """Every ``factor``-th sample after a low-pass at the new Nyquist frequency; padded with zeros to a multiple."""
+def thinned(traces: RealArray, factor: int, dtype: str, scale: float = 1.0) -> RealArray:
+    """Every ``factor``-th sample, scaled, of what is below the new Nyquist frequency; zeros fill up to a multiple."""
     from scipy import fft
 
     if factor == 1:
-        return np.ascontiguousarray(traces, dtype)
+        return np.ascontiguousarray(np.multiply(traces, scale, dtype=np.float64), dtype)
     samples = -(-traces.shape[1] // factor)
     result: NDArray[np.floating] = np.empty((len(traces), samples), dtype)
     for first in range(0, len(traces), _CHUNK):
-        part = np.asarray(traces[first : first + _CHUNK], dtype)
+        part = np.multiply(traces[first : first + _CHUNK], scale, dtype=np.float64).astype(dtype)
         # twice as long, so that nothing wraps
         spectrum = fft.rfft(part, 2 * samples * factor, axis=1)[:, : samples + 1]
         spectrum[:, -1] = spectrum[:, -1].real

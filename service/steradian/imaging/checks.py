@@ -19,6 +19,8 @@ SINGLE_FLOOR = 5e-6
 """Tolerance below which float32 does not suffice."""
 ROUNDING = 2.0**-23
 """Relative rounding of positions that once were float32; sensors that far beyond the aperture are on its edge."""
+SUMMABLE = {"float32": 80, "float64": 960}
+"""Exponent of two from which sums of so large samples may overflow."""
 MOST_SAMPLES, MOST_THREADS = 1 << 24, 1024
 LEAST_APERTURE = 1e-6
 """Metres: far below the wavelength of any sound that a film hears."""

@@ -21,6 +21,7 @@ from steradian.imaging import checks, memory
 from steradian.imaging.band import refined, signal_band, thinned, thinning
 from steradian.imaging.checks import Sensors
 from steradian.imaging.descent import Descent
+from steradian.imaging.geometry import LEAST_CYCLES
 from steradian.imaging.iterations import Iterations, Stopped
 from steradian.imaging.iterative_options import Iterative
 from steradian.imaging.operators import ForwardOperator
@@ -138,12 +139,13 @@ def fit(
         raise InvalidInput(
             "traces", f"an array of shape {data.shape}", "finite numbers of shape (M, N_t), a row a sensor"
         )
+    scale = real("scale", scale, "a finite factor")
+    unit = _unit(data, scale, kind)
     highest, noise = signal_band(data, chosen.sampling_interval)
-    factor = thinning(options.highest_frequency or highest, chosen.sampling_interval)
+    factor = thinning(_highest(options, data.shape[1], chosen.sampling_interval) or highest, chosen.sampling_interval)
     step = chosen.sampling_interval * chosen.sound_speed
     first, last, coarse = _slices(chosen.depth_range, data.shape[1], factor, step)
-    measured = thinned(data, factor, kind)
-    measured *= measured.dtype.type(real("scale", scale, "a finite factor"))
+    measured = thinned(data, factor, kind, scale / unit)
     thin = replace(
         chosen,
         method="nedner",
@@ -157,7 +159,8 @@ def fit(
     model = ForwardOperator.of(positions, measured.shape[1], thin)
     needed = _bytes(model, measured, options, factor, chosen.upsampling, last - first)
     memory.require(needed, limit, (*(chosen.upsampling * n for n in model.geometry.modes), last - first))
-    expected = (noise if options.noise is None else options.noise) * abs(scale) * np.sqrt(measured.size / factor)
+    noise = min((noise if options.noise is None else options.noise) * (abs(scale) / unit), 2.0)  # no sample is larger
+    expected = noise * np.sqrt(measured.size / factor)
     solver: Callable[..., Iterations] = Descent
     if options.regularisation == "thresholding":  # its inverse is not padded: what that loses, the next step finds
         inverse = ReconstructionPlan.of(positions, measured.shape[1], replace(thin, lateral_padding=None))
@@ -167,10 +170,27 @@ def fit(
     fine = refined(solution.run(), (*(chosen.upsampling for _ in model.geometry.modes), factor), shown)
     if options.non_negative:
         np.maximum(fine, 0, out=fine)
+    fine *= fine.dtype.type(unit)
     volume = _volume(fine, model, chosen.upsampling, np.arange(first, last) * step, step)
     return IterativeResult(
         volume, solution.done, solution.stopped, tuple(solution.residuals), solution.products, factor, needed
     )
+
+
+def _unit(data: RealArray, scale: float, dtype: str) -> float:
+    """Power of two near the largest sample, which iterations count in: squares are then within what floats can hold."""
+    largest = float(np.abs(data).max(initial=0.0)) * abs(scale)
+    if not largest < 2.0 ** checks.SUMMABLE[dtype]:
+        raise InvalidInput("traces", "beyond the range of the working precision", "finite numbers")
+    return float(2.0 ** np.floor(np.log2(largest))) if largest > 0 else 1.0
+
+
+def _highest(options: Iterative, samples: int, interval: float) -> float | None:
+    highest, least = options.highest_frequency, LEAST_CYCLES / (samples * interval)
+    if highest is not None and highest < least:
+        allowed = f"a frequency from {least:.4g} Hz, {LEAST_CYCLES} cycles a record, or None"
+        raise InvalidInput("highest_frequency", highest, allowed)
+    return highest
 
 
 def _slices(

@@ -56,10 +56,11 @@ class Iterative:
     def __post_init__(self) -> None:
         if self.regularisation not in get_args(Regularisation):
             raise InvalidInput("regularisation", self.regularisation, ", ".join(get_args(Regularisation)))
-        for name in ("strength", "discrepancy", "noise", "highest_frequency"):
+        for name, most in (("strength", 1e6), ("discrepancy", 1e6), ("noise", np.inf), ("highest_frequency", np.inf)):
             value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value >= 0):
-                raise InvalidInput(name, value, "a finite number from 0, or None")
+            if value is not None and not (np.isfinite(value) and 0 <= value <= most):
+                up_to = "" if most == np.inf else f" to {most:g}"
+                raise InvalidInput(name, value, f"a finite number from 0{up_to}, or None")
         if self.highest_frequency == 0:
             raise InvalidInput("highest_frequency", 0, "above 0 Hz, or None")
         if self.iterations != int(self.iterations) or not 1 <= self.iterations <= 10_000:

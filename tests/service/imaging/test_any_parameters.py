@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from steradian.errors import InvalidInput
-from steradian.imaging import Window, reconstruct
+from steradian.imaging import Iterative, Window, reconstruct
 
 SIDE = st.floats(1e-4, 0.1)
 MODES = st.integers(2, 20)
@@ -34,6 +34,16 @@ OPTIONAL: dict[str, st.SearchStrategy[Any]] = {
     "dtype": st.sampled_from([None, "float32", np.float64, "float16"]),
 }
 ANY = st.floats(allow_nan=False, allow_infinity=False)
+FIT: dict[str, st.SearchStrategy[Any]] = {
+    "regularisation": st.sampled_from(["thresholding", "total-variation", "sparsity", "tikhonov", "none"]),
+    "strength": st.one_of(st.none(), ANY),
+    "non_negative": st.booleans(),
+    "iterations": st.integers(1, 3),
+    "discrepancy": st.one_of(st.none(), ANY),
+    "noise": st.one_of(st.none(), ANY),
+    "highest_frequency": st.one_of(st.none(), ANY),
+    "refits": st.integers(0, 2),
+}
 ODD = st.dictionaries(
     st.sampled_from(
         [
@@ -45,7 +55,8 @@ ODD = st.dictionaries(
     max_size=1,
 )  # fmt: skip
 WINDOW = st.tuples(st.sampled_from(["kaiser-bessel", "semicircle"]), st.integers(1, 50), st.floats(0.9, 4), SIDE)
-KNOWN = {*NEEDED, *OPTIONAL, "positions", "traces", "memory_limit", "width", "oversampling"}
+KNOWN = {*NEEDED, *OPTIONAL, *FIT, "positions", "traces", "memory_limit", "width", "oversampling", "iterative"}
+UNUSED = ("window", "time_padding", "highest_frequency", "depth_step")
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
@@ -80,4 +91,27 @@ def test_any_finite_parameters_are_refused_by_name_or_give_a_finite_image(
         refused = None
         assert np.isfinite(image.values).all()
         assert image.values.shape == tuple(len(image.coordinates(name)) for name in image.names)
+    assert refused is None or refused in KNOWN
+
+
+@settings(max_examples=20, deadline=None, suppress_health_check=list(HealthCheck))
+@given(
+    chosen=st.fixed_dictionaries(NEEDED, optional={k: v for k, v in OPTIONAL.items() if k not in ("method", *UNUSED)}),
+    fit=st.fixed_dictionaries({}, optional=FIT),
+    odd=ODD,
+    seed=st.integers(0, 2**31),
+)
+def test_any_finite_parameters_of_a_fit_are_refused_by_name_or_give_a_finite_image(
+    chosen: dict[str, Any], fit: dict[str, Any], odd: dict[str, float], seed: int
+) -> None:
+    random = np.random.default_rng(seed)
+    places = (random.random((6, 1 + seed % 2)) - 0.5) * np.min(chosen["aperture"])
+    options = {"memory_limit": 1 << 25, "method": "iterative", **chosen, **odd}
+    try:
+        image = reconstruct(random.standard_normal((6, 60)), places, iterative=Iterative(**fit), **options)
+    except InvalidInput as error:
+        refused = error.field.partition("[")[0]
+    else:
+        refused = None
+        assert np.isfinite(image.values).all()
     assert refused is None or refused in KNOWN

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from steradian.errors import InvalidInput
 from steradian.imaging import memory, workers
-from steradian.imaging.checks import first_bad
+from steradian.imaging.checks import SUMMABLE, first_bad
 from steradian.imaging.engines import NOBODY, Watch
 from steradian.imaging.engines.numba.arguments import Batch, Columns, Plane, Rule, Sensors, Side, Stored, Workspace
 from steradian.imaging.engines.numba.blocks import Blocks, blocks
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 _BLOCKS = 32  # most blocks of columns a piece of work has
 _SMALL = 1 << 21  # numbers below which waiting for a second thread costs more than it saves
-_MOST = ((127 + 80) << 23, (1023 + 960) << 52)  # exponents of 2^80 and 2^960, beyond which sums may overflow
 _NONE = np.empty(0)
 Work = Callable[[int, Any, NDArray[np.uint8]], None]
 
@@ -165,7 +164,8 @@ class NumbaEngine:
         from steradian.imaging.engines.numba.type1 import pack, type1
 
         single = self.tables.dtype == "float32"
-        integer, mask, most = (np.int32, 0xFF << 23, _MOST[0]) if single else (np.int64, 0x7FF << 52, _MOST[1])
+        integer, mask, most = (np.int32, 0xFF << 23, 127) if single else (np.int64, 0x7FF << 52, 1023)
+        most = (most + SUMMABLE[self.tables.dtype]) << (23 if single else 52)  # as bits of the exponent
         flat, samples = np.ascontiguousarray(traces).reshape(-1), traces.shape[1]
 
         def work(piece: int, space: Workspace, flag: NDArray[np.uint8]) -> None:
