@@ -62,8 +62,11 @@ def _pointer(context: Any, builder: Any, array_type: Any, array: Any, index: Any
     found = context.make_array(array_type)(context, builder, array)
     if context.enable_boundscheck:
         last = builder.add(index, ir.Constant(index.type, vector.count - 1))
-        for end in (index, last):
-            cgutils.do_boundscheck(context, builder, end, found.nitems)  # type: ignore[no-untyped-call]
+        before = builder.icmp_signed("<", index, ir.Constant(index.type, 0))
+        # one branch for both ends: with more of them LLVM takes minutes
+        outside = builder.or_(before, builder.icmp_signed(">=", last, found.nitems))
+        with cgutils.if_unlikely(builder, outside):  # type: ignore[no-untyped-call]
+            context.call_conv.return_user_exc(builder, IndexError, ("index is out of bounds",))
     return builder.bitcast(builder.gep(found.data, [index]), ir.PointerType(vector))
 
 
