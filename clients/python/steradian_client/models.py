@@ -95,6 +95,13 @@ class Preview(Answer):
     """What a plan would cost: times, bytes and findings, as attributes."""
 
 
+class Place(Answer):
+    """Where a job stands that is not over: its place among those that wait, and when it should be over."""
+
+    position: int | None
+    expected_end: datetime | None
+
+
 class Work(Answer):
     """What takes time: a scan, reconstruction or job."""
 
@@ -173,6 +180,7 @@ class Reconstruction(Work):
     simulated: bool = False
     parameters: dict[str, Any]
     priority: int | None = None
+    queue: Place | None = None
     attempt: int
     report: dict[str, Any] | None
 
@@ -204,6 +212,7 @@ class Job(Work):
     kind: str
     asked: dict[str, Any]
     priority: int
+    queue: Place | None = None
     attempt: int
     result: dict[str, Any] | None
     files: list[str]

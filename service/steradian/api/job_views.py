@@ -8,7 +8,8 @@ from typing import Any, Self
 from pydantic import BaseModel, Field
 
 from steradian.api.reports import HistoryView, Result, result_of
-from steradian.api.views import BASE, ErrorView, ProgressView
+from steradian.api.views import BASE, ErrorView, ProgressView, QueueView
+from steradian.jobs.forecast import Forecast
 from steradian.jobs.kinds import resource_of
 from steradian.jobs.model import JobStatus
 from steradian.storage.states import DesiredJobState, ReconstructionState, is_terminal
@@ -21,6 +22,7 @@ class JobView(BaseModel):
     kind: str = Field(examples=["export"])
     asked: dict[str, Any] = Field(description="What was asked for", examples=[{"format": "nifti"}])
     priority: int = Field(description="Smaller ones run first, equal ones in the order they were asked for")
+    queue: QueueView | None = Field(description="Of one that waits or runs, where it alone is read; not in lists")
     state: ReconstructionState
     desired_state: DesiredJobState
     reason: str | None = Field(description="Why it was cancelled")
@@ -36,7 +38,7 @@ class JobView(BaseModel):
     links: dict[str, str] = Field(examples=[{"self": "/api/v1/…"}])
 
     @classmethod
-    def of(cls, job: JobStatus) -> Self:
+    def of(cls, job: JobStatus, queue: Forecast | None = None) -> Self:
         """Show a job."""
         here = f"{BASE}/jobs/{job.id}"
         result = {name: value for name, value in job.result.items() if name != "files"}
@@ -45,6 +47,7 @@ class JobView(BaseModel):
             kind=job.kind,
             asked=dict(job.payload),
             priority=job.priority,
+            queue=QueueView.of(queue),
             state=job.state,
             desired_state=job.desired_state,
             reason=job.reason,

@@ -108,7 +108,7 @@ def list_jobs(
 async def read_job(services: ServicesNeeded, job_id: JOB_ID, wait: Wait, conditions: ConditionsNeeded) -> JobView:
     """Show how a job stands, and what it found when it has succeeded."""
     job = await wait.until(lambda: services.ledger.status(job_id), lambda seen: seen.is_over)
-    view = JobView.of(job)
+    view = JobView.of(job, await run_in_threadpool(services.forecast, job))
     conditions.tag(etag_of(job_id, job.revision, view))
     return view
 
@@ -120,7 +120,7 @@ def change_job(
     """Give a job that waits another priority; with If-Match only if it has not changed since."""
     services.ledger.get(job_id)
     job = services.queue.set_priority(job_id, wanted.priority, conditions.revision(job_id))
-    view = JobView.of(job)
+    view = JobView.of(job, services.forecast(job))
     conditions.tag(etag_of(job_id, job.revision, view))
     return view
 

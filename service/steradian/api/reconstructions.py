@@ -119,7 +119,7 @@ async def read_reconstruction(
 ) -> ReconstructionView:
     """Show a reconstruction."""
     row, job = await _look(services, reconstruction_id, wait)
-    view = ReconstructionView.of(row, job)
+    view = ReconstructionView.of(row, job, await run_in_threadpool(services.forecast, job))
     conditions.tag(etag_of(reconstruction_id, job.revision, view))
     return view
 
@@ -134,7 +134,7 @@ def change_reconstruction(
     """Give a reconstruction that waits another priority; with If-Match only if it has not changed since."""
     row = services.reconstructions.get(reconstruction_id)
     job = services.queue.set_priority(row.id, wanted.priority, conditions.revision(row.id))
-    view = ReconstructionView.of(row, job)
+    view = ReconstructionView.of(row, job, services.forecast(job))
     conditions.tag(etag_of(row.id, job.revision, view))
     return view
 

@@ -10,9 +10,10 @@ from pydantic import ConfigDict, Field
 from steradian.api.conditions import ConditionsNeeded, etag_of
 from steradian.api.dependencies import ServicesNeeded, Who
 from steradian.api.identifiers import SCANNER_ID
+from steradian.api.scanner_views import EmergencyAnswer, EmergencyView, ScannerView
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
-from steradian.api.views import EmergencyAnswer, EmergencyView, Listing, ScannerView
+from steradian.api.views import Listing
 from steradian.errors import NotFound
 from steradian.security.keys import Scope
 from steradian.storage.scanners import SCANNER_ID as SCANNER

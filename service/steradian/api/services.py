@@ -15,6 +15,7 @@ from sqlalchemy.orm import Session
 from steradian.api.emergency import EmergencyDesk
 from steradian.api.workshop import Workshop
 from steradian.drafts import remove, sweep
+from steradian.jobs.forecast import Forecast, forecast
 from steradian.jobs.kinds import resource_of
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import JobRequest, JobStatus, QueueUnavailable
@@ -131,6 +132,13 @@ class Services:
         """
         hold_needs(session, request.payload)
         return self.queue.add(session, request) if self.queue_is_open else self.ledger.add(session, request)
+
+    def forecast(self, job: JobStatus) -> Forecast | None:
+        """Tell where a job stands in the queue and when it will be over; ``None`` when it is."""
+        if job.is_over:
+            return None
+        with self.database.read() as session:
+            return forecast(session, job.id, self.settings.workers, self.clock())
 
     def cancel(self, job_id: str, who: str, reason: str | None) -> JobStatus:
         """Cancel a job that waits or runs; see :meth:`JobQueue.cancel`."""

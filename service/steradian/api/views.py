@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Any, Generic, Literal, Self, TypeVar, cast
+from typing import Any, Generic, Self, TypeVar
 
 from pydantic import BaseModel, Field
 
 from steradian.api.reports import HistoryView, PreviewView, ReportView, SummaryView
+from steradian.jobs.forecast import Forecast
 from steradian.jobs.kinds import LIVE
 from steradian.jobs.model import JobStatus
 from steradian.plans import VisitOrder
-from steradian.storage.emergency import Deed, Press
 from steradian.storage.states import DesiredJobState, DesiredScanState, ReconstructionState, ScanState
-from steradian.storage.tables import MaskRow, PlanRow, ReconstructionRow, ScannerRow, ScanRow
+from steradian.storage.tables import MaskRow, PlanRow, ReconstructionRow, ScanRow
 
 BASE = "/api/v1"
 Item = TypeVar("Item")
@@ -38,6 +38,21 @@ class ErrorView(BaseModel):
 
     code: str
     detail: str
+
+
+class QueueView(BaseModel):
+    """Where a job stands that is not over."""
+
+    position: int | None = Field(description="1: the next that begins; null when it runs, or waits for its scan")
+    expected_end: datetime | None = Field(
+        description="From what such jobs took lately; null when that cannot be said: too few were done, no worker is"
+        " at work, or one takes longer than it should"
+    )
+
+    @classmethod
+    def of(cls, seen: Forecast | None) -> Self | None:
+        """Show a forecast."""
+        return None if seen is None else cls(position=seen.position, expected_end=seen.expected_end)
 
 
 class MaskView(BaseModel):
@@ -169,6 +184,7 @@ class ReconstructionView(BaseModel):
     simulated: bool = Field(description="Whether the scan came from a simulated scanner")
     parameters: dict[str, Any] = Field(description="As asked for; when it has succeeded, as they took effect")
     priority: int = Field(description="Smaller ones run first, equal ones in the order they were asked for")
+    queue: QueueView | None = Field(description="Of one that waits or runs, where it alone is read; not in lists")
     state: ReconstructionState
     desired_state: DesiredJobState
     reason: str | None = Field(description="Why it was cancelled")
@@ -183,7 +199,7 @@ class ReconstructionView(BaseModel):
     links: dict[str, str] = Field(examples=[{"self": "/api/v1/…"}])
 
     @classmethod
-    def of(cls, row: ReconstructionRow, job: JobStatus) -> Self:
+    def of(cls, row: ReconstructionRow, job: JobStatus, queue: Forecast | None = None) -> Self:
         """Show a row and its job."""
         here = f"{BASE}/reconstructions/{row.id}"
         job_at = f"{BASE}/jobs/{row.id}"
@@ -203,6 +219,7 @@ class ReconstructionView(BaseModel):
             simulated=row.simulated,
             parameters=(job.result or {}).get("parameters") or row.parameters,
             priority=job.priority,
+            queue=QueueView.of(queue),
             state=job.state,
             desired_state=job.desired_state,
             reason=job.reason,
@@ -215,86 +232,4 @@ class ReconstructionView(BaseModel):
             ended=job.ended,
             history=[HistoryView.model_validate(change) for change in job.history],
             links=links | mips,
-        )
-
-
-class LeaseView(BaseModel):
-    """Who holds a scanner."""
-
-    holder: str = Field(description="How the holder calls itself")
-    principal: str = Field(description="Whose key it is: the lease is of no use to others", examples=["local"])
-    note: str | None
-    ends: datetime
-    fence: int = Field(description="Number of this lease; send it as Scanner-Lease with what needs the scanner")
-
-
-Laser = Literal["off", "idle", "unconfirmed"]
-
-
-class EmergencyView(BaseModel):
-    """An emergency stop that nobody has released."""
-
-    number: str = Field(description="Of this press; a release may name it", examples=["01k0000000000000000000000"])
-    at: datetime
-    by: str
-    reason: str | None
-    laser: Laser = Field(
-        description="off: the scanner confirmed it; idle: no scan ran; unconfirmed: no answer, use the hardware switch"
-    )
-    seconds: float | None = Field(description="From the press to that (s)", examples=[0.03])
-    recorded: bool = Field(description="Whether it stands in the database, too; until then it is tried again")
-
-    @classmethod
-    def of(cls, press: Press, deed: Deed | None, *, recorded: bool) -> Self:
-        """Show a press and what was done about it."""
-        return cls(
-            number=press.number,
-            at=datetime.fromisoformat(press.at),
-            by=press.who,
-            reason=press.reason,
-            laser=cast(Laser, deed.laser) if deed else "unconfirmed",
-            seconds=deed.seconds if deed else None,
-            recorded=recorded,
-        )
-
-
-class EmergencyAnswer(BaseModel):
-    """What came of pressing the emergency stop."""
-
-    id: str = Field(description="The scanner", examples=["scanner-0"])
-    emergency_stop: EmergencyView
-    links: dict[str, str] = Field(examples=[{"scanner": "/api/v1/…"}])
-
-
-class ScannerView(BaseModel):
-    """A scanner: connection and state apart."""
-
-    id: str
-    simulated: bool
-    connection: str = Field(description="unknown, connected or disconnected", examples=["connected"])
-    state: str = Field(description="idle or scanning", examples=["idle"])
-    since: datetime = Field(description="When connection or state changed last")
-    last_error: str | None
-    lease: LeaseView | None
-    emergency_stop: EmergencyView | None
-    links: dict[str, str] = Field(examples=[{"self": "/api/v1/…"}])
-
-    @classmethod
-    def of(cls, row: ScannerRow, *, held: bool, stop: EmergencyView | None) -> Self:
-        """Show a row and the stop that stands."""
-        here = f"{BASE}/scanners/{row.id}"
-        lease = None
-        if held and row.lease_ends is not None:
-            about: dict[str, Any] = {"holder": row.holder, "principal": row.held_by, "note": row.note}
-            lease = LeaseView(**about, ends=row.lease_ends, fence=row.fence)
-        return cls(
-            id=row.id,
-            simulated=row.simulated,
-            connection=row.connection,
-            state=row.state,
-            since=row.since,
-            last_error=row.last_error,
-            lease=lease,
-            emergency_stop=stop,
-            links={"self": here, "lease": f"{here}/lease", "emergency-stop": f"{here}/emergency-stop"},
         )

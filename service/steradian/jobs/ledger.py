@@ -29,7 +29,7 @@ from steradian.storage.tables import JobRow, ScanRow
 
 _R = ReconstructionState
 _UNFINISHED = [state for state in _R if not is_terminal(state)]
-_WAITS_FOR_SCAN = JobRow.kind.in_(FOLLOWING) & exists().where(
+WAITS_FOR_SCAN = JobRow.kind.in_(FOLLOWING) & exists().where(
     ScanRow.id == JobRow.scan_id, ScanRow.state == ScanState.QUEUED
 )
 
@@ -89,11 +89,11 @@ class JobLedger(Repository[JobRow]):
         """Whether a job follows a scan that waits itself: it would hold a worker for nothing."""
         if row.kind not in FOLLOWING:
             return False
-        return session.scalar(select(JobRow.id).where(JobRow.id == row.id, _WAITS_FOR_SCAN)) is not None
+        return session.scalar(select(JobRow.id).where(JobRow.id == row.id, WAITS_FOR_SCAN)) is not None
 
     def unfinished(self) -> list[JobRow]:
         """Return all that are not over and do not wait for their scan, oldest first."""
-        waits = (JobRow.state == _R.QUEUED) & _WAITS_FOR_SCAN
+        waits = (JobRow.state == _R.QUEUED) & WAITS_FOR_SCAN
         query = select(JobRow).where(JobRow.state.in_(_UNFINISHED), ~waits).order_by(JobRow.sequence)
         with self.database.read() as session:
             return list(session.scalars(query))

@@ -1,7 +1,8 @@
 """Stamps: what tells that a thing, or a page of a list, looks as it did, for much less than reading and showing it.
 
 Rows of masks and plans never change, those of scans and jobs count their revisions; progress alone is written without
-one, so it is part of the stamp. A row that was deleted and made again has another time or identifier.
+one, so it is part of the stamp. A row that was deleted and made again has another time or identifier. A job by itself
+that is not over has none, as its look tells its place among others.
 """
 
 from __future__ import annotations
@@ -74,6 +75,7 @@ _THINGS: Final[dict[str, Select[Any]]] = {}
 _PAGES: Final[dict[str, Select[Any]]] = {}
 for _noun, _table in _TABLES.items():  # once, as building a statement costs more than having it answered
     _query, _rows = _stamped(_table)
-    _THINGS[_noun] = _query.where(_rows.c.id.in_(bindparam("ids", expanding=True)))
+    _over = [JobRow.__table__.c.ended.is_not(None)] if _table in {JobRow, ReconstructionRow} else []
+    _THINGS[_noun] = _query.where(_rows.c.id.in_(bindparam("ids", expanding=True)), *_over)
     _newest = _query.where(_rows.c.sequence < bindparam("before")).order_by(_rows.c.sequence.desc())
     _PAGES[_noun] = _newest.limit(bindparam("most"))

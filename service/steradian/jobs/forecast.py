@@ -1,0 +1,126 @@
+"""Where a job stands in the queue, and when it will be over as far as past jobs of its sort tell."""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Hashable
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from statistics import median
+from typing import Final
+
+from sqlalchemy import func, select, tuple_
+from sqlalchemy.orm import Session
+
+from steradian.jobs.kinds import FOLLOWING
+from steradian.jobs.ledger import WAITS_FOR_SCAN
+from steradian.storage.states import ReconstructionState
+from steradian.storage.tables import JobRow
+
+PAST, FEWEST = 50, 3
+"""Newest jobs of a kind that are looked at, and how many of a sort tell how long one takes."""
+FARTHEST: Final = 200
+"""Place in the queue beyond which nothing is said about the end."""
+_R = ReconstructionState
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What can be said of a job that is not over.
+
+    Attributes
+    ----------
+    position
+        1 for the next that begins; ``None`` when it runs, or waits for its scan.
+    expected_end
+        ``None`` when it cannot be said: too few such jobs have been done, no worker is busy, or one takes longer than
+        it should.
+    """
+
+    position: int | None = None
+    expected_end: datetime | None = None
+
+
+def forecast(session: Session, job_id: str, workers: int, now: datetime) -> Forecast | None:
+    """Tell where a job stands; ``None`` when it is over or gone.
+
+    Parameters
+    ----------
+    workers
+        How many jobs run at a time.
+    """
+    row = session.scalar(select(JobRow).where(JobRow.id == job_id))
+    if row is None or row.state not in {_R.QUEUED, _R.RUNNING}:
+        return None
+    pace = _Pace(session)
+    if row.state is _R.RUNNING:
+        return Forecast(None, _in_future(pace.end_of(row), now))
+    waiting = [JobRow.state == _R.QUEUED, ~WAITS_FOR_SCAN]
+    if session.scalar(select(JobRow.id).where(JobRow.id == job_id, *waiting)) is None:
+        return Forecast()
+    earlier = [*waiting, tuple_(JobRow.priority, JobRow.sequence) < (row.priority, row.sequence)]
+    ahead = session.scalar(select(func.count()).select_from(JobRow).where(*earlier)) or 0
+    if ahead >= FARTHEST:
+        return Forecast(ahead + 1)
+    running = session.scalars(select(JobRow).where(JobRow.state == _R.RUNNING)).all()
+    ends = [_in_future(pace.end_of(one), now) for one in running]
+    before = session.scalars(select(JobRow).where(*earlier).order_by(JobRow.priority, JobRow.sequence)).all()
+    lasting = [pace.seconds(one) for one in (*before, row)]
+    known, taking = [end for end in ends if end], [seconds for seconds in lasting if seconds is not None]
+    if not workers or len(known) < workers or len(known) < len(ends) or len(taking) < len(lasting):
+        return Forecast(ahead + 1)
+    return Forecast(ahead + 1, _last_end(known, taking))
+
+
+def _last_end(free: list[datetime], lasting: list[float]) -> datetime:
+    """Give each job to the worker that is free first; tell when the last one is over."""
+    heapq.heapify(free)
+    end = free[0]
+    for seconds in lasting:
+        end = heapq.heappop(free) + timedelta(seconds=seconds)
+        heapq.heappush(free, end)
+    return end
+
+
+def _in_future(end: datetime | None, now: datetime) -> datetime | None:
+    return end if end is not None and end > now else None
+
+
+class _Pace:
+    """How long jobs take: the median of such as were done last."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._past: dict[str, dict[Hashable, list[float]]] = {}
+
+    def seconds(self, row: JobRow) -> float | None:
+        """Tell how long a job will take; ``None`` when too few like it were done, or it follows a scan."""
+        if row.kind in FOLLOWING:
+            return None
+        taken = self._of_kind(row.kind).get(_sort(row), [])
+        return median(taken) if len(taken) >= FEWEST else None
+
+    def end_of(self, row: JobRow) -> datetime | None:
+        """Tell when a job that runs will be over."""
+        seconds = self.seconds(row)
+        if seconds is None or not row.attempts:
+            return None
+        return datetime.fromisoformat(row.attempts[-1]["started"]) + timedelta(seconds=seconds)
+
+    def _of_kind(self, kind: str) -> dict[Hashable, list[float]]:
+        if kind not in self._past:
+            found: dict[Hashable, list[float]] = {}
+            query = select(JobRow).where(JobRow.kind == kind, JobRow.state == _R.SUCCEEDED)
+            for row in self._session.scalars(query.order_by(JobRow.sequence.desc()).limit(PAST)):
+                last = row.attempts[-1]
+                begun, ended = (datetime.fromisoformat(last[name]) for name in ("started", "ended"))
+                found.setdefault(_sort(row), []).append((ended - begun).total_seconds())
+            self._past[kind] = found
+        return self._past[kind]
+
+
+def _sort(row: JobRow) -> Hashable:
+    """Tell which jobs of a kind take about as long: the same method and format, about as much to write."""
+    parameters = row.payload.get("parameters") or {}
+    return parameters.get("method"), row.payload.get("format"), round(math.log2(row.promised + 1))

@@ -1,0 +1,133 @@
+"""Where a job stands in the queue and when it will be over, as far as past jobs tell."""
+
+from datetime import UTC, datetime, timedelta
+
+import httpx
+import pytest
+
+from steradian.jobs.ledger import JobLedger
+from steradian.jobs.model import Succeeded
+
+from .conftest import api_of, make_scan
+
+BEGIN = datetime(2026, 1, 1, tzinfo=UTC)
+
+
+class Clock:
+    now = BEGIN
+
+    def __call__(self):
+        return self.now
+
+    def advance(self, seconds):
+        self.now += timedelta(seconds=seconds)
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    """A service with two workers' worth of settings, whose jobs the tests start and end themselves."""
+    server = api_of(tmp_path_factory.mktemp("queue"), workers=2).wait()
+    yield server
+    server.close()
+
+
+@pytest.fixture(scope="module")
+def http(server):
+    with httpx.Client(base_url=f"{server.url}/api/v1", timeout=90) as client:
+        yield client
+
+
+@pytest.fixture
+def clock():
+    """Begins in a future that has not come, so that nothing is overdue."""
+    clock = Clock()
+    clock.now = datetime.now(UTC) + timedelta(hours=1)
+    return clock
+
+
+@pytest.fixture
+def ledger(server, clock):
+    return JobLedger(server.database, clock)
+
+
+@pytest.fixture
+def jobs(http, scan_with_alines):
+    """Queues a job; nothing of earlier tests waits or runs."""
+    for job in http.get("/jobs", params={"state": ["queued", "running"]}).json()["items"]:
+        http.put(f"/jobs/{job['id']}/desired-state", json={"state": "cancelled"})
+    asked = {"kind": "export", "scan_id": scan_with_alines["scan"]["id"], "format": "ipasc"}
+
+    def queue():
+        answer = http.post("/jobs", json=asked)
+        assert answer.status_code == 202, answer.text
+        return answer.json()["id"]
+
+    return queue
+
+
+def place(http, job_id):
+    return http.get(f"/jobs/{job_id}").json()["queue"]
+
+
+def test_the_position_is_by_priority_and_then_by_age(http, jobs):
+    first, second, urgent, third = jobs(), jobs(), jobs(), jobs()
+    http.patch(f"/jobs/{urgent}", json={"priority": 1})
+    assert [place(http, job)["position"] for job in (urgent, first, second, third)] == [1, 2, 3, 4]
+    seen = http.get(f"/jobs/{third}").headers["etag"]
+    moved = http.patch(f"/jobs/{third}", json={"priority": 0})
+    assert moved.json()["queue"]["position"] == 1
+    assert moved.headers["etag"] == http.get(f"/jobs/{third}").headers["etag"] != seen
+    assert place(http, second)["position"] == 4
+    http.put(f"/jobs/{first}/desired-state", json={"state": "cancelled"})
+    assert place(http, second)["position"] == 3, "what is not told to have changed shows the change all the same"
+    assert place(http, first) is None
+    listed = {one["id"]: one for one in http.get("/jobs").json()["items"]}
+    assert listed[second]["queue"] is None, "a list does not work it out"
+
+
+def test_the_end_is_told_from_what_such_jobs_took(http, jobs, ledger, clock):
+    """Two workers, jobs of 10 s each: the fourth in line ends 20 s after the first two have begun."""
+    for seconds in (9, 10, 11, 50):
+        job = jobs()
+        ledger.start(job, "w")
+        clock.advance(seconds)
+        ledger.settle(job, 1, Succeeded({"bytes": 1}), "w")
+    begun = clock.now
+    running = [jobs(), jobs()]
+    third, fourth, fifth = jobs(), jobs(), jobs()
+    assert place(http, third)["expected_end"] is None, "nobody works"
+    for job in running:
+        ledger.start(job, "w")
+        clock.advance(4)
+
+    def ends(job):
+        return (datetime.fromisoformat(place(http, job)["expected_end"]) - begun).total_seconds()
+
+    # 10.5 s is the median; the second began 4 s after the first
+    assert [ends(job) for job in (*running, third, fourth, fifth)] == [10.5, 14.5, 21, 25, 31.5]
+    assert [place(http, job)["position"] for job in (*running, third)] == [None, None, 1]
+
+
+def test_what_is_overdue_has_no_expected_end(http, jobs, ledger, clock):
+    clock.now = BEGIN  # long ago
+    for _ in range(3):
+        job = jobs()
+        ledger.start(job, "w")
+        clock.advance(10)
+        ledger.settle(job, 1, Succeeded({"bytes": 1}), "w")
+    late, other, waiting = jobs(), jobs(), jobs()
+    ledger.start(late, "w")
+    ledger.start(other, "w")
+    assert place(http, late) == {"position": None, "expected_end": None}
+    assert place(http, waiting) == {"position": 1, "expected_end": None}
+
+
+def test_what_waits_for_its_scan_has_no_place(http, jobs):
+    before = jobs()
+    plan = http.get("/plans").json()["items"][0]["id"]
+    scan = make_scan(http, plan).json()["id"]
+    live = http.post("/reconstructions", json={"scan_id": scan, "follow": True, "parameters": {"modes": 8}}).json()
+    assert place(http, live["id"]) == {"position": None, "expected_end": None}
+    after = jobs()
+    assert [place(http, job)["position"] for job in (before, after)] == [1, 2]
+    assert http.get(f"/reconstructions/{live['id']}").json()["queue"] == {"position": None, "expected_end": None}
