@@ -98,9 +98,12 @@ def quantity(unit: str, description: str, **limits: Any) -> Any:
 
 def _as_float64(value: object) -> NDArray[np.float64]:
     try:
-        return np.array(value, dtype=np.float64, order="C")
+        array = np.array(value, dtype=np.float64, order="C")
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"not an array of numbers: {error}") from None
+    if not array.ndim:
+        raise ValueError("not an array of numbers but one")
+    return array
 
 
 def _frozen_finite(value: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -116,7 +119,9 @@ FloatArray = Annotated[
     BeforeValidator(_as_float64),
     AfterValidator(_frozen_finite),
     PlainSerializer(lambda array: array.tolist(), return_type=list, when_used="json"),
-    WithJsonSchema({"type": "array", "items": {}}),
+    WithJsonSchema(
+        {"type": "array", "items": {"anyOf": [{"type": "number"}, {"type": "array", "items": {"type": "number"}}]}}
+    ),
 ]
 """A read-only, finite float64 array; nested lists in JSON."""
 

@@ -12,6 +12,7 @@ from fastapi import FastAPI
 from fastapi.routing import APIRoute
 
 from steradian.api.arrays import NPY, RAW
+from steradian.api.links import add_links
 from steradian.api.problems import RESPONSES, Problem
 from steradian.api.security import GUARDED
 
@@ -111,6 +112,7 @@ def complete(document: dict[str, Any]) -> None:
     for path, operations in document["paths"].items():
         for method, operation in operations.items():
             _complete_operation(path, method, operation)
+    add_links(document)
     for part in list(_dictionaries(document)):
         _tidy_schema(part, schemas)
 
@@ -118,6 +120,8 @@ def complete(document: dict[str, Any]) -> None:
 def _complete_operation(path: str, method: str, operation: dict[str, Any]) -> None:
     name, answers = operation["operationId"], operation["responses"]
     sent = {parameter["name"] for parameter in operation.get("parameters", ())}
+    for parameter in operation.get("parameters", ()):
+        _take_null_out(parameter["schema"])
     guarded = any(path == root or path.startswith(f"{root}/") for root in GUARDED)
     ways: list[dict[str, list[str]]] = [{}, {"key": []}] if guarded else []
     operation["security"] = [*ways, {"ticket": []}] if name == "events_follow" else ways
@@ -185,6 +189,14 @@ def _headers(operation: dict[str, Any], method: str, status: str, sent: set[str]
         yield "Vary"
     if {NPY, RAW} <= set(content):
         yield from ("X-Axes", "X-Dtype", "X-Shape")
+
+
+def _take_null_out(schema: dict[str, Any]) -> None:
+    """Of a parameter, which may be left out: no header or query can say null."""
+    if {"type": "null"} in schema.get("anyOf", ()):
+        schema["anyOf"].remove({"type": "null"})
+        if len(schema["anyOf"]) == 1:
+            schema |= schema.pop("anyOf")[0]
 
 
 def _tidy_schema(part: dict[str, Any], schemas: dict[str, Any]) -> None:

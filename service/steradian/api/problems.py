@@ -195,8 +195,9 @@ async def _refused(request: Request, error: Exception) -> JSONResponse:
 
 def _methods(request: Request) -> set[str]:
     """Collect the methods of all routes to the request's path; the router knows only the first one's."""
-    routes = (route for route in request.app.state.routes if route.matches(request.scope)[0] is not Match.NONE)
-    found = {method for route in routes for method in getattr(route, "methods", None) or ()}
+    routes = [route for route in request.app.state.routes if route.matches(request.scope)[0] is not Match.NONE]
+    exact = [route for route in routes if route.path == request.url.path]  # no identifier that happens to look like it
+    found = {method for route in exact or routes for method in getattr(route, "methods", None) or ()}
     return found | {"HEAD"} if "GET" in found else found
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from fastapi import APIRouter, Response
+from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel, ConfigDict, Field
 
 from steradian.api.dependencies import OptionalKey, ServicesNeeded, Wait, Who
@@ -61,6 +62,7 @@ async def create_reconstruction_quality(
     wait: Wait,
 ) -> Response:
     """Queue a comparison; the answer is its job."""
+    await run_in_threadpool(services.reconstructions.get, reconstruction_id)
     request = QualityRequest.create(reconstruction_id=reconstruction_id, **wanted.model_dump())
     return await queue_job(services, who, request, key, wait)
 

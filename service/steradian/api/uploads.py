@@ -23,7 +23,9 @@ from steradian.storage.disk import promised
 from steradian.storage.repository import new_id
 
 router = APIRouter(prefix=f"{V1}/uploads", tags=["jobs"], route_class=GuardedRoute)
-_BINARY = {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}, "examples": {}}}
+_BINARY = {
+    "application/octet-stream": {"schema": {"type": "string", "format": "binary", "minLength": 1}, "examples": {}}
+}
 
 
 class UploadView(BaseModel):

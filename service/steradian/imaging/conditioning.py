@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
+from annotated_types import Ge, Gt, Interval
 from numpy.typing import ArrayLike, NDArray
 
 from steradian.drawing.style import ColourMap
@@ -43,10 +44,10 @@ class Conditioning:
         Trigger delay in seconds: how long after the laser pulse the first sample was taken, added to ``time_zero``.
     """
 
-    zero_first: int = 0
+    zero_first: Annotated[int, Ge(0)] = 0
     remove_offset: bool = False
     remove_common: Literal["median", "mean"] | None = None
-    rim: float = 0.0
+    rim: Annotated[float, Ge(0)] = 0.0
     band: tuple[float | None, float | None] | None = None
     response: tuple[Sequence[float], Sequence[complex]] | None = None
     delay: float = 0.0
@@ -190,13 +191,13 @@ class Display:
 
     gain_db_per_mm: float = 0.0
     envelope: bool = False
-    log_range_db: float | None = None
+    log_range_db: Annotated[float, Gt(0)] | None = None
     non_negative: bool = False
-    near_field: float | None = None
-    percentile: float = 99.9
+    near_field: Annotated[float, Interval(ge=0, le=1)] | None = None
+    percentile: Annotated[float, Interval(ge=50, le=100)] = 99.9
     colour_map: ColourMap = "inferno"
-    scale_bar: float | None = None
-    size: int = 720
+    scale_bar: Annotated[float, Interval(ge=0, le=1)] | None = None
+    size: Annotated[int, Interval(ge=60, le=4096)] = 720
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.gain_db_per_mm):

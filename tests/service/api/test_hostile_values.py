@@ -10,6 +10,7 @@ HUGE = "1" + 400 * "0"
     [
         (f'{{"arrangement":"points","aperture":0.01,"positions":[[{HUGE},0]]}}', 422, "invalid-input"),
         (f'{{"arrangement":"points","aperture":{HUGE},"positions":[[0,0]]}}', 422, "invalid-input"),
+        ('{"arrangement":"points","aperture":0.01,"positions":false}', 422, "invalid-input"),
         (
             '{"arrangement":"grid","aperture":0.011,"count":3,"interval":1e-3,"aperture":0.012}',
             400,
@@ -20,7 +21,16 @@ HUGE = "1" + 400 * "0"
         ("[" * 10_000, 400, "malformed-json"),
         ('{"arrangement":"grid","aperture":0.011,"count":3,"interval":1e-3,"a":"\\u0000"}', 400, "malformed-json"),
     ],
-    ids=["position 1e400", "aperture 1e400", "a key twice", "5,000 digits", "too deep and long", "too deep", "nul"],
+    ids=[
+        "position 1e400",
+        "aperture 1e400",
+        "no list",
+        "a key twice",
+        "5,000 digits",
+        "too deep and long",
+        "too deep",
+        "nul",
+    ],
 )
 def test_bodies(http, body, status, code):
     answer = http.post("/masks", content=body, headers={"Content-Type": "application/json"})
@@ -92,3 +102,4 @@ def test_a_method_that_is_not_there_names_all_that_are(http, scan):
     assert allowed("/masks") >= {"GET", "POST"}
     assert allowed(f"/scans/{scan['id']}") >= {"GET", "PATCH"}
     assert allowed("/scanners/scanner-0/emergency-stop") >= {"POST", "DELETE"}
+    assert allowed("/plans/preview") == {"POST"}, "it is no plan"

@@ -92,6 +92,18 @@ def test_operations_keep_their_names_and_generators_every_header(document):
         for parameter in operation.get("parameters", ()):
             kinds = {one.get("type") for one in parameter["schema"].get("anyOf", [parameter["schema"]])}
             assert parameter["in"] != "header" or "array" not in kinds, (operation["operationId"], parameter["name"])
+            assert "null" not in kinds, "what is left out says nothing; no text of a header or query does"
+
+
+def test_what_was_made_is_linked_to_what_can_be_done_with_it(document):
+    """Tools that walk through an API find real identifiers by these links, and readers what comes next."""
+    links = document["components"]["links"]
+    paths = {one["operationId"]: path for path, ways in document["paths"].items() for one in ways.values()}
+    for name, path in paths.items():
+        things = re.findall(r"\{(\w+_id)\}", path)
+        assert [*links.get(name, {}).get("parameters", ())] == things, name
+    made = document["paths"]["/api/v1/scans"]["post"]["responses"]["201"]["links"]
+    assert {"scan_read", "scan_alines_read", "scan_delete", "reconstruction_create", "batch_create"} <= made.keys()
 
 
 def has_example(document, schema):
