@@ -113,14 +113,14 @@ def read_mask_points(
 )
 async def read_mask_picture(services: ServicesNeeded, mask_id: MASK_ID, conditions: ConditionsNeeded) -> RangedFile:
     """Draw where the mask senses, how densely and what it can see; drawn once, then kept."""
-    mask = await run_in_threadpool(services.masks.load, mask_id)
-    etag = etag_of(mask.id, "picture")
+    await run_in_threadpool(services.masks.get, mask_id)
+    etag = etag_of(mask_id, "picture")
     conditions.tag(etag)
-    path = services.data.picture(mask.id)
+    path = services.data.picture(mask_id)
     if not await run_in_threadpool(path.is_file):
         async with services.drawing:
             if not await run_in_threadpool(path.is_file):
-                await services.workshop.work(_draw, mask, path)
+                await services.workshop.work(_draw, await run_in_threadpool(services.masks.load, mask_id), path)
     return RangedFile(path, media_type="image/png", headers={"ETag": etag})
 
 

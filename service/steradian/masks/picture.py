@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.drawing.page import colour_bar, dress, name_page, note, page, save
+from steradian.drawing.page import colour_bar, dress, name_page, note, page, panels, save
 from steradian.drawing.style import ACCENT, PAPER, PLACE, PLAIN, PRESSURE, QUIET, SHARE, TICK
 from steradian.masks.limited_view import limited_view
 from steradian.masks.point_spread import PointSpread, point_spread
@@ -51,8 +51,8 @@ def mask_page(
     mask: Mask, *, deepest: float | None = None, with_point_spread: bool = True, width: int = WIDTH
 ) -> Figure:
     """Draw the same as :func:`draw_mask` into a figure that is not saved."""
-    figure = page(width, SHAPE)
-    axes = figure.subplots(2, 2)
+    figure = page(width, SHAPE, laid_out=False)
+    axes = panels(figure, 2, 2)
     draw_points(axes[0, 0], mask)
     _draw_spacing(axes[0, 1], mask)
     draw_view(axes[1, 0], mask, deepest)
@@ -165,7 +165,7 @@ def _draw_shares(axes: Axes, mask: Mask) -> None:
         title = "How often each spacing occurs"
     low, high = float(values.min()), float(values.max())
     margin = max(0.02 * high, 0.5 * (high - low) / 40)
-    axes.hist(values, bins=np.linspace(low - margin, high + margin, 41).tolist(), color=PLAIN)
+    axes.stairs(*np.histogram(values, np.linspace(low - margin, high + margin, 41)), fill=True, color=PLAIN)
     dress(axes, title=title, across=name, up="sensors")
     if seen.solid_angles is None:
         note(axes, 0.98, 0.96, "no point of interest given", ha="right", va="top")
