@@ -39,9 +39,10 @@ from steradian.api.together import Together
 from steradian.settings import Settings
 
 RESOURCES = (
-    root, masks, plans, scanners, scans, scan_data, reconstructions, results, quality, batches, uploads, jobs, deletion,
-    events,
+    events, root, masks, plans, scanners, scans, scan_data, reconstructions, results, quality, batches, uploads, jobs,
+    deletion,
 )  # fmt: skip
+"""In the order in which a request is compared with their routes; streams are opened by many at once."""
 
 
 def create_app(settings: Settings) -> FastAPI:

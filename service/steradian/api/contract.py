@@ -200,15 +200,12 @@ def _take_null_out(schema: dict[str, Any]) -> None:
 
 
 def _tidy_schema(part: dict[str, Any], schemas: dict[str, Any]) -> None:
-    """Make a schema plain: units as an extension, tuples as lists, tags required, streams as texts."""
+    """Make a schema plain: units as an extension, tuples as lists, tags required."""
     if isinstance(part.get("unit"), str):
         part["x-unit"] = part.pop("unit")
     if "prefixItems" in part:
         parts = part.pop("prefixItems")
         part["items"] = parts[0] if all(one == parts[0] for one in parts) else {"anyOf": parts}
-    if "itemSchema" in part:  # of a later version of OpenAPI
-        part["schema"] = {"type": "string", "description": "Server-sent events"}
-        del part["itemSchema"]
     told = part.get("discriminator")
     if isinstance(told, dict) and "mapping" in told:
         for reference in told["mapping"].values():

@@ -2,30 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+import asyncio
+import json
+import time
+from collections.abc import AsyncGenerator, AsyncIterator
 from contextlib import aclosing
-from dataclasses import asdict
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from anyio import CancelScope
-from fastapi import APIRouter, Depends, Header, Query, Request
-from fastapi.sse import EventSourceResponse, ServerSentEvent
+from fastapi import APIRouter, Depends, Header, Query, Request, Response
+from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
+from starlette.types import Receive, Scope, Send
 
 from steradian.api.dependencies import ServicesNeeded, Who
-from steradian.api.feed import Feed, Progress
+from steradian.api.feed import Event, Feed, Progress
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.api.views import BASE
-from steradian.security.keys import TICKET_SECONDS
+from steradian.security.keys import TICKET_SECONDS, Principal
 from steradian.storage.events import Bounds
-from steradian.storage.tables import EventRow
 
 router = APIRouter(prefix=V1, tags=["events"], route_class=GuardedRoute)
 BATCH = 200
-"""Events that one listener holds at a time."""
+"""Events that are read for one listener at a time."""
 RETRY_MS = 1000
+SIGN_OF_LIFE = 15.0
+"""Seconds of silence after which a listener is told that the service is there."""
+_STREAM = {"text/event-stream": {"schema": {"type": "string", "description": "Server-sent events"}}}
 _SNAPSHOT = {name: f"{BASE}/{name}" for name in ("scans", "reconstructions", "jobs", "batches", "scanners")}
 
 
@@ -39,46 +45,84 @@ class TicketView(BaseModel):
     seconds: float = Field(description="For how long it waits for its stream to be opened", examples=[TICKET_SECONDS])
 
 
+@dataclass(frozen=True)
 class Filter:
     """Which events a listener wants, and after which one."""
 
-    def __init__(
-        self,
-        kind: Annotated[
-            Literal["scan", "reconstruction", "job", "batch", "scanner"] | None, Query(description="Only this kind")
-        ] = None,
-        scan_id: Annotated[str | None, Query(max_length=64, description="Only what concerns this scan")] = None,
-        progress: Annotated[bool, Query(description="Also progress, at most five times a second")] = True,
-        last_event_id: Annotated[
-            str | None,
-            Query(max_length=100, description="Go on after this event, for clients that cannot set the header"),
-        ] = None,
-        last_event_id_header: Annotated[
-            str | None, Header(alias="Last-Event-ID", description="Go on after this event: epoch.sequence")
-        ] = None,
-    ) -> None:
-        self.kind, self.scan_id, self.with_progress = kind, scan_id, progress
-        self.last_event_id = last_event_id_header or last_event_id
+    kind: str | None
+    scan_id: str | None
+    with_progress: bool
+    last_event_id: str | None
 
-    def wants(self, progress: Progress) -> bool:
-        """Whether a piece of progress passes."""
-        return self.with_progress and self.kind in {None, progress.kind} and self.scan_id in {None, progress.scan_id}
-
-    def wants_event(self, event: EventRow) -> bool:
-        """Whether an event passes."""
-        return self.kind in {None, event.kind} and self.scan_id in {None, event.scan_id}
+    def wants(self, one: Progress | Event) -> bool:
+        """Whether an event or a piece of progress passes."""
+        return self.kind in {None, one.kind} and self.scan_id in {None, one.scan_id}
 
 
-async def _feed(
-    request: Request, services: ServicesNeeded, wanted: Annotated[Filter, Depends()]
-) -> AsyncIterator[Feed]:
+async def _filter(
+    kind: Annotated[
+        Literal["scan", "reconstruction", "job", "batch", "scanner"] | None, Query(description="Only this kind")
+    ] = None,
+    scan_id: Annotated[str | None, Query(max_length=64, description="Only what concerns this scan")] = None,
+    progress: Annotated[bool, Query(description="Also progress, at most five times a second")] = True,
+    last_event_id: Annotated[
+        str | None,
+        Query(max_length=100, description="Go on after this event, for clients that cannot set the header"),
+    ] = None,
+    last_event_id_header: Annotated[
+        str | None, Header(alias="Last-Event-ID", description="Go on after this event: epoch.sequence")
+    ] = None,
+) -> Filter:
+    return Filter(kind, scan_id, progress, last_event_id_header or last_event_id)
+
+
+Wanted = Annotated[Filter, Depends(_filter)]
+
+
+class EventStream(Response):
+    """An answer that goes on until its source ends or the client leaves, with a sign of life when nothing happens."""
+
+    media_type = "text/event-stream"
+
+    def __init__(self, frames: AsyncGenerator[bytes, None]) -> None:
+        # Proxies neither keep nor hold back what they pass on.
+        super().__init__(headers={"Cache-Control": "no-cache", "X-Accel-Buffering": "no"})
+        del self.headers["content-length"]
+        self._frames = frames
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send what comes."""
+        await send({"type": "http.response.start", "status": self.status_code, "headers": self.raw_headers})
+        telling, leaving = asyncio.create_task(self._tell(send)), asyncio.create_task(_left(receive))
+        try:
+            await asyncio.wait({telling, leaving}, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in (telling, leaving):
+                task.cancel()
+            await asyncio.wait({telling, leaving})
+        if not telling.cancelled():
+            telling.result()
+
+    async def _tell(self, send: Send) -> None:
+        async with aclosing(self._frames) as frames:
+            async for frame in frames:
+                await send({"type": "http.response.body", "body": frame, "more_body": True})
+        await send({"type": "http.response.body", "body": b""})
+
+
+async def _left(receive: Receive) -> None:
+    while (await receive())["type"] != "http.disconnect":
+        pass
+
+
+async def _feed(request: Request, services: ServicesNeeded, wanted: Wanted) -> AsyncIterator[Feed]:
     """Open the stream of a ticket, which opens it again for a client that shows an event of it."""
     feed: Feed = request.app.state.feed
     ticket: str | None = getattr(request.state, "ticket", None)
     if ticket is None:
         yield feed
         return
-    bounds = await run_in_threadpool(services.log.bounds)
+    bounds = await feed.bounds()
     goes_on = wanted.last_event_id is not None and _begin(bounds, wanted.last_event_id)[1] is None
     await run_in_threadpool(services.keys.open_stream, ticket, goes_on=goes_on)
     try:
@@ -96,50 +140,52 @@ def create_ticket(services: ServicesNeeded, who: Who) -> TicketView:
 
 @router.get(
     "/events",
+    status_code=200,
     summary="What happens, as it happens",
-    response_class=EventSourceResponse,
-    responses={200: {"description": "A stream that ends only when one side leaves"}},
+    response_class=EventStream,
+    responses={200: {"description": "A stream that ends only when one side leaves", "content": _STREAM}},
 )
 async def follow_events(
-    services: ServicesNeeded, who: Who, feed: Annotated[Feed, Depends(_feed)], wanted: Annotated[Filter, Depends()]
-) -> AsyncIterator[ServerSentEvent]:
+    services: ServicesNeeded, who: Who, feed: Annotated[Feed, Depends(_feed)], wanted: Wanted
+) -> EventStream:
     """Follow changes of state (events named scan, reconstruction, job, batch, scanner) and progress.
 
     Changes carry ids; a client that sends the last one it saw as Last-Event-ID gets every later one exactly once, or
     one ``reset`` event when the log does not go back so far: then read the resources again. An id alone says that
     what happened up to it does not pass the filter. Progress carries no id and is not kept.
     """
-    bounds = await run_in_threadpool(services.log.bounds)
+    return EventStream(_frames(services, who, feed, wanted))
+
+
+async def _frames(services: Services, who: Principal, feed: Feed, wanted: Filter) -> AsyncGenerator[bytes, None]:
+    bounds = await feed.bounds()
     cursor, problem = _begin(bounds, wanted.last_event_id)
-    if problem is not None:
-        data = {"reason": problem, "snapshot": _SNAPSHOT}
-        yield ServerSentEvent(event="reset", id=f"{bounds.epoch}.{cursor}", data=data, retry=RETRY_MS)
-    else:
-        yield ServerSentEvent(event="ready", id=f"{bounds.epoch}.{cursor}", data={}, retry=RETRY_MS)
+    about = {} if problem is None else {"reason": problem, "snapshot": _SNAPSHOT}
+    name, place = "ready" if problem is None else "reset", f"{bounds.epoch}.{cursor}"
+    yield format_sse_event(event=name, id=place, data_str=json.dumps(about), retry=RETRY_MS)
     told: dict[str, Progress] = {}
-    said = cursor
-    async with aclosing(feed.listen()) as changes:
+    spoke = time.monotonic()
+    async with aclosing(feed.listen(progress=wanted.with_progress)) as changes:
         async for _ in changes:
             if services.keys.is_revoked(who):
                 return
-            while events := await _next(services, feed, cursor):
+            frames, said = [], cursor
+            while events := await feed.after(cursor, bounds.epoch, BATCH):
                 cursor = events[-1].sequence
-                for event in filter(wanted.wants_event, events):
-                    said = event.sequence
-                    yield _to_sse(event, bounds.epoch)
+                passing = [event for event in events if wanted.wants(event)]
+                frames += [event.frame for event in passing]
+                said = passing[-1].sequence if passing else said
             if cursor > said:  # a client that comes back need not be told what it did not want to hear
-                said = cursor
-                yield ServerSentEvent(id=f"{bounds.epoch}.{cursor}")
-            for progress in list(feed.progress.values()):
-                if wanted.wants(progress) and told.get(progress.id) != progress:
+                frames.append(format_sse_event(id=f"{bounds.epoch}.{cursor}"))
+            for progress in feed.progress.values() if wanted.with_progress else ():
+                if told.get(progress.id) != progress and wanted.wants(progress):
                     told[progress.id] = progress
-                    yield ServerSentEvent(event="progress", data=asdict(progress))
-
-
-async def _next(services: Services, feed: Feed, cursor: int) -> list[EventRow]:
-    """Read on after an event: in what all listeners share, or in the log."""
-    shared = feed.after(cursor)
-    return shared if shared is not None else await run_in_threadpool(services.log.after, cursor, BATCH)
+                    frames.append(progress.frame)
+            if not frames and time.monotonic() - spoke >= SIGN_OF_LIFE:
+                frames = [KEEPALIVE_COMMENT]
+            if frames:
+                spoke = time.monotonic()
+                yield b"".join(frames)
 
 
 def _begin(bounds: Bounds, last_event_id: str | None) -> tuple[int, str | None]:
@@ -152,8 +198,3 @@ def _begin(bounds: Bounds, last_event_id: str | None) -> tuple[int, str | None]:
     if not bounds.before <= int(number) <= bounds.last:
         return bounds.last, "the log does not hold what came after that id"
     return int(number), None
-
-
-def _to_sse(event: EventRow, epoch: str) -> ServerSentEvent:
-    data = {"id": event.resource_id, "at": event.at.isoformat(), **event.data}
-    return ServerSentEvent(event=event.kind, id=f"{epoch}.{event.sequence}", data=data)

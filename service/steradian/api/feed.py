@@ -6,19 +6,24 @@ A listener that reads slowly costs nothing but its own time: what it has not rea
 from __future__ import annotations
 
 import asyncio
+import json
 import logging
 import time
 from collections import deque
 from collections.abc import AsyncGenerator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any
 
+from fastapi.sse import format_sse_event
 from sqlalchemy.exc import DBAPIError
 from starlette.concurrency import run_in_threadpool
 
+from steradian.api.looks import Looks
 from steradian.api.services import Services
 from steradian.jobs.kinds import resource_of
+from steradian.storage.events import Bounds
 from steradian.storage.tables import EventRow
 
 LOOK = 0.1
@@ -44,6 +49,20 @@ class Progress:
     total: int
     eta: float | None
 
+    @cached_property
+    def frame(self) -> bytes:
+        """How it is written into streams; once for all of them."""
+        return format_sse_event(event="progress", data_str=json.dumps(asdict(self)))
+
+
+class Event:
+    """An event of the log, and how it is written into streams."""
+
+    def __init__(self, row: EventRow, epoch: str) -> None:
+        self.sequence, self.kind, self.scan_id = row.sequence, row.kind, row.scan_id
+        data = {"id": row.resource_id, "at": row.at.isoformat(), **row.data}
+        self.frame = format_sse_event(event=row.kind, id=f"{epoch}.{row.sequence}", data_str=json.dumps(data))
+
 
 class Feed:
     """Looks at the database while anybody listens."""
@@ -55,7 +74,8 @@ class Feed:
         self._task: asyncio.Task[None] | None = None
         self._listeners = self._watchers = 0
         """Who listens at all, and who wants progress too."""
-        self._events: deque[EventRow] = deque(maxlen=KEPT)
+        self._events: deque[Event] = deque(maxlen=KEPT)
+        self._bounds: Looks[None, Bounds] = Looks(lambda _: {None: services.log.bounds()})
         self._since = self.last = 0
         self.progress: dict[str, Progress] = {}
         self._stages: dict[str, tuple[str | None, float, int]] = {}
@@ -80,21 +100,30 @@ class Feed:
                 self._task = None
                 self.progress = {}  # the next listener would be told of it as if it were new
 
-    def after(self, sequence: int) -> list[EventRow] | None:
-        """Return the events after a number, oldest first; ``None`` when they are not all in memory."""
+    async def bounds(self) -> Bounds:
+        """Tell where the log begins and ends; those who ask in the same moment share a look at it."""
+        return await self._bounds.ask(None)
+
+    async def after(self, sequence: int, epoch: str, limit: int) -> list[Event]:
+        """Return events after a number, oldest first: what is in memory for all, or at most ``limit`` of the log."""
         if not self._since <= sequence <= self.last:
-            return None
+            return [Event(row, epoch) for row in await run_in_threadpool(self._services.log.after, sequence, limit)]
+        if sequence == self.last:
+            return []
         return [event for event in self._events if event.sequence > sequence]
 
     async def _look(self) -> None:
         looked = float("-inf")
         self._events.clear()
-        self._since, self.last = 0, -1
+        self._since, self.last, epoch = 0, -1, ""
         while True:
             try:
                 if is_first := self.last < 0:
-                    self._since = self.last = (await run_in_threadpool(self._services.log.bounds)).last
-                news = await run_in_threadpool(self._services.log.after, self.last, KEPT)
+                    bounds = await self.bounds()
+                    self._since = self.last = bounds.last
+                    epoch = bounds.epoch
+                rows = await run_in_threadpool(self._services.log.after, self.last, KEPT)
+                news = [Event(row, epoch) for row in rows]
                 before = self.progress
                 if self._watchers and time.monotonic() - looked >= PROGRESS:
                     looked = time.monotonic()
@@ -110,7 +139,7 @@ class Feed:
                 _log.warning("the log cannot be read: %s", error.orig)
             await asyncio.sleep(LOOK)
 
-    def _take(self, news: list[EventRow]) -> None:
+    def _take(self, news: list[Event]) -> None:
         for event in news:
             if len(self._events) == KEPT:
                 self._since = self._events[0].sequence

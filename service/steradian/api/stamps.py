@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
 import re
-from concurrent.futures import ThreadPoolExecutor
 from typing import Final
 
 from starlette.types import Scope
 
+from steradian.api.looks import Looks
 from steradian.storage.database import Database
 from steradian.storage.stamps import ANY_BEFORE, Question, Stamp, look
 
@@ -17,16 +16,11 @@ _PAGE: Final = re.compile(rb"limit=([1-9][0-9]{0,2})(?:&before=([0-9]{1,9}))?")
 
 
 class Stamps:
-    """Looks at stamps in a thread of its own, one look after the other.
-
-    A look that has begun answers nobody who asks later, so that no stamp is older than its question.
-    """
+    """Looks at stamps."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
-        self._thread = ThreadPoolExecutor(1, "stamps")
-        self._asked: dict[Question, asyncio.Future[Stamp]] = {}
-        self._task: asyncio.Task[None] | None = None
+        self._looks = Looks(self._look)
 
     async def of(self, scope: Scope) -> Stamp:
         """Return the stamp of what a request asks for; an empty one where there is none, or nothing.
@@ -37,26 +31,7 @@ class Stamps:
             When the database does not answer.
         """
         question = question_of(scope)
-        if question is None:
-            return ()
-        if question not in self._asked:
-            self._asked[question] = asyncio.get_running_loop().create_future()
-            if self._task is None:
-                self._task = asyncio.create_task(self._answer())
-        return await asyncio.shield(self._asked[question])
-
-    async def _answer(self) -> None:
-        while self._asked:
-            asked, self._asked = self._asked, {}
-            try:
-                found = await asyncio.get_running_loop().run_in_executor(self._thread, self._look, tuple(asked))
-            except Exception as error:
-                for future in asked.values():
-                    future.set_exception(error)
-            else:
-                for question, future in asked.items():
-                    future.set_result(found[question])
-        self._task = None
+        return () if question is None else await self._looks.ask(question)
 
     def _look(self, questions: tuple[Question, ...]) -> dict[Question, Stamp]:
         with self._database.engine.connect() as connection:

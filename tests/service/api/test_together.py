@@ -197,8 +197,8 @@ def test_a_kept_answer_is_the_one_that_would_be_made(server, http, scan_with_ali
 def test_stamps_that_are_asked_for_together_cost_one_look(server, mask):
     async def run():
         stamps, looks = Stamps(server.database), []
-        plain = stamps._look
-        stamps._look = lambda questions: looks.append(len(questions)) or plain(questions)
+        plain = stamps._looks._look
+        stamps._looks._look = lambda questions: looks.append(len(questions)) or plain(questions)
         scopes = [{"path": f"/api/v1/masks/{mask['id'] if even else 'm0'}", "query_string": b""} for even in (1, 0)]
         found = await asyncio.gather(*(stamps.of(scope) for scope in scopes * 20))
         assert looks == [2]

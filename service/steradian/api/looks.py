@@ -1,0 +1,50 @@
+"""Questions that many ask at once, answered in one look for all of them."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from typing import Generic, TypeVar
+
+Question = TypeVar("Question")
+Answer = TypeVar("Answer")
+
+
+class Looks(Generic[Question, Answer]):
+    """Looks in a thread of its own, one look after the other.
+
+    A look that has begun answers nobody who asks later, so that no answer is older than its question.
+
+    Parameters
+    ----------
+    look
+        Answers several questions, each of which is asked once.
+    """
+
+    def __init__(self, look: Callable[[tuple[Question, ...]], Mapping[Question, Answer]]) -> None:
+        self._look = look
+        self._thread = ThreadPoolExecutor(1, "looks")
+        self._asked: dict[Question, asyncio.Future[Answer]] = {}
+        self._task: asyncio.Task[None] | None = None
+
+    async def ask(self, question: Question) -> Answer:
+        """Have a question answered; raises what the look raises."""
+        if question not in self._asked:
+            self._asked[question] = asyncio.get_running_loop().create_future()
+            if self._task is None:
+                self._task = asyncio.create_task(self._answer())
+        return await asyncio.shield(self._asked[question])
+
+    async def _answer(self) -> None:
+        while self._asked:
+            asked, self._asked = self._asked, {}
+            try:
+                found = await asyncio.get_running_loop().run_in_executor(self._thread, self._look, tuple(asked))
+            except Exception as error:
+                for future in asked.values():
+                    future.set_exception(error)
+            else:
+                for question, future in asked.items():
+                    future.set_result(found[question])
+        self._task = None
