@@ -239,7 +239,7 @@ def paper(
         document = measure(output, quick=quick, only=tuple(only or ()), readme=readme, progress=progress)
     table = Table("claim", "paper", "ours", "holds", box=None, pad_edge=False, show_edge=False)
     for claim in claims_of(document):
-        table.add_row(claim.text, claim.paper, claim.ours, "yes" if claim.holds else "no")
+        table.add_row(claim.text, claim.paper, claim.ours, claim.verdict.value)
     console().print(table)
     show_end(("page", output / "paper.md"), ("figures", output / "paper" / "paper.json"), ("all", output))
 

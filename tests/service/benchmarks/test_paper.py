@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from steradian.benchmarks.paper import paper
 from steradian.benchmarks.paper.markdown import number, spread, table
 from steradian.benchmarks.paper.page import BEGIN, END, claims_of, page, put_into_readme, readme_block
-from steradian.benchmarks.paper.sections import NAMES, sections
+from steradian.benchmarks.paper.sections import NAMES, Claim, Verdict, sections
 from steradian.cli.app import app
 from steradian.errors import Cancelled, InvalidInput
 
@@ -134,12 +134,39 @@ def test_the_pages_figures_follow_the_json(committed) -> None:
 
 @pytest.mark.parametrize(
     "words",
-    ["3-D yarn: equi-steradian closer", "3-D yarn: NEDNER", "2-D tree: equiangular closer", "2-D tree: NEDNER"],
+    ["3-D yarn: NEDNER", "2-D tree: equiangular closer", "2-D tree: NEDNER"],
 )
-def test_the_claims_that_masks_rest_on_hold_in_every_run(committed, words) -> None:
-    claims = [claim for claim in claims_of(committed) if claim.text.startswith(words)]
+def test_claims_that_small_versions_can_show_have_their_sign(quick, words) -> None:
+    """Not that of the yarn's mask against grids: with a sixteenth of the points they are alike (see comparisons)."""
+    measured = json.loads((quick / "paper" / "paper.json").read_text("utf-8"))
+    claims = [claim for claim in claims_of(measured) if claim.text.startswith(words)]
     assert len(claims) == 1
-    assert claims[0].holds, claims[0]
+    assert claims[0].verdict is not Verdict.FAILS, claims[0]
+
+
+@pytest.mark.parametrize(
+    ("runs", "figure", "verdict"),
+    [
+        ((0.2, 0.4), 0.3, Verdict.HOLDS),
+        ((0.2, 0.4), 0.44, Verdict.HOLDS),  # their standard deviation is 0.141
+        ((0.2, 0.4), 0.45, Verdict.SIGN),
+        ((0.2, 0.4), None, Verdict.HOLDS),
+        ((0.2, -0.01), 0.0, Verdict.FAILS),
+        ((0.0,), None, Verdict.FAILS),
+        ((0.1,), 0.2, Verdict.SIGN),
+    ],
+)
+def test_one_rule_says_what_holds(runs, figure, verdict) -> None:
+    assert Claim("it", runs, "so", figure=figure).verdict is verdict
+
+
+def test_the_page_counts_every_claim_and_so_does_the_readme(committed) -> None:
+    claims = claims_of(committed)
+    counted = f"Of {len(claims)} claims {sum(claim.verdict is Verdict.HOLDS for claim in claims)} hold"
+    assert counted in page(committed)
+    assert counted in readme_block(committed)
+    shown = [line for line in page(committed).split("## In short")[1].split("## ")[0].splitlines() if "| " in line]
+    assert len(shown) == len(claims) + 1
 
 
 def test_numbers_are_written_for_people() -> None:

@@ -18,6 +18,7 @@ from steradian.reconstructions.sound_speed import SoundSpeedCurve, find_sound_sp
 
 SPEEDS = (1400.0, 1450.0, 1500.0, 1550.0, 1600.0)
 GAINS = (4.0, 10.0)
+OWN, OFF = "its own", "a pole 20 % too low"
 ANGLES = (50.0, 62.0)
 _DEPTH, _SIDE, _MODES, _INTERVAL, _SAMPLES, _SPEED = 1.4e-3, 6.4e-3, 80, 10e-9, 400, 1480.0
 
@@ -78,16 +79,28 @@ def _film() -> Part:
     noise = np.random.default_rng(0).standard_normal(real.shape, np.float32)
     full, silent = _image(ideal, ring, None), _image(noise, ring, None)
     rows = []
-    for gain in (None, *GAINS):
-        correction = None if gain is None else Correction(SimulatedFilm(), gain)
+    tried = [(None, None), *((OWN, gain) for gain in GAINS), (OFF, GAINS[-1])]
+    for model, gain in tried:
+        correction = None if gain is None else Correction(SimulatedFilm() if model == OWN else MistakenFilm(), gain)
         rows.append(
             {
+                "model": model,
                 "max_gain": gain,
                 "amplitude": _peak(_image(real, ring, correction)) / _peak(full),
                 "noise": float(np.linalg.norm(_image(noise, ring, correction)) / np.linalg.norm(silent)),
             }
         )
     return {"angles": list(ANGLES), "sensors": len(ring), "rows": rows}
+
+
+class MistakenFilm:
+    """The simulated film as somebody has it who is wrong by a fifth about its band."""
+
+    def at(
+        self, frequencies: NDArray[np.float64], sines: NDArray[np.float64], sound_speed: float
+    ) -> NDArray[np.complex128]:
+        """As :meth:`steradian.imaging.response.FilmResponse.at`."""
+        return SimulatedFilm().at(1.25 * np.asarray(frequencies, np.float64), sines, sound_speed)
 
 
 def _image(traces: NDArray[Any], where: NDArray[Any], correction: Correction | None) -> NDArray[Any]:
@@ -136,6 +149,7 @@ def write(part: Part) -> str:
     films = [
         [
             "none" if row["max_gain"] is None else f"at most {number(row['max_gain'], 0)} times",
+            row.get("model") or "–",
             percent(row["amplitude"], 1),
             number(row["noise"], 2),
         ]
@@ -153,24 +167,27 @@ def write(part: Part) -> str:
             " through the simulated film (one pole in frequency, a loss at the side);",
             "the correction divides each wave (j, κ) by the response at its own frequency and angle:",
             "",
-            table(["amplification", "amplitude of an ideal sensor's", "noise, times"], films),
+            table(["amplification", "response assumed", "amplitude of an ideal sensor's", "noise, times"], films),
         ]
     )
 
 
 def claims(part: Part) -> list[Claim]:
     """Speeds within 0.3 %, amplitudes within 10 %, noise within its bound."""
-    off = max(abs(row["best"] / row["speed"] - 1) for row in part["speeds"])
+    off = [abs(row["best"] / row["speed"] - 1) for row in part["speeds"]]
     mended = [row for row in part["film"]["rows"] if row["max_gain"] is not None]
-    worst = max(abs(row["amplitude"] - 1) for row in mended)
+    left = [abs(row["amplitude"] - 1) for row in mended]
     bounded = all(row["noise"] <= row["max_gain"] for row in mended)
     return [
-        Claim("Speed of sound found within 0.3 % at 30 dB", "", f"{percent(off, 3)} at most", off < 0.003),
+        Claim(
+            "Speed of sound found within 0.3 % at 30 dB",
+            tuple(0.003 - one for one in off),
+            f"{percent(max(off), 3)} at most",
+        ),
         Claim(
             "A ball seen at 50°–62° regains its amplitude within 10 %, noise amplified no more than stated",
-            "",
-            f"{percent(worst, 1)} off at most",
-            worst < 0.1 and bounded,
+            tuple(0.1 - one if bounded else -1.0 for one in left),
+            f"{percent(max(left), 1)} off at most",
         ),
     ]
 

@@ -6,7 +6,7 @@ from itertools import chain
 from typing import Any
 
 from steradian.benchmarks.paper.markdown import number, table
-from steradian.benchmarks.paper.sections import Claim, sections
+from steradian.benchmarks.paper.sections import RULE, Claim, Verdict, sections
 from steradian.errors import InvalidInput
 
 BEGIN, END = "<!-- paper: begin, written by `steradian benchmark paper` -->", "<!-- paper: end -->"
@@ -40,7 +40,7 @@ def page(document: dict[str, Any]) -> str:
     ]
     if any(parts[section.name].get("quick") for section in measured):
         blocks.append("**Parts of this were run with `--quick`: they show that it runs and measure nothing.**")
-    blocks += ["## In short", _summary(claims)]
+    blocks += ["## In short", RULE, _counted(claims), _summary(claims)]
     for section in measured:
         blocks += [f"## {section.title}", section.write(parts[section.name]).strip()]
     return "\n\n".join(blocks) + "\n"
@@ -48,7 +48,8 @@ def page(document: dict[str, Any]) -> str:
 
 def readme_block(document: dict[str, Any]) -> str:
     """Write the README's summary, with its markers."""
-    return f"{BEGIN}\n{_summary([c for c in claims_of(document) if c.headline])}{END}"
+    claims = claims_of(document)
+    return f"{BEGIN}\n{_counted(claims)}\n\n{_summary([c for c in claims if c.headline])}{END}"
 
 
 def put_into_readme(text: str, document: dict[str, Any]) -> str:
@@ -71,6 +72,15 @@ def claims_of(document: dict[str, Any]) -> list[Claim]:
     return list(chain.from_iterable(s.claims(parts[s.name]) for s in sections() if s.name in parts))
 
 
+def _counted(claims: list[Claim]) -> str:
+    of = [claim.verdict for claim in claims]
+    return (
+        f"Of {len(of)} claims {of.count(Verdict.HOLDS)} hold, {of.count(Verdict.SIGN)} by their sign only,"
+        f" {of.count(Verdict.FAILS)} do not."
+    )
+
+
 def _summary(claims: list[Claim]) -> str:
-    rows = [[c.text, c.paper or "–", c.ours, "yes" if c.holds else "**no**"] for c in claims]
+    shown = {Verdict.HOLDS: "yes", Verdict.SIGN: "sign only", Verdict.FAILS: "**no**"}
+    rows = [[c.text, c.paper or "–", c.ours, shown[c.verdict]] for c in claims]
     return table(["claim", "paper", "ours", "holds"], rows)

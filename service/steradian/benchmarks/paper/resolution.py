@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from steradian.benchmarks.paper.markdown import number, percent, picture, table, with_error
 from steradian.benchmarks.paper.resolution_data import KWAVE, SAMPLES, SHORT, measure
 from steradian.benchmarks.paper.sections import Claim, Part, Section
@@ -106,6 +108,12 @@ def _reasons(part: Part) -> list[str]:
     ]
 
 
+def _gain_with_error(ours: tuple[float, float], theirs: tuple[float, float], count: int) -> tuple[float, float]:
+    """Give the gain of two means and its standard error, from the means' own by propagation."""
+    (a, da), (b, db) = ours, theirs
+    return b / a - 1, b / a * float(np.hypot(da / a, db / b)) / count**0.5
+
+
 def claims(part: Part) -> list[Claim]:
     """Axial and lateral resolution, the star at 10 lp/mm."""
     ner, linear = _row(part, "NER"), _row(part, "linear")
@@ -114,18 +122,24 @@ def claims(part: Part) -> list[Claim]:
     for key in ("axial", "lateral"):
         share = PAPER[key][2] / 100
         for row, modes in ((linear, "the same modes"), (kwave, "modes as sensors")):
-            better = gain(ner[f"{key}_direct"][0], row[f"{key}_direct"][0]) or 0.0
+            name = f"{key}_direct"
+            count = ner["axial_fits"] if key == "axial" else ner["edges"]
+            better, error = _gain_with_error(ner[name], row[name], count)
             text = f"Chart: {key} line narrower by NER than by linear interpolation with {modes} (direct width)"
             headline = row is linear
-            found.append(Claim(text, percent(share), percent(better), better > 0.5 * share, headline))
+            ours = f"{with_error(100 * better, 100 * error, 0)} %"
+            found.append(Claim(text, (better - error, better + error), ours, percent(share), share, headline))
     at = part["densities"].index(10)
     a, b, c = (part["modulation"][name][at] for name in ("NER", "linear", KWAVE))
-    text = "Star: NER shows 10 lp/mm, interpolation does not (modulation; same modes / modes as sensors)"
-    found.append(Claim(text, "", f"{number(a, 2)} against {number(b, 2)} / {number(c, 2)}", c < a / 3))
+    for other, modes in ((b, "the same modes"), (c, "modes as sensors")):
+        text = f"Star: interpolation with {modes} shows less than a third of NER's modulation at 10 lp/mm"
+        found.append(Claim(text, (a / 3 - other,), f"{number(other, 2)} against {number(a, 2)}"))
     times = part["seconds_of"]
     slower = [gain(*(times[k][m]["processor"] for m in ("NER", "linear"))) or 0.0 for k in ("star", "chart")]
     text = "Linear interpolation slower than NER (star, chart; processor time)"
-    found.append(Claim(text, "35 %, 29 %", ", ".join(percent(s) for s in slower), min(slower) > 0.1))
+    paper = [PAPER[f"{key}_s"][2] / 100 for key in ("star", "chart")]
+    ours = ", ".join(percent(s) for s in slower)
+    found.append(Claim(text, tuple(slower), ours, ", ".join(percent(p) for p in paper), min(paper)))
     return found
 
 

@@ -10,7 +10,9 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
+from statistics import mean, stdev
 from typing import Any, TypeAlias
 
 from steradian.errors import InvalidInput
@@ -70,6 +72,22 @@ class Section:
     claims: Callable[[Part], list[Claim]] = lambda part: []
 
 
+class Verdict(StrEnum):
+    """How a claim came out, by one rule for all of them."""
+
+    HOLDS = "yes"
+    SIGN = "sign only"
+    FAILS = "no"
+
+
+RULE = (
+    "*Holds*, one rule for all lines: **no** if any run has the other sign or misses the stated limit; *yes* if none\n"
+    "does and the paper's figure, where there is one, is at most one standard deviation above the mean of our runs;\n"
+    "*sign only* between."
+)
+"""The rule of :attr:`Claim.verdict` in words."""
+
+
 @dataclass(frozen=True, slots=True)
 class Claim:
     """One line of the summary at the top of the page.
@@ -78,19 +96,33 @@ class Claim:
     ----------
     text
         What the paper, or this project, says.
-    paper, ours
+    runs
+        What each run gave, such that above zero bears it out; a single measurement gives its value minus and plus its
+        standard error.
+    ours, paper
         Both figures, as text; empty where there is none.
-    holds
-        Whether ours bears it out.
+    figure
+        The paper's, in the unit of ``runs``; None where it has none.
     headline
         Whether the README shows it too.
     """
 
     text: str
-    paper: str
+    runs: tuple[float, ...]
     ours: str
-    holds: bool
+    paper: str = ""
+    figure: float | None = None
     headline: bool = False
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the runs bear it out, see :data:`RULE`."""
+        if min(self.runs) <= 0:
+            return Verdict.FAILS
+        deviation = stdev(self.runs) if len(self.runs) > 1 else 0.0
+        if self.figure is not None and self.figure > mean(self.runs) + deviation:
+            return Verdict.SIGN
+        return Verdict.HOLDS
 
 
 def sections(only: tuple[str, ...] = ()) -> list[Section]:
