@@ -16,7 +16,10 @@ WARNINGS = {
 }
 """What the linter may warn of, and why it stays."""
 BREAKS = {}
-"""What may break clients of the accepted document, (rule, place), and why; emptied when the next one is accepted."""
+"""What may break clients of the accepted document, (rule, place), and why; emptied when the next one is accepted.
+
+A value more among those that an answer may have counts, too: clients that generators made refuse what they do not know.
+"""
 
 
 def test_the_linter_finds_no_error_and_no_warning_without_a_reason(tools):

@@ -1,0 +1,28 @@
+"""The document tried by schemathesis with every check: its examples, edges, random values, and walks by its links."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).parent
+DOCUMENT = HERE.parents[2] / "docs" / "openapi.json"
+
+
+@pytest.mark.parametrize(
+    ("phases", "examples"),
+    [
+        pytest.param("examples,fuzzing,stateful", 4, id="a little", marks=pytest.mark.long),
+        pytest.param("examples,coverage,fuzzing,stateful", 200, id="everything", marks=pytest.mark.nightly),
+    ],
+)
+@pytest.mark.timeout(7200)
+def test_whatever_is_sent_in_whatever_order_no_check_finds_a_fault(server, phases, examples):
+    """``schemathesis.toml`` says which answers are none; ``-n`` is for each operation, and for the walks."""
+    command = [sys.executable, "-m", "schemathesis.cli", "--config-file", HERE / "schemathesis.toml", "run", DOCUMENT]
+    how = ["--url", server.url, "--phases", phases, "--max-examples", str(examples), "--continue-on-failure"]
+    ran = subprocess.run([*command, *how, "--no-color"], capture_output=True, text=True)
+    assert ran.returncode == 0, ran.stdout[-20_000:] + ran.stderr
+    assert int(re.search(r"(\d+) covered", ran.stdout)[1]) > 0, "links were followed"
