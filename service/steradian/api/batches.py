@@ -28,6 +28,7 @@ from steradian.jobs.model import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobStatus
 from steradian.jobs.requests import Identifier, ReconstructionRequest, Through
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.storage import filters
+from steradian.storage.dependence import hold_needs
 from steradian.storage.filters import BatchState
 from steradian.storage.idempotency import Answer
 from steradian.storage.states import is_terminal
@@ -153,6 +154,7 @@ async def create_batch(services: ServicesNeeded, who: Who, wanted: BatchRequest,
 
     def make(session: Session) -> Answer:
         services.require_room(session, sum(rooms), f"the batch of {len(rooms)} volumes")
+        hold_needs(session, *(one.model_dump(mode="json") for one in chosen))
         batch = services.batches.add(session, scan, vary, wanted.parameters, who.name)
         noted = [
             note_reconstruction(services, session, scan, one, who, room, batch)

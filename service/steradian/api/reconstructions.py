@@ -23,6 +23,7 @@ from steradian.jobs.model import LOWEST_PRIORITY, JobStatus
 from steradian.jobs.requests import ReconstructionRequest, job_of
 from steradian.security.keys import Principal
 from steradian.storage import filters
+from steradian.storage.dependence import hold_needs
 from steradian.storage.idempotency import Answer
 from steradian.storage.tables import BatchRow, JobRow, ReconstructionRow, ScanRow
 from steradian.validation import Value
@@ -75,6 +76,7 @@ async def create_reconstruction(
 
     def make(session: Session) -> Answer:
         services.require_room(session, room, "the volume")
+        hold_needs(session, wanted.model_dump(mode="json"))
         row, job = note_reconstruction(services, session, scan, wanted, who, room)
         view = ReconstructionView.of(row, to_status(job))
         return Answer(202, view.links["self"], view.model_dump_json())
@@ -181,7 +183,7 @@ def note_reconstruction(
     room: int,
     batch: BatchRow | None = None,
 ) -> tuple[ReconstructionRow, JobRow]:
-    """Note a reconstruction and its job, which may write ``room`` bytes, in the present transaction."""
+    """Note a reconstruction and its job of at most ``room`` bytes, in the transaction that holds what it needs."""
     row = services.reconstructions.add(session, scan, wanted.parameters.model_dump(mode="json"), batch)
     job = services.submit(session, job_of(row.id, wanted, principal=who.name, batch_id=row.batch_id, promised=room))
     session.flush()

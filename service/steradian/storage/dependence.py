@@ -48,13 +48,18 @@ def hold(session: Session, kind: str, identifier: str) -> None:
         raise NotFound(kind, identifier)
 
 
-def hold_needs(session: Session, request: Mapping[str, Any]) -> None:
-    """Hold all that a job's request names; see :func:`hold`."""
-    if request.get("through") is not None:  # in the order in which deletions look, or two could wait for each other
-        hold(session, "mask", request["through"]["mask_id"])
+def hold_needs(session: Session, *requests: Mapping[str, Any]) -> None:
+    """Hold all that requests of jobs name, before anything else of them is held or told; see :func:`hold`.
+
+    The order is that of deletions, from masks to scans to reconstructions and then the event log: or two transactions
+    could wait for each other.
+    """
+    through = [request["through"]["mask_id"] for request in requests if request.get("through") is not None]
+    for mask in sorted(set(through)):
+        hold(session, "mask", mask)
     for name, kind in _READ.items():
-        if request.get(name) is not None:
-            hold(session, kind, request[name])
+        for identifier in sorted({request[name] for request in requests if request.get(name) is not None}):
+            hold(session, kind, identifier)
 
 
 def needed(session: Session) -> set[str]:

@@ -21,7 +21,7 @@ from steradian.storage.states import (
     check_transition,
     is_terminal,
 )
-from steradian.storage.tables import PlanRow, ScanRow
+from steradian.storage.tables import PlanRow, ScannerRow, ScanRow
 
 
 class ScanRepository(Repository[ScanRow]):
@@ -217,6 +217,8 @@ class ScanRepository(Repository[ScanRow]):
             When the scan's state does not allow it, or it has changed since ``revision``.
         """
         with self.database.write() as session:
+            if admit is not None and wish is DesiredScanState.RUNNING:  # the scanner first, as an emergency stop does
+                session.execute(select(ScannerRow.id).with_for_update())
             row = self._find(session, identifier, lock=True)
             if revision is not None and row.revision != revision:
                 raise Outdated(f"scan {identifier} has changed since; read it again")

@@ -3,14 +3,13 @@
 import asyncio
 import dataclasses
 import threading
-import time
 import uuid
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 
 import httpx
 import pytest
-from sqlalchemy import text
+from sqlalchemy import select, text
 
 from steradian.api.app import create_app
 from steradian.api.job_checks import room_of
@@ -18,9 +17,12 @@ from steradian.jobs.model import Succeeded
 from steradian.jobs.requests import ReconstructionRequest
 from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url
+from steradian.storage.dependence import Resource, closure
 from steradian.storage.disk import promised
-from steradian.storage.states import ScanState
-from steradian.storage.tables import PlanRow
+from steradian.storage.events import record
+from steradian.storage.states import DesiredScanState, ScanState
+from steradian.storage.tables import MaskRow, PlanRow, ScannerRow, ScanRow
+from support.waiting import until
 
 GRID = {"arrangement": "grid", "aperture": 0.01, "interval": 1e-4}
 SMALL = {"modes": 8}
@@ -145,14 +147,56 @@ def test_a_deletion_waits_for_what_is_being_made_and_then_names_it(bench):
         session.add(PlanRow(**copy | {"sequence": None, "id": "pnew"}))
         session.flush()
         deleting.start()
-        waiting = "SELECT count(*) FROM pg_locks WHERE NOT granted"
-        deadline = time.monotonic() + 60
-        while not session.scalar(text(waiting)):
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
+        wait_for_a_lock(session)
     deleting.join(60)
     assert (answers[0].status_code, answers[0].json()["code"]) == (409, "has-dependents"), answers[0].text
     assert answers[0].json()["dependents"] == ["/api/v1/plans/pnew"]
+
+
+def wait_for_a_lock(session):
+    """Wait until somebody waits for a lock."""
+    until(lambda: session.scalar(text("SELECT count(*) FROM pg_locks WHERE NOT granted")))
+
+
+@pytest.mark.parametrize("bench", [pytest.param("postgres", marks=pytest.mark.long)], indirect=True)
+@pytest.mark.parametrize(
+    ("path", "look"),
+    [
+        ("/reconstructions", lambda mask: {"through": {"mask_id": mask}, "parameters": SMALL}),
+        ("/batches", lambda mask: {"vary": {"mask_id": [mask]}, "parameters": SMALL}),
+    ],
+)
+def test_a_deletion_and_what_is_made_never_wait_for_each_other(bench, path, look):
+    """Both go from masks to scans to the event log, so whoever comes second holds nothing that the first one needs."""
+    scan = bench.scan()
+    mask, answers = bench.services.scans.get(scan).mask_id, []
+    making = threading.Thread(target=lambda: answers.append(bench.post(path, scan_id=scan, **look(mask))))
+    with bench.services.database.write() as session:
+        session.execute(select(MaskRow.id).where(MaskRow.id == mask).with_for_update())  # a deletion begins so
+        making.start()
+        wait_for_a_lock(session)
+        assert Resource("scan", scan) in closure(session, Resource("mask", mask))
+        record(session, bench.services.clock(), "scan", scan, {"state": "looked at"})
+    making.join(60)
+    assert answers[0].status_code == 202, answers[0].text
+
+
+@pytest.mark.parametrize("bench", [pytest.param("postgres", marks=pytest.mark.long)], indirect=True)
+def test_an_emergency_stop_and_a_wish_to_go_on_never_wait_for_each_other(bench):
+    scan, services = bench.make("/scans", plan_id=bench.plan()), bench.services
+    for state in (ScanState.ARMING, ScanState.RUNNING):
+        services.scans.transition(scan, state, why="test")
+    services.scans.desire(scan, DesiredScanState.PAUSED, None)
+    answers = []
+    put = {"json": {"state": "running"}}
+    going_on = threading.Thread(target=lambda: answers.append(bench.ask("PUT", f"/scans/{scan}/desired-state", **put)))
+    with services.database.write() as session:
+        session.execute(select(ScannerRow.id).with_for_update())  # a stop begins so
+        going_on.start()
+        wait_for_a_lock(session)
+        session.execute(select(ScanRow.id).where(ScanRow.id == scan).with_for_update())
+    going_on.join(60)
+    assert answers[0].json()["desired_state"] == "running", answers[0].text
 
 
 def test_two_jobs_that_come_at_once_do_not_get_the_same_place_on_the_disk(bench, monkeypatch):
