@@ -10,7 +10,7 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="session")
-def service(tmp_path_factory):
+def running(tmp_path_factory):
     """A running service with a simulated scanner."""
     service = Service(tmp_path_factory.mktemp("data")).start()
     yield service
@@ -18,9 +18,9 @@ def service(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def url(service):
+def url(running):
     """Address of that service."""
-    return service.url
+    return running.url
 
 
 class Tools:

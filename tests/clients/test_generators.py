@@ -16,10 +16,10 @@ DOCUMENT, OURS = ROOT / "docs" / "openapi.json", Path(__file__).parent / "tools"
 
 
 @pytest.fixture(scope="module")
-def key(service):
+def key(running):
     """A key that may do the main job: generators take a documented key for one that is needed."""
     scopes = [word for scope in ("read", "plan", "operate", "reconstruct") for word in ("--scope", scope)]
-    command = [sys.executable, "-m", "steradian", "key", "create", "walker", *scopes, "--data", service.folder]
+    command = [sys.executable, "-m", "steradian", "key", "create", "walker", *scopes, "--data", running.folder]
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
 
 

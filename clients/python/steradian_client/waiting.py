@@ -102,7 +102,7 @@ class Waiting(Generic[Kind]):
         if event is None or event.kind in {"ready", "reset"}:
             return event is not None
         if event.subject != work.id:
-            return isinstance(work, Batch) and event.kind == "reconstruction"  # one of its jobs, it may be
+            return False
         if event.kind == "progress":
             told, done = event.data.get("stage"), event.data.get("done", 0)
             if told != self._said[0] or done > self._said[1]:  # what has just been looked at may be newer

@@ -29,9 +29,8 @@ from steradian.jobs.requests import Identifier, ReconstructionRequest, Through
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.storage import filters
 from steradian.storage.dependence import hold_needs
-from steradian.storage.filters import BatchState
 from steradian.storage.idempotency import Answer
-from steradian.storage.states import is_terminal
+from steradian.storage.states import BatchState, is_terminal
 from steradian.storage.tables import BatchRow, ReconstructionRow
 from steradian.validation import Value
 
@@ -140,7 +139,7 @@ class BatchView(BaseModel):
             scan_id=row.scan_id,
             vary=row.vary,
             parameters=row.parameters,
-            state=_state(counts),
+            state=BatchState.of(counts),
             counts=dict(counts),
             jobs=[_member(row, member, jobs[member.id]) for member in members],
             created=row.created,
@@ -228,15 +227,3 @@ def _member(batch: BatchRow, row: ReconstructionRow, job: JobStatus) -> MemberVi
     progress = 1.0 if job.is_over else job.done / job.total if job.total else 0.0
     result = ReportView.model_validate(job.result) if job.result else None
     return MemberView(id=row.id, varied=varied, state=job.state, progress=progress, figures=result)
-
-
-def _state(counts: Counter[str]) -> BatchState:
-    if counts["forgotten"] == counts.total():
-        return BatchState.FORGOTTEN
-    if counts["queued"] == counts.total() - counts["forgotten"]:
-        return BatchState.QUEUED
-    if counts["queued"] or counts["running"] or counts["cancelling"]:
-        return BatchState.RUNNING
-    if counts["failed"]:
-        return BatchState.FAILED
-    return BatchState.CANCELLED if counts["cancelled"] else BatchState.SUCCEEDED

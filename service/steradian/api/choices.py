@@ -10,8 +10,8 @@ from fastapi.dependencies.models import Dependant
 from fastapi.exceptions import RequestValidationError
 from pydantic import StringConstraints
 
-from steradian.storage.filters import BatchState, Label
-from steradian.storage.states import ReconstructionState, ScanState
+from steradian.storage.filters import Label
+from steradian.storage.states import BatchState, ReconstructionState, ScanState
 
 MOST_LABELS = 10
 

@@ -152,7 +152,9 @@ async def follow_events(
 
     Changes carry ids; a client that sends the last one it saw as Last-Event-ID gets every later one exactly once, or
     one ``reset`` event when the log does not go back so far: then read the resources again. An id alone says that
-    what happened up to it does not pass the filter. Progress carries no id and is not kept.
+    what happened up to it does not pass the filter. Progress carries no id and is not kept. A batch tells how its jobs
+    stand whenever one of them moves on, a job when its priority is changed; with each such event, places in the queue
+    may be others.
     """
     return EventStream(_frames(services, who, feed, wanted))
 

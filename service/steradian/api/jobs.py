@@ -115,11 +115,11 @@ async def read_job(services: ServicesNeeded, job_id: JOB_ID, wait: Wait, conditi
 
 @router.patch("/{job_id}", summary="Move a waiting job in the queue")
 def change_job(
-    services: ServicesNeeded, job_id: JOB_ID, wanted: PriorityChange, conditions: ChangeConditionsNeeded
+    services: ServicesNeeded, who: Who, job_id: JOB_ID, wanted: PriorityChange, conditions: ChangeConditionsNeeded
 ) -> JobView:
     """Give a job that waits another priority; with If-Match only if it has not changed since."""
     services.ledger.get(job_id)
-    job = services.queue.set_priority(job_id, wanted.priority, conditions.revision(job_id))
+    job = services.queue.set_priority(job_id, wanted.priority, conditions.revision(job_id), who.name)
     view = JobView.of(job, services.forecast(job))
     conditions.tag(etag_of(job_id, job.revision, view))
     return view

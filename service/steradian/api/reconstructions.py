@@ -129,13 +129,14 @@ async def read_reconstruction(
 @router.patch("/{reconstruction_id}", summary="Move a waiting reconstruction in the queue")
 def change_reconstruction(
     services: ServicesNeeded,
+    who: Who,
     reconstruction_id: RECONSTRUCTION_ID,
     wanted: PriorityChange,
     conditions: ChangeConditionsNeeded,
 ) -> ReconstructionView:
     """Give a reconstruction that waits another priority; with If-Match only if it has not changed since."""
     row = services.reconstructions.get(reconstruction_id)
-    job = services.queue.set_priority(row.id, wanted.priority, conditions.revision(row.id))
+    job = services.queue.set_priority(row.id, wanted.priority, conditions.revision(row.id), who.name)
     view = ReconstructionView.of(row, job, services.forecast(job))
     conditions.tag(etag_of(row.id, job.revision, view))
     return view

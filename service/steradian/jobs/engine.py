@@ -130,14 +130,14 @@ class JobQueue:
             self.ledger.cancelled(job_id, who)
         return self.status(job_id)
 
-    def set_priority(self, job_id: str, priority: int, revision: int | None = None) -> JobStatus:
+    def set_priority(self, job_id: str, priority: int, revision: int | None = None, who: str = "local") -> JobStatus:
         """Move a waiting job in the queue; see :meth:`JobLedger.set_priority`."""
         move = text(
             f"UPDATE {_engine_table(self._database)} SET priority = :priority"  # noqa: S608 - one of two names
             " WHERE workflow_uuid = :job AND status IN ('ENQUEUED', 'DELAYED')"
         )
         with self._database.write() as session:
-            self.ledger.set_priority(session, job_id, priority, revision)
+            self.ledger.set_priority(session, job_id, priority, revision, who)
             session.execute(move, {"job": job_id, "priority": priority + 1})
         return self.status(job_id)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from sqlalchemy import exists, func, select, update
+from sqlalchemy import ColumnElement, exists, func, select, update
 from sqlalchemy.orm import Session
 
 from steradian.errors import Conflict, NotFound, Superseded
@@ -24,7 +24,14 @@ from steradian.jobs.model import (
 from steradian.storage.events import record
 from steradian.storage.repository import Repository
 from steradian.storage.scans import Outdated
-from steradian.storage.states import DesiredJobState, ReconstructionState, ScanState, check_job_transition, is_terminal
+from steradian.storage.states import (
+    BatchState,
+    DesiredJobState,
+    ReconstructionState,
+    ScanState,
+    check_job_transition,
+    is_terminal,
+)
 from steradian.storage.tables import JobRow, ScanRow
 
 _R = ReconstructionState
@@ -104,9 +111,12 @@ class JobLedger(Repository[JobRow]):
 
     def counts(self) -> dict[str, int]:
         """Count the jobs in each state."""
-        query = select(JobRow.state, func.count()).group_by(JobRow.state)
         with self.database.read() as session:
-            return {str(state): count for state, count in session.execute(query)}
+            return self._counts(session)
+
+    def _counts(self, session: Session, *where: ColumnElement[bool]) -> dict[str, int]:
+        query = select(JobRow.state, func.count()).where(*where).group_by(JobRow.state)
+        return {str(state): count for state, count in session.execute(query)}
 
     def start(self, job_id: str, worker: str, after: int = 0) -> JobRow:
         """Begin the next attempt, or end the job when too many died; the row's state says which.
@@ -199,8 +209,10 @@ class JobLedger(Repository[JobRow]):
 
         return self._transact(job_id, change) if fence is None else self._fenced(job_id, fence, change)
 
-    def set_priority(self, session: Session, job_id: str, priority: int, revision: int | None = None) -> None:
-        """Note another priority; with ``revision``, only if the job has not changed since.
+    def set_priority(
+        self, session: Session, job_id: str, priority: int, revision: int | None = None, who: str = "local"
+    ) -> None:
+        """Note another priority, and tell of it; with ``revision``, only if the job has not changed since.
 
         Raises
         ------
@@ -212,7 +224,9 @@ class JobLedger(Repository[JobRow]):
             raise Outdated(f"job {job_id} has changed since; read it again")
         if row.state is not _R.QUEUED:
             raise Conflict(f"job {job_id} is {row.state}; only a queued one has a place in the queue")
-        row.priority = priority
+        if row.priority != priority:
+            row.priority = priority
+            record(session, self.clock(), resource_of(row.kind), row.id, self._event(row, who, "moved in the queue"))
 
     def report(self, job_id: str, fence: int, stage: str, done: int, total: int) -> None:
         """Note how far a start has come; raises :class:`Superseded` like :meth:`settle`.
@@ -290,9 +304,14 @@ class JobLedger(Repository[JobRow]):
         if is_terminal(following):
             row.ended = now
         record(session, now, resource_of(row.kind), row.id, self._event(row, who, why))
+        if row.batch_id is not None:
+            # Only now, as events are written in turns: of two jobs that end at once the second sees the first.
+            counts = self._counts(session, JobRow.batch_id == row.batch_id)
+            told = {"state": BatchState.of(counts), "counts": counts, "scan_id": row.scan_id, "who": who}
+            record(session, now, "batch", row.batch_id, told)
 
     def _event(self, row: JobRow, who: str, why: str) -> dict[str, Any]:
-        about = {"scan_id": row.scan_id, "batch_id": row.batch_id}
+        about = {"scan_id": row.scan_id, "batch_id": row.batch_id, "priority": row.priority}
         return {"state": row.state, "attempt": row.attempt, "who": who, "why": why, **about}
 
 

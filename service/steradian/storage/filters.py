@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from enum import StrEnum
 from typing import Any, TypeAlias
 
 from sqlalchemy import ColumnElement, and_, exists, or_, select
@@ -11,24 +10,13 @@ from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.sql.compiler import SQLCompiler
 from sqlalchemy.sql.functions import GenericFunction
 
-from steradian.storage.states import ReconstructionState, is_terminal
+from steradian.storage.states import BatchState, ReconstructionState, is_terminal
 from steradian.storage.tables import BatchRow, JobRow, MaskRow, PlanRow, ReconstructionRow, ScanRow
 
 Conditions: TypeAlias = list[ColumnElement[bool]]
 Label: TypeAlias = tuple[str, str | None]
 """A name, and its text if that matters."""
 _R = ReconstructionState
-
-
-class BatchState(StrEnum):
-    """How the jobs of a batch stand together."""
-
-    QUEUED = "queued"
-    RUNNING = "running"
-    SUCCEEDED = "succeeded"
-    FAILED = "failed"
-    CANCELLED = "cancelled"
-    FORGOTTEN = "forgotten"
 
 
 class _Members(GenericFunction[Any]):

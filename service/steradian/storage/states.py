@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import StrEnum
 from types import MappingProxyType
-from typing import Final
+from typing import Final, Self
 
 from steradian.errors import Conflict
 
@@ -38,6 +38,29 @@ class ReconstructionState(StrEnum):
     SUCCEEDED = "succeeded"
     FAILED = "failed"
     CANCELLED = "cancelled"
+
+
+class BatchState(StrEnum):
+    """How the jobs of a batch stand together; of those that are not kept any more nothing is known."""
+
+    QUEUED = "queued"
+    RUNNING = "running"
+    SUCCEEDED = "succeeded"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+    FORGOTTEN = "forgotten"
+
+    @classmethod
+    def of(cls, counts: Mapping[str, int]) -> Self:
+        """Tell from how many jobs there are in each state, those that are forgotten apart."""
+        known = {state for state in ReconstructionState if counts.get(state)}
+        if not known:
+            return cls("forgotten")
+        if known == {ReconstructionState.QUEUED}:
+            return cls("queued")
+        if any(not is_terminal(state) for state in known):
+            return cls("running")
+        return cls(next(state for state in ("failed", "cancelled", "succeeded") if state in known))
 
 
 class DesiredJobState(StrEnum):

@@ -15,7 +15,7 @@ class Batches(Working[World, Batch]):
     """Many reconstructions of one scan as one request: a sweep of parameters, of masks, of wavelengths."""
 
     _kind, _read, _list, _delete = Batch, routes.READ_BATCH, routes.LIST_BATCHES, routes.DELETE_BATCH
-    _event = "reconstruction"
+    _event = "batch"
 
     @operation
     async def create(

@@ -1,0 +1,92 @@
+"""The event log tells when a batch moves on and when a job is moved in the queue."""
+
+import threading
+
+import pytest
+
+from steradian.jobs.ledger import JobLedger
+from steradian.jobs.model import Failed, Succeeded
+from steradian.storage.events import EventLog
+
+
+@pytest.fixture
+def events(server):
+    """Tells what was logged of a resource since the test began."""
+    log = EventLog(server.database)
+    begun = log.bounds().last
+
+    def of(identifier):
+        return [one for one in log.after(begun, 10_000) if one.resource_id == identifier]
+
+    return of
+
+
+@pytest.fixture
+def ledger(server):
+    return JobLedger(server.database)
+
+
+def batch_of(http, scan_id, count):
+    asked = {"scan_id": scan_id, "vary": {"modes": [4 + 2 * one for one in range(count)]}}
+    return http.post("/batches", json=asked).json()
+
+
+def test_a_job_that_is_moved_is_told_of(http, events, scan_with_alines):
+    job = scan_with_alines["reconstruction"]["id"]
+    before = events(job)
+    assert before[-1].data["priority"] == 100
+    for priority in (7, 7):  # the second changes nothing
+        assert http.patch(f"/jobs/{job}", json={"priority": priority}).status_code == 200
+    (moved,) = events(job)[len(before) :]
+    assert (moved.kind, moved.scan_id) == ("reconstruction", scan_with_alines["scan"]["id"])
+    assert {name: moved.data[name] for name in ("state", "priority", "who")} == {
+        "state": "queued",
+        "priority": 7,
+        "who": "local",
+    }
+    http.patch(f"/reconstructions/{job}", json={"priority": 8})
+    assert events(job)[-1].data["priority"] == 8
+
+
+@pytest.mark.parametrize("ends", ["succeeded", "failed", "cancelled"])
+def test_a_batch_tells_how_its_jobs_stand_together_whenever_one_moves_on(http, events, ledger, scan_with_alines, ends):
+    batch = batch_of(http, scan_with_alines["scan"]["id"], 3)
+    assert [one.data["state"] for one in events(batch["id"])] == ["queued"]
+    first, second, third = (job["id"] for job in batch["jobs"])
+    for job in (first, second):
+        ledger.start(job, "w")
+        told = events(batch["id"])[-1].data
+        now = http.get(f"/batches/{batch['id']}").json()
+        assert (told["state"], told["counts"], told["scan_id"]) == ("running", now["counts"], batch["scan_id"])
+        ledger.settle(job, 1, Succeeded({"shape": [1]}) if ends != "failed" else Failed("bad", "no"), "w")
+    if ends == "cancelled":
+        http.put(f"/batches/{batch['id']}/desired-state", json={"state": "cancelled", "reason": "enough"})
+    else:
+        ledger.start(third, "w")
+        ledger.settle(third, 1, Succeeded({"shape": [1]}), "w")
+    now = http.get(f"/batches/{batch['id']}").json()
+    told = events(batch["id"])[-1]
+    assert (told.kind, told.data["state"], told.data["counts"]) == ("batch", ends, now["counts"])
+    assert now["state"] == ends
+    assert told.scan_id == batch["scan_id"]
+
+
+def test_of_jobs_that_end_at_once_the_last_event_tells_the_end(http, events, ledger, scan_with_alines):
+    """Each of two workers must not see the other's job still running."""
+    for _ in range(5):
+        batch = batch_of(http, scan_with_alines["scan"]["id"], 2)
+        jobs = [job["id"] for job in batch["jobs"]]
+        for job in jobs:
+            ledger.start(job, "w")
+        meet = threading.Barrier(2)
+
+        def end(job, meet=meet):
+            meet.wait()
+            ledger.settle(job, 1, Succeeded({"shape": [1]}), "w")
+
+        threads = [threading.Thread(target=end, args=(job,)) for job in jobs]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert events(batch["id"])[-1].data["state"] == "succeeded"
