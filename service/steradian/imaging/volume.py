@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from steradian.errors import InvalidInput
 
 if TYPE_CHECKING:
+    import xarray
     from matplotlib.axes import Axes as Plot
 
 RealArray: TypeAlias = NDArray[np.floating[Any]]
@@ -139,6 +140,31 @@ class Volume:
         """
         plot: Plot = _shown().plot(self, axis, axes)
         return plot
+
+    def to_xarray(self) -> xarray.DataArray:
+        """Return the image as an array with names: dimensions x, y and z, or x and z, with their places in metres.
+
+        The values are shared, not copied. ``units`` and ``long_name`` are where xarray's plots look for them; the
+        speed of sound is the attribute ``sound_speed_m_s``, if it is known.
+
+        Raises
+        ------
+        ImportError
+            When xarray is not installed; the extra ``notebook`` has it.
+        """
+        try:
+            import xarray
+        except ImportError as error:
+            raise ImportError("to_xarray needs xarray, which pip install 'steradian[notebook]' installs") from error
+        words = {"x": "x", "y": "y", "z": "depth"}
+        about = {} if self.sound_speed is None else {"sound_speed_m_s": self.sound_speed}
+        return xarray.DataArray(
+            self.values,
+            {name: (name, line, {"units": "m", "long_name": words[name]}) for name, line in self._lines()},
+            self.names,
+            "initial_pressure",
+            {"long_name": "initial pressure", "units": "arb. u.", **about},
+        )
 
     def save(self, path: str | Path) -> None:
         """Write the volume into a file, whole or not at all, as the ending of its name says.

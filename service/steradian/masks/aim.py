@@ -54,6 +54,11 @@ def check_either(**given: object) -> None:
         raise InvalidInput(first, f"both or neither of {first} and {second}", "one of them")
 
 
+def along(aperture: float, spacing: float) -> float:
+    """Tell how often a spacing fits into the aperture's side; more than anybody's mask has is as good as any more."""
+    return min(aperture / spacing, float(MOST_POINTS))
+
+
 def nearness(found: int, wanted: int) -> tuple[int, int]:
     """Order numbers of points: the nearest first, of two equally near the larger."""
     return abs(found - wanted), -found

@@ -12,7 +12,7 @@ from pydantic import model_validator
 
 from steradian.imaging import outlines
 from steradian.imaging.outlines import Outline
-from steradian.masks.aim import COUNT, Aimed, check_either, nearness
+from steradian.masks.aim import COUNT, Aimed, along, check_either, nearness
 from steradian.masks.mask import Mask
 from steradian.masks.weights import Weighting, weights_for
 from steradian.ranges import LENGTH
@@ -37,7 +37,7 @@ class Hexagonal(Aimed):
     @property
     def expected_count(self) -> int:
         """About how many points the mask will have."""
-        return self.count or round((self.aperture / self.lattice) ** 2 * 2 / sqrt(3)) + 1
+        return self.count or round(along(self.aperture, self.lattice) ** 2 * 2 / sqrt(3)) + 1
 
     @property
     def lattice(self) -> float:

@@ -11,7 +11,7 @@ from pydantic import model_validator
 from steradian.errors import InvalidInput
 from steradian.imaging import outlines
 from steradian.imaging.outlines import Outline
-from steradian.masks.aim import COUNT, MOST_POINTS, Aimed, check_either, nearness
+from steradian.masks.aim import COUNT, MOST_POINTS, Aimed, along, check_either, nearness
 from steradian.masks.mask import Mask
 from steradian.masks.weights import Weighting, weights_for
 from steradian.ranges import LENGTH
@@ -68,7 +68,7 @@ class PoissonDisc(Aimed):
     @property
     def expected_count(self) -> int:
         """About how many points the mask will have: discs of the spacing's diameter cover 55 % of the plane."""
-        return self.count or round(0.7 * (self.aperture / (self.spacing or self.aperture)) ** 2) + 1
+        return self.count or round(0.7 * along(self.aperture, self.spacing or self.aperture) ** 2) + 1
 
     def build(self) -> Mask:
         """Place the points.

@@ -11,6 +11,8 @@ HUGE = "1" + 400 * "0"
         (f'{{"arrangement":"points","aperture":0.01,"positions":[[{HUGE},0]]}}', 422, "invalid-input"),
         (f'{{"arrangement":"points","aperture":{HUGE},"positions":[[0,0]]}}', 422, "invalid-input"),
         ('{"arrangement":"points","aperture":0.01,"positions":false}', 422, "invalid-input"),
+        ('{"arrangement":"poisson-disc","aperture":0.01,"spacing":5e-324}', 422, "invalid-input"),
+        ('{"arrangement":"hexagonal","aperture":0.01,"interval":5e-324}', 422, "invalid-input"),
         (
             '{"arrangement":"grid","aperture":0.011,"count":3,"interval":1e-3,"aperture":0.012}',
             400,
@@ -25,6 +27,8 @@ HUGE = "1" + 400 * "0"
         "position 1e400",
         "aperture 1e400",
         "no list",
+        "smallest spacing",
+        "smallest interval",
         "a key twice",
         "5,000 digits",
         "too deep and long",
