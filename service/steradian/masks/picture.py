@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,8 +80,8 @@ def draw_points(axes: Axes, mask: Mask, *, bar: bool = True) -> None:
     """Show the sensors, coloured by the area each stands for."""
     x, y = MM * mask.film_positions.T
     size = float(np.clip(12_000 / mask.count, 0.3, 30))
-    dimension = mask.positions.shape[1]
-    shown = axes.scatter(x, y, c=mask.weights * MM**dimension, s=size, cmap=PLACE, linewidths=0)
+    cells = mask.weights * MM ** mask.positions.shape[1]
+    shown = axes.scatter(x, y, c=cells, s=size, cmap=PLACE, linewidths=0, **_span(cells))
     if bar:
         colour_bar(axes, shown, f"cell of a sensor ({'mm' if mask.is_line else 'mm²'})")
     _mark_points(axes, mask, 1)
@@ -98,7 +98,8 @@ def _draw_spacing(axes: Axes, mask: Mask) -> None:
         dress(axes, title=title, across=ACROSS, up="spacing (µm)")
         return
     half = MM * mask.aperture / 2
-    shown = axes.imshow(1e6 * spacing_map(mask).T, origin="lower", extent=(-half, half, -half, half), cmap=PLACE)
+    values = 1e6 * spacing_map(mask).T
+    shown = axes.imshow(values, origin="lower", extent=(-half, half, -half, half), cmap=PLACE, **_span(values))
     colour_bar(axes, shown, "spacing (µm)")
     dress(axes, title=title, across=ACROSS, up=UP, equal=True)
 
@@ -169,6 +170,13 @@ def _draw_shares(axes: Axes, mask: Mask) -> None:
     dress(axes, title=title, across=name, up="sensors")
     if seen.solid_angles is None:
         note(axes, 0.98, 0.96, "no point of interest given", ha="right", va="top")
+
+
+def _span(values: NDArray[np.float64]) -> dict[str, Any]:
+    """Limits of a colour scale that shows no rounding: what varies by less than a thousandth is of one colour."""
+    low, high = float(values.min()), float(values.max())
+    margin = 0.05 * high if high - low < 1e-3 * high else 0.0
+    return {"vmin": low - margin, "vmax": high + margin}
 
 
 def _mark_points(axes: Axes, mask: Mask, up: int) -> None:

@@ -10,7 +10,7 @@ from matplotlib.text import Text
 from steradian.comparisons import compare_masks, phantom
 from steradian.comparisons.picture import comparison_page
 from steradian.imaging import Axes, Display, Volume
-from steradian.masks import counted_mask, equi_steradian_mask, equiangular_mask, grid_mask
+from steradian.masks import counted_mask, equi_steradian_mask, equiangular_mask, grid_mask, hexagonal_mask
 from steradian.masks.picture import mask_page
 from steradian.plans import ScanPlan, VisitOrder
 from steradian.plans.picture import plan_page
@@ -125,3 +125,14 @@ def test_no_quarter_of_a_mask_is_empty():
     for mask, simulated in ((MASKS["grid"], True), (MASKS["equi-steradian"], False)):
         page = mask_page(mask, with_point_spread=simulated)
         assert all(axes.has_data() and axes.axison for axes in page.axes)
+
+
+def test_the_same_distance_everywhere_is_one_colour_with_a_number():
+    """Distances of a lattice differ by their rounding, which is nothing to colour."""
+    figure = mask_page(hexagonal_mask(13.56e-3, count=1600), with_point_spread=False)
+    figure.canvas.draw()
+    sensors, spacings = figure.axes[0].collections[0], figure.axes[1].images[0]
+    for shown in (sensors, spacings):
+        colours = shown.to_rgba(shown.get_array())
+        assert np.ptp(colours.reshape(-1, 4), axis=0).max() < 0.01
+    assert [text for text in figure.axes[1].child_axes[0].get_yticklabels() if text.get_text()]
