@@ -48,8 +48,7 @@ RESOURCES = (
 def create_app(settings: Settings) -> FastAPI:
     """Build the application on a data directory whose database is migrated.
 
-    The interactive documentation of the framework is off: it loads its scripts from elsewhere, and laboratories are
-    offline. ``/openapi.json`` and a page of our own, ``/docs``, are served.
+    The interactive documentation of the framework is off: it loads its scripts from elsewhere. ``/docs`` is ours.
     """
     services = Services(settings)
 
