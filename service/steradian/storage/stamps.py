@@ -17,7 +17,7 @@ from sqlalchemy import ColumnElement, Connection, FromClause, Select, String, bi
 from steradian.storage.tables import JobRow, MaskRow, PlanRow, ReconstructionRow, ScanRow, Table
 
 Stamp: TypeAlias = tuple[Any, ...]
-"""Equal ones mean equal looks; an empty one means that there is nothing."""
+"""Equal ones mean equal looks; an empty one means that there is nothing, or nothing that tells."""
 ANY_BEFORE: Final = 2**31 - 1
 """More than the number of any row."""
 

@@ -160,6 +160,8 @@ def test_a_kept_answer_is_the_one_that_would_be_made(server, http, scan_with_ali
     ledger, scans = JobLedger(server.database), ScanRepository(server.database)
     other = {"arrangement": "grid", "aperture": 0.01, "count": 3, "interval": 1e-3}
 
+    more = {"scan_id": scan, "parameters": {"modes": 32}, "priority": 0}
+
     def newest():
         return http.post("/masks", json=other).json()["id"]
 
@@ -172,6 +174,7 @@ def test_a_kept_answer_is_the_one_that_would_be_made(server, http, scan_with_ali
         lambda: ledger.report(job, ledger.get(job).fence, "migration", 4, 10),
         lambda: ledger.put_back(job, ledger.get(job).fence, "test"),
         lambda: http.patch(f"/jobs/{job}", json={"priority": 7}).raise_for_status(),
+        lambda: http.post("/reconstructions", json=more).raise_for_status(),  # comes before it
         lambda: http.put(f"/jobs/{job}/desired-state", json={"state": "cancelled"}).raise_for_status(),
         lambda: scans.label(scan, {"phantom": "yarn"}),
         lambda: scans.report(scan, "over", 5, 69),
