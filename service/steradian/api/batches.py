@@ -152,7 +152,7 @@ async def create_batch(services: ServicesNeeded, who: Who, wanted: BatchRequest,
     """Queue a reconstruction for every combination of values; all are queued or none is."""
 
     def make(session: Session) -> Answer:
-        services.require_room(session, sum(rooms), f"the batch of {len(rooms)} volumes")
+        services.require_room(session, sum(rooms), f"the batch of {len(rooms)} volumes", measured)
         hold_needs(session, *(one.model_dump(mode="json") for one in chosen))
         batch = services.batches.add(session, scan, vary, wanted.parameters, who.name)
         noted = [
@@ -172,6 +172,7 @@ async def create_batch(services: ServicesNeeded, who: Who, wanted: BatchRequest,
         for one in chosen:
             await run_in_threadpool(check_parts, services, scan, one)
         rooms = await run_in_threadpool(lambda: [room_of(services, scan, one) for one in chosen])
+        measured = await run_in_threadpool(services.measure)
         answer = await run_in_threadpool(services.answers.once, key, make)
     return replay(answer)
 

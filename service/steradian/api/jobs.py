@@ -68,7 +68,7 @@ async def queue_job(
     """Check what is wanted, note it, hand it to the queue and, where the client waits, wait."""
 
     def make(session: Session) -> Answer:
-        services.require_room(session, room, f"the {wanted.kind}")
+        services.require_room(session, room, f"the {wanted.kind}", measured)
         row = services.submit(session, job_of(new_id("j"), wanted, principal=who.name, promised=room))
         session.flush()
         view = JobView.of(to_status(row))
@@ -77,6 +77,7 @@ async def queue_job(
     answer = await run_in_threadpool(services.answers.kept, key)
     if answer is None:
         room = await run_in_threadpool(check_work, services, wanted)
+        measured = await run_in_threadpool(services.measure)
         answer = await run_in_threadpool(services.answers.once, key, make)
     identifier = answer.location.rpartition("/")[2]
     if not wait.seconds or answer.replayed:

@@ -75,7 +75,7 @@ async def create_reconstruction(
     """
 
     def make(session: Session) -> Answer:
-        services.require_room(session, room, "the volume")
+        services.require_room(session, room, "the volume", measured)
         hold_needs(session, wanted.model_dump(mode="json"))
         row, job = note_reconstruction(services, session, scan, wanted, who, room)
         view = ReconstructionView.of(row, to_status(job))
@@ -85,6 +85,7 @@ async def create_reconstruction(
     if answer is None:
         scan = await run_in_threadpool(check_reconstruction, services, wanted)
         room = await run_in_threadpool(room_of, services, scan, wanted)
+        measured = await run_in_threadpool(services.measure)
         answer = await run_in_threadpool(services.answers.once, key, make)
     identifier = answer.location.rpartition("/")[2]
     if not wait.seconds or answer.replayed:

@@ -19,13 +19,12 @@ from steradian.jobs.forecast import Forecast, forecast
 from steradian.jobs.kinds import resource_of
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import JobRequest, JobStatus, QueueUnavailable
-from steradian.jobs.requests import importing_job_id
 from steradian.security.keys import KeyStore
 from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url, take_turns
 from steradian.storage.deletion import Deletion, remove_files, waiting_import
 from steradian.storage.dependence import Resource, hold_needs, needed
-from steradian.storage.disk import ROOM_LOCK, Disk, promised
+from steradian.storage.disk import ROOM_LOCK, Arrivals, Disk, Measured, importing_job_id, promised
 from steradian.storage.emergency import EmergencyLatch
 from steradian.storage.events import EventLog
 from steradian.storage.idempotency import Answers
@@ -45,6 +44,8 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 QUEUE_PATIENCE = 30.0
 UPLOADS_KEPT = timedelta(days=1)
+MEASURED_FOR = timedelta(seconds=10)
+"""How long a look at the folder tells those who only want to know."""
 RECONCILE_EVERY, TIDY_EVERY, REOPEN_EVERY = 1.0, 600.0, 5.0
 
 
@@ -59,6 +60,8 @@ class Services:
         self.settings, self.clock = settings, clock
         self.data = DataDirectory(settings.data)
         self.disk = Disk(self.data.root, settings.disk_reserve_bytes, settings.quota_bytes)
+        self.arrivals = Arrivals()
+        self._measured: Measured | None = None
         self.database = Database(metadata_url(settings))
         self.masks = MaskRepository(self.database, clock)
         self.plans = PlanRepository(self.database, clock)
@@ -111,7 +114,21 @@ class Services:
         """Whether jobs can be taken at once."""
         return self._opened.is_set()
 
-    def require_room(self, session: Session, need: int, what: str) -> None:
+    def measure(self) -> Measured:
+        """Count what the folder holds, where that matters, which may take long: no transaction should wait for it."""
+        at, came = self.clock(), self.arrivals.came
+        self._measured = Measured(self.disk.used if self.disk.quota is not None else 0, at, came)
+        return self._measured
+
+    @property
+    def available(self) -> int:
+        """Bytes that uploads and jobs may take, by what the folder held some seconds ago."""
+        known = self._measured
+        if known is None or self.clock() - known.at > MEASURED_FOR:
+            known = self.measure()
+        return self.disk.available(known.used + self.arrivals.came - known.came)
+
+    def require_room(self, session: Session, need: int, what: str, measured: Measured) -> None:
         """Refuse what does not fit beside all that waits; ask in the transaction that queues it, or two could share.
 
         Raises
@@ -120,7 +137,8 @@ class Services:
             With what is needed, what is there and what of it is promised.
         """
         take_turns(session, ROOM_LOCK)  # else none of two that come at once sees what the other is promised
-        self.disk.require(need, what, promised(session, self.data))
+        taken = promised(session, self.data, measured.at) + self.arrivals.awaited
+        self.disk.require(need, what, taken, measured.used + self.arrivals.came - measured.came)
 
     def submit(self, session: Session, request: JobRequest) -> JobRow:
         """Note a job and queue it in the present transaction; one that is noted before the queue is open waits.

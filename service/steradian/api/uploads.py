@@ -48,26 +48,31 @@ async def create_upload(services: ServicesNeeded, request: Request, response: Re
 
     Then POST /jobs with kind ``import``. A file that nobody imports is deleted after a day.
     """
-    taken, used = await run_in_threadpool(_taken, services)
-    services.disk.require(int(request.headers.get("content-length", 0)), "the upload", taken, used)
     identifier = new_id("u")
     path = services.data.upload(identifier)
     draft = path.with_name(f"{identifier}.part")
     digest, size = hashlib.sha256(), 0
+    measured, taken = await run_in_threadpool(lambda: (services.measure(), _promised(services)))
+
+    def require(count: int) -> None:
+        what = f"the upload, of which {size / 1e6:.1f} MB have come," if size else "the upload"
+        used = measured.used + services.arrivals.came - measured.came
+        services.disk.require(count, what, taken + services.arrivals.awaited, used)
 
     def keep(file: BinaryIO, piece: bytes) -> None:
-        services.disk.require(len(piece), f"the upload, of which {size / 1e6:.1f} MB have come,", taken, used + size)
+        take(len(piece))
         digest.update(piece)
         file.write(piece)
 
     try:
-        with await run_in_threadpool(draft.open, "wb") as file:
-            async for piece in request.stream():
-                await run_in_threadpool(keep, file, piece)
-                size += len(piece)
-            if not size:
-                raise InvalidInput("body", "empty", "the bytes of a file")
-            await run_in_threadpool(_finish, file, draft, path)
+        with services.arrivals.upload(int(request.headers.get("content-length", 0)), require) as take:
+            with await run_in_threadpool(draft.open, "wb") as file:
+                async for piece in request.stream():
+                    await run_in_threadpool(keep, file, piece)
+                    size += len(piece)
+                if not size:
+                    raise InvalidInput("body", "empty", "the bytes of a file")
+                await run_in_threadpool(_finish, file, draft, path)
     finally:
         await run_in_threadpool(draft.unlink, missing_ok=True)
     here = f"{BASE}/uploads/{identifier}"
@@ -94,10 +99,9 @@ def delete_upload(services: ServicesNeeded, upload_id: UPLOAD_ID) -> Response:
     return Response(status_code=204)
 
 
-def _taken(services: Services) -> tuple[int, int]:
-    """Return the bytes that jobs will still write, and, where there is a quota, those that are in use."""
+def _promised(services: Services) -> int:
     with services.database.read() as session:
-        return promised(session, services.data), services.disk.used if services.disk.quota is not None else 0
+        return promised(session, services.data)
 
 
 def _is_name(upload_id: str) -> bool:

@@ -186,13 +186,3 @@ def job_of(
     """Make a job of a request."""
     payload = request.model_dump(mode="json")
     return JobRequest(job_id, request.kind, payload, request.priority, request.timeout, principal, batch_id, promised)
-
-
-def imported_scan_id(job_id: str) -> str:
-    """Name the scan that an import makes: a second attempt at the job makes the same one."""
-    return f"s{job_id[1:]}"
-
-
-def importing_job_id(scan_id: str) -> str:
-    """Name the job that would make a scan of this name by import."""
-    return f"j{scan_id[1:]}"

@@ -16,6 +16,7 @@ from steradian.errors import Conflict, InvalidInput
 from steradian.jobs import requests
 from steradian.plain import plain
 from steradian.progress import Progress
+from steradian.storage.disk import imported_scan_id
 from steradian.storage.paths import DataDirectory
 
 if TYPE_CHECKING:
@@ -201,7 +202,7 @@ def import_recording(work: Work, job: requests.ImportRequest) -> dict[str, Any]:
     from steradian.storage.imports import register_import
 
     uploads = [work.data.upload(name) for name in (job.upload_id, job.companion_id) if name is not None]
-    scan_id = requests.imported_scan_id(work.folder.name)
+    scan_id = imported_scan_id(work.folder.name)
     scan = work.data.scan_file(scan_id)
     if not scan.is_file():  # else an earlier attempt got that far
         if not all(upload.is_file() for upload in uploads):

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import os
 import shutil
-from contextlib import suppress
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 
-from sqlalchemy import select
+from sqlalchemy import or_, select
 from sqlalchemy.orm import Session
 
 from steradian.errors import DiskFull
 from steradian.storage.paths import DataDirectory
-from steradian.storage.states import ReconstructionState
+from steradian.storage.states import ReconstructionState, is_terminal
 from steradian.storage.tables import JobRow
 
 ROOM_LOCK = 0x57E2AD1C
@@ -48,12 +51,7 @@ class Disk:
         """Bytes that all files of the folder hold."""
         return size_of(self.folder)
 
-    @property
-    def available(self) -> int:
-        """Bytes that uploads and jobs may take."""
-        return self._available(self.used if self.quota is not None else 0)
-
-    def require(self, need: int, what: str, promised: int = 0, used: int | None = None) -> None:
+    def require(self, need: int, what: str, promised: int, used: int) -> None:
         """Refuse what does not fit.
 
         Parameters
@@ -65,16 +63,14 @@ class Disk:
         promised
             Bytes that others will take, who were told that they may.
         used
-            Bytes that the folder holds, where that is known; else they are counted if there is a quota.
+            Bytes that the folder holds; of no importance without a quota.
 
         Raises
         ------
         DiskFull
             With what is needed, what is there and what of it is promised.
         """
-        if used is None:
-            used = self.used if self.quota is not None else 0
-        if need <= (available := max(0, self._available(used) - promised)):
+        if need <= (available := max(0, self.available(used) - promised)):
             return
         text = (
             f"{what} needs {need / 1e6:.1f} MB; the disk has {self.free / 1e6:.1f} MB free, of which "
@@ -84,19 +80,107 @@ class Disk:
             text += f"; of the quota (quota_bytes), {self.quota / 1e6:.1f} MB, {used / 1e6:.1f} MB are in use"
         raise DiskFull(text, needed=need, available=available, promised=promised)
 
-    def _available(self, used: int) -> int:
+    def available(self, used: int) -> int:
+        """Bytes that uploads and jobs may take, when the folder holds so many."""
         free = self.free - self.reserve
         return max(0, free if self.quota is None else min(free, self.quota - used))
 
 
-def promised(session: Session, data: DataDirectory) -> int:
-    """Return the bytes that jobs which wait or run will still write, by what they were let in with."""
-    query = select(JobRow.id, JobRow.state, JobRow.promised).where(JobRow.ended.is_(None), JobRow.promised > 0)
+@dataclass(frozen=True)
+class Measured:
+    """What a data folder held: bytes, when they were begun to be counted, and what had come of uploads until then."""
+
+    used: int
+    at: datetime
+    came: int
+
+
+class Arrivals:
+    """Uploads under way, so that those which come at once do not take the same room."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self.came = self.awaited = 0
+        """Bytes that have come of all uploads that were not given up, and that are stated and have not come."""
+
+    @contextmanager
+    def upload(self, stated: int, require: Callable[[int], object]) -> Iterator[Callable[[int], None]]:
+        """Let an upload in; its bytes are those of nobody else until it is over, and count for good if it succeeds.
+
+        Parameters
+        ----------
+        stated
+            Bytes that it says it has; 0 where it does not.
+        require
+            Refuses a number of bytes, beside what :attr:`came` and is :attr:`awaited`; called one at a time.
+
+        Yields
+        ------
+        Callable
+            To be told of a number of bytes before they are written.
+        """
+        size, left = 0, stated
+
+        def take(count: int) -> None:
+            nonlocal size, left
+            with self._lock:
+                own = min(count, left)
+                self.awaited -= own
+                left -= own
+                require(count)
+                self.came += count
+            size += count
+
+        with self._lock:
+            require(stated)
+            self.awaited += stated
+        try:
+            yield take
+        except BaseException:
+            with self._lock:
+                self.came -= size
+            raise
+        finally:
+            with self._lock:
+                self.awaited -= left
+
+
+def promised(session: Session, data: DataDirectory, since: datetime | None = None) -> int:
+    """Return the bytes that jobs which wait or run will still write, by what they were let in with.
+
+    Parameters
+    ----------
+    since
+        When the folder was looked at; what ended since then may have written all of its bytes afterwards.
+    """
+    going = JobRow.ended.is_(None) if since is None else or_(JobRow.ended.is_(None), JobRow.ended > since)
+    query = select(JobRow.id, JobRow.kind, JobRow.state, JobRow.promised).where(going, JobRow.promised > 0)
     total = 0
-    for job_id, state, most in session.execute(query):
-        there = 0 if state is ReconstructionState.QUEUED else size_of(data.job(job_id).root)
+    for job_id, kind, state, most in session.execute(query):
+        there = 0
+        if not is_terminal(state) and state is not ReconstructionState.QUEUED:
+            there = size_of(data.job(job_id).root)
+            if kind == "import":  # it writes its scan where scans are
+                there += sum(map(_size, (data.root / "scans").glob(f"{imported_scan_id(job_id)}.h5*")))
         total += max(0, most - there)
     return total
+
+
+def imported_scan_id(job_id: str) -> str:
+    """Name the scan that an import makes: a second attempt at the job makes the same one."""
+    return f"s{job_id[1:]}"
+
+
+def importing_job_id(scan_id: str) -> str:
+    """Name the job that would make a scan of this name by import."""
+    return f"j{scan_id[1:]}"
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:
+        return 0
 
 
 def size_of(folder: Path) -> int:

@@ -1,10 +1,18 @@
 """A quota of the data folder: what is in it and what jobs that wait will write count, and a refusal says so."""
 
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
 import httpx
 import pytest
+from sqlalchemy import text
 
+from steradian.api.app import create_app
+from steradian.errors import DiskFull
 from steradian.jobs.ledger import JobLedger
-from steradian.jobs.model import Succeeded
+from steradian.jobs.model import JobRequest, Succeeded
+from steradian.storage import disk
+from steradian.storage.disk import Arrivals, promised
 from steradian.storage.scans import ScanRepository
 from steradian.storage.states import ScanState
 
@@ -71,3 +79,95 @@ def test_what_waits_has_its_place_until_it_is_over_and_what_it_left_counts_then(
 def test_without_a_quota_the_disk_is_the_limit(http, server):
     assert http.get("/").json()["limits"]["disk_available_bytes"] > 0
     assert server.settings.quota_bytes is None
+
+
+def test_uploads_that_come_at_once_do_not_take_the_same_room(tmp_path):
+    """Four of 10 MiB, of lengths that are not stated, each begun before another has come: three fit, at most."""
+    server, begun = api_of(tmp_path, quota_bytes=QUOTA, disk_reserve_bytes=0), threading.Barrier(4)
+    server.wait()
+
+    def pieces():
+        yield bytes(1000)
+        begun.wait(60)
+        for _ in range(10):
+            yield bytes(MIB)
+
+    def send(_number):
+        with httpx.Client(base_url=f"{server.url}/api/v1", timeout=90) as http:
+            return http.post("/uploads", content=pieces()).status_code
+
+    try:
+        with ThreadPoolExecutor(4) as pool:
+            answers = list(pool.map(send, range(4)))
+        held = sum(path.stat().st_size for path in server.data.root.rglob("*") if path.is_file())
+    finally:
+        server.close()
+    assert sorted(set(answers)) == [201, 507]
+    assert held < QUOTA
+
+
+def test_stated_uploads_reserve_their_room():
+    """The second is refused although nothing of the first has come."""
+    arrivals, room = Arrivals(), 10
+
+    def require(count):
+        if count > room - arrivals.came - arrivals.awaited:
+            raise DiskFull("full", needed=count, available=0, promised=0)
+
+    with arrivals.upload(6, require) as take:
+        with pytest.raises(DiskFull), arrivals.upload(5, require):
+            pass
+        take(4)
+        with arrivals.upload(0, require) as other:
+            other(4)
+            with pytest.raises(DiskFull):
+                other(1)
+        take(2)
+    assert (arrivals.came, arrivals.awaited) == (10, 0)
+
+    def give_up():
+        with arrivals.upload(0, lambda _count: None) as take:
+            take(3)
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        give_up()
+    assert (arrivals.came, arrivals.awaited) == (10, 0), "what was given up holds no room"
+
+
+def test_an_import_under_way_counts_once(tmp_path):
+    """What it has written of its scan, beside the other scans, is no more promised."""
+    server = api_of(tmp_path)
+    ledger = JobLedger(server.database)
+    try:
+        with server.database.write() as session:
+            ledger.add(session, JobRequest("j1", "import", {}, promised=5 * MIB))
+        server.data.scan_file("s1").with_name("s1.h5.importing").write_bytes(bytes(3 * MIB))
+        for started, left in ((False, 5), (True, 2)):
+            if started:
+                ledger.start("j1", "test")
+            with server.database.read() as session:
+                assert promised(session, server.data) == left * MIB
+    finally:
+        server.close()
+
+
+def test_the_folder_is_measured_while_others_write(small, monkeypatch):
+    """On SQLite a transaction keeps every other writer waiting, so no walk through the folder belongs into it."""
+    server, _, _ = small
+    services = create_app(server.settings).state.services
+    plain, walks = disk.size_of, []
+
+    def walk(folder):
+        with services.database.write() as session:
+            session.execute(text("SELECT 1"))
+        walks.append(folder)
+        return plain(folder)
+
+    monkeypatch.setattr(disk, "size_of", walk)
+    measured = services.measure()
+    with services.database.write() as session:
+        services.require_room(session, 1, "the volume", measured)
+    assert services.available < QUOTA
+    assert walks == [server.data.root], "once, and not by who only wants to know how much is free"
+    services.database.close()
