@@ -19,10 +19,10 @@ DOCUMENT = HERE.parents[2] / "docs" / "openapi.json"
     ],
 )
 @pytest.mark.timeout(7200)
-def test_whatever_is_sent_in_whatever_order_no_check_finds_a_fault(server, phases, examples):
+def test_whatever_is_sent_in_whatever_order_no_check_finds_a_fault(server, tmp_path, phases, examples):
     """``schemathesis.toml`` says which answers are none; ``-n`` is for each operation, and for the walks."""
     command = [sys.executable, "-m", "schemathesis.cli", "--config-file", HERE / "schemathesis.toml", "run", DOCUMENT]
     how = ["--url", server.url, "--phases", phases, "--max-examples", str(examples), "--continue-on-failure"]
-    ran = subprocess.run([*command, *how, "--no-color"], capture_output=True, text=True)
+    ran = subprocess.run([*command, *how, "--no-color"], cwd=tmp_path, capture_output=True, text=True)
     assert ran.returncode == 0, ran.stdout[-20_000:] + ran.stderr
     assert int(re.search(r"(\d+) covered", ran.stdout)[1]) > 0, "links were followed"
