@@ -19,6 +19,7 @@ from steradian.api.services import Services
 from steradian.api.views import Listing, ScanView
 from steradian.security.keys import Principal
 from steradian.storage import filters
+from steradian.storage.disk import scan_bytes
 from steradian.storage.idempotency import Answer
 from steradian.storage.scanners import EmergencyStopped
 from steradian.storage.states import SETTLED_SCAN_STATES, DesiredScanState
@@ -76,6 +77,7 @@ async def create_scan(
 
     def make(session: Session) -> Answer:
         fence = _admit(services, session, lease, who)
+        services.require_room(session, scan_bytes(plan), "the scan", measured, for_scan=True)
         simulated = services.settings.simulated
         row = services.scans.add(session, plan, simulated=simulated, labels=wanted.labels, fence=fence, who=who.name)
         session.flush()
@@ -85,6 +87,7 @@ async def create_scan(
     answer = await run_in_threadpool(services.answers.kept, key)
     if answer is None:
         plan = await run_in_threadpool(services.plans.get, wanted.plan_id)
+        measured = await run_in_threadpool(services.measure)
         answer = await run_in_threadpool(services.answers.once, key, make)
     response = replay(answer)
     if wait.seconds and not answer.replayed:

@@ -6,6 +6,7 @@ import asyncio
 import logging
 import threading
 import time
+from dataclasses import replace
 from datetime import timedelta
 from typing import TYPE_CHECKING
 
@@ -128,8 +129,15 @@ class Services:
             known = self.measure()
         return self.disk.available(known.used + self.arrivals.came - known.came)
 
-    def require_room(self, session: Session, need: int, what: str, measured: Measured) -> None:
+    def require_room(
+        self, session: Session, need: int, what: str, measured: Measured, *, for_scan: bool = False
+    ) -> None:
         """Refuse what does not fit beside all that waits; ask in the transaction that queues it, or two could share.
+
+        Parameters
+        ----------
+        for_scan
+            Whether it may have what uploads and jobs leave free.
 
         Raises
         ------
@@ -138,7 +146,8 @@ class Services:
         """
         take_turns(session, ROOM_LOCK)  # else none of two that come at once sees what the other is promised
         taken = promised(session, self.data, measured.at) + self.arrivals.awaited
-        self.disk.require(need, what, taken, measured.used + self.arrivals.came - measured.came)
+        disk = replace(self.disk, reserve=0) if for_scan else self.disk
+        disk.require(need, what, taken, measured.used + self.arrivals.came - measured.came)
 
     def submit(self, session: Session, request: JobRequest) -> JobRow:
         """Note a job and queue it in the present transaction; one that is noted before the queue is open waits.

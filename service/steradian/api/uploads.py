@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -18,7 +19,7 @@ from steradian.api.services import Services
 from steradian.api.views import BASE
 from steradian.drafts import sync_folder
 from steradian.errors import InvalidInput, NotFound
-from steradian.storage.deletion import InUse, waiting_import
+from steradian.storage import deletion
 from steradian.storage.disk import promised
 from steradian.storage.repository import new_id
 
@@ -92,10 +93,8 @@ def read_upload(services: ServicesNeeded, upload_id: UPLOAD_ID) -> UploadView:
 @router.delete("/{upload_id}", status_code=204, summary="Forget an upload")
 def delete_upload(services: ServicesNeeded, upload_id: UPLOAD_ID) -> Response:
     """Delete the file; nothing happens when there is none. One that an import has still to read stays."""
-    if _is_name(upload_id):
-        if (job := waiting_import(services.database, upload_id)) is not None:
-            raise InUse(f"upload {upload_id} cannot be deleted while job {job} waits or runs")
-        services.data.upload(upload_id).unlink(missing_ok=True)
+    with suppress(NotFound):
+        deletion.delete_upload(services.database, services.data, upload_id)
     return Response(status_code=204)
 
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from steradian.storage.database import Database
 
 app = typer.Typer(help="Show what a service's data folder holds, and delete of it.", no_args_is_help=True)
-KINDS = ("mask", "plan", "scan", "batch", "reconstruction", "job")
+KINDS = ("mask", "plan", "scan", "batch", "reconstruction", "job", "upload")
 
 
 @app.command()
@@ -32,7 +32,7 @@ def show(data: Data = None) -> None:
             held, waiting = usage(session, folder), promised(session, folder)
     finally:
         database.close()
-    more = {"free on the disk": disk.free, "stays free": disk.reserve, "promised to jobs": waiting}
+    more = {"free on the disk": disk.free, "stays free": disk.reserve, "promised to scans and jobs": waiting}
     more |= {} if disk.quota is None else {"quota": disk.quota}
     show_figures(f"{settings.data}", {name: human_size(size) for name, size in (held | more).items()})
 
@@ -46,14 +46,18 @@ def delete(
 ) -> None:
     """Delete a thing with its files, also while the service runs; what waits or runs keeps what it needs."""
     from steradian.errors import InvalidInput
-    from steradian.storage.deletion import Deletion, remove_files
+    from steradian.storage.deletion import Deletion, delete_upload, remove_files
     from steradian.storage.paths import DataDirectory
 
     if kind not in KINDS:
         raise InvalidInput("kind", kind, ", ".join(KINDS))
     settings, database = _open(data)
     try:
-        Deletion(database).delete(kind, identifier, "command line", dependents=dependents, check=lambda _kinds: None)
+        if kind == "upload":
+            delete_upload(database, DataDirectory(settings.data), identifier)
+        else:
+            who = "command line"
+            Deletion(database).delete(kind, identifier, who, dependents=dependents, check=lambda _kinds: None)
         remove_files(database, DataDirectory(settings.data), None)  # the service has its queue forget them
     finally:
         database.close()

@@ -101,6 +101,24 @@ def waiting_import(database: Database, upload_id: str) -> str | None:
         return session.scalars(select(JobRow.id).where(or_(*named), JobRow.ended.is_(None))).first()
 
 
+def delete_upload(database: Database, data: DataDirectory, upload_id: str) -> None:
+    """Delete a file that came over HTTP.
+
+    Raises
+    ------
+    NotFound
+        When there is none.
+    InUse
+        When an import has still to read it.
+    """
+    path = data.upload(upload_id)
+    if not (upload_id.isascii() and upload_id.isalnum() and path.is_file()):
+        raise NotFound("upload", upload_id)
+    if (job := waiting_import(database, upload_id)) is not None:
+        raise InUse(f"upload {upload_id} cannot be deleted while job {job} waits or runs")
+    path.unlink(missing_ok=True)
+
+
 def remove_files(
     database: Database, data: DataDirectory, forget_jobs: Callable[[Sequence[str]], object] | None
 ) -> None:

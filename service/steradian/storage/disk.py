@@ -15,9 +15,10 @@ from sqlalchemy import or_, select
 from sqlalchemy.orm import Session
 
 from steradian.errors import DiskFull
+from steradian.plans.preview import BYTES_PER_ALINE, BYTES_PER_SAMPLE
 from steradian.storage.paths import DataDirectory
 from steradian.storage.states import ReconstructionState, is_terminal
-from steradian.storage.tables import JobRow
+from steradian.storage.tables import JobRow, PlanRow, ScanRow
 
 ROOM_LOCK = 0x57E2AD1C
 """Number of the PostgreSQL advisory lock under which jobs are let in."""
@@ -74,7 +75,7 @@ class Disk:
             return
         text = (
             f"{what} needs {need / 1e6:.1f} MB; the disk has {self.free / 1e6:.1f} MB free, of which "
-            f"{self.reserve / 1e6:.1f} MB stay free and {promised / 1e6:.1f} MB are promised to jobs that wait or run"
+            f"{self.reserve / 1e6:.1f} MB stay free and {promised / 1e6:.1f} MB are promised to what waits or runs"
         )
         if self.quota is not None:
             text += f"; of the quota (quota_bytes), {self.quota / 1e6:.1f} MB, {used / 1e6:.1f} MB are in use"
@@ -145,8 +146,17 @@ class Arrivals:
                 self.awaited -= left
 
 
+def scan_bytes(plan: PlanRow) -> int:
+    """Return how large the file of a scan of a plan is."""
+    samples: int = plan.preview["bytes"]
+    alines: int = samples // (plan.parameters["samples"] * BYTES_PER_SAMPLE)
+    return samples + alines * BYTES_PER_ALINE
+
+
 def promised(session: Session, data: DataDirectory, since: datetime | None = None) -> int:
-    """Return the bytes that jobs which wait or run will still write, by what they were let in with.
+    """Return the bytes that scans and jobs which wait or run will still write, by what they were let in with.
+
+    A scan's file has its full size from the start.
 
     Parameters
     ----------
@@ -155,7 +165,9 @@ def promised(session: Session, data: DataDirectory, since: datetime | None = Non
     """
     going = JobRow.ended.is_(None) if since is None else or_(JobRow.ended.is_(None), JobRow.ended > since)
     query = select(JobRow.id, JobRow.kind, JobRow.state, JobRow.promised).where(going, JobRow.promised > 0)
-    total = 0
+    scans = select(ScanRow.id, PlanRow).join(PlanRow, PlanRow.id == ScanRow.plan_id).where(ScanRow.ended.is_(None))
+    files = ((data.scan_file(scan), plan) for scan, plan in session.execute(scans))
+    total = sum(scan_bytes(plan) for file, plan in files if not file.exists())
     for job_id, kind, state, most in session.execute(query):
         there = 0
         if not is_terminal(state) and state is not ReconstructionState.QUEUED:

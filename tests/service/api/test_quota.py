@@ -171,3 +171,31 @@ def test_the_folder_is_measured_while_others_write(small, monkeypatch):
     assert services.available < QUOTA
     assert walks == [server.data.root], "once, and not by who only wants to know how much is free"
     services.database.close()
+
+
+def test_a_scan_that_does_not_fit_is_refused_and_one_that_waits_has_its_room(tmp_path):
+    server = api_of(tmp_path, quota_bytes=QUOTA, disk_reserve_bytes=0)
+    server.wait()
+    try:
+        with httpx.Client(base_url=f"{server.url}/api/v1", timeout=90) as http:
+            mask = http.post(
+                "/masks", json={"arrangement": "grid", "aperture": 0.01, "count": 30, "interval": 1e-4}
+            ).json()
+            plans = [
+                http.post("/plans", json={"mask_id": mask["id"], "samples": 2048, "frames": frames}).json()
+                for frames in (5, 12)
+            ]
+            small, large = (plan["preview"]["bytes"] for plan in plans)
+            assert small < QUOTA / 2 < QUOTA < large
+            refused(make_scan(http, plans[1]["id"]), large)
+            first = make_scan(http, plans[0]["id"])
+            assert first.status_code == 201
+            assert make_scan(http, plans[0]["id"]).status_code == 201
+            assert refused(make_scan(http, plans[0]["id"]), small) >= 2 * small
+            assert refused(http.post("/uploads", content=bytes(10 * MIB)), 10 * MIB) >= 2 * small
+            aborted = http.put(f"/scans/{first.json()['id']}/desired-state", json={"state": "aborted"})
+            assert aborted.status_code == 200
+            ScanRepository(server.database).transition(first.json()["id"], ScanState.ABORTED, why="test")
+            assert make_scan(http, plans[0]["id"]).status_code == 201, "the room of one that is over is free again"
+    finally:
+        server.close()

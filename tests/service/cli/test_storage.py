@@ -38,7 +38,7 @@ def ledger(tmp_path):
 
 def test_the_folder_is_that_of_the_environment_as_for_the_service(ledger, tmp_path):
     found = CliRunner().invoke(app, ["storage", "show"], env={"STERADIAN_DATA": str(tmp_path)})
-    assert "promised to jobs" in found.stdout, found.exception
+    assert "promised to scans and jobs" in found.stdout, found.exception
 
 
 def test_a_folder_that_is_not_the_database_s_keeps_its_files(ledger, tmp_path, tmp_path_factory):
@@ -69,10 +69,34 @@ def test_storage_shows_what_holds_how_much_and_deletes_it(ledger, tmp_path):
         return CliRunner().invoke(app, ["storage", *words, "--data", str(tmp_path)])
 
     said = run("show").stdout
-    for name, size in (("scans", "5 MB"), ("other jobs", "3 MB"), ("promised to jobs", "7 MB"), ("uploads", "0 B")):
+    for name, size in (
+        ("scans", "5 MB"),
+        ("other jobs", "3 MB"),
+        ("promised to scans and jobs", "7 MB"),
+        ("uploads", "0 B"),
+    ):
         assert [line.split(name)[1].strip() for line in said.splitlines() if line.startswith(name)] == [size], said
     assert isinstance(run("delete", "job", "j2").exception, InUse)
     assert run("delete", "job", "j1").exit_code == 0
     assert not DataDirectory(tmp_path).job("j1").root.exists()
     assert isinstance(run("delete", "job", "j1").exception, NotFound)
     assert isinstance(run("delete", "thing", "j1").exception, InvalidInput)
+
+
+def test_an_upload_goes_unless_an_import_has_still_to_read_it(ledger, tmp_path):
+    data, database = DataDirectory(tmp_path), Database(metadata_url(Settings.create(data=tmp_path)))
+    for name in ("u1", "u2"):
+        data.upload(name).write_bytes(b"x")
+    with database.write() as session:
+        ledger.add(session, JobRequest("j3", "import", {"upload_id": "u1"}))
+    database.close()
+
+    def delete(name):
+        return CliRunner().invoke(app, ["storage", "delete", "upload", name, "--data", str(tmp_path)])
+
+    assert isinstance(delete("u1").exception, InUse)
+    assert delete("u2").exit_code == 0
+    for name in ("u2", "../metadata.sqlite"):
+        assert isinstance(delete(name).exception, NotFound)
+    assert data.upload("u1").is_file()
+    assert data.metadata_file.is_file()
