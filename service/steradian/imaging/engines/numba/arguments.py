@@ -6,11 +6,15 @@ from typing import Any, NamedTuple
 
 
 class Batch(NamedTuple):
-    """``number`` ≤ 32 samples (or depths) from ``start``, of rows that begin ``stride`` numbers apart."""
+    """``number`` ≤ 32 samples (or depths) from ``start``, of rows that begin ``stride`` numbers apart.
+
+    Results are written ``past`` the caches, where they are too many for these.
+    """
 
     start: int
     number: int
     stride: int
+    past: bool
 
 
 class Factors(NamedTuple):

@@ -53,16 +53,9 @@ def _bring(side: Side, block: int, x: Any, xo: int, tmp: Any) -> None:
         f = side.factors[block]
         rr, ri, ir, ii = load16(f, 0), load16(f, 16), load16(f, 32), load16(f, 48)
     for start in range(0, count, 16):
-        some = min(16, count - start)
-        if some == 16:
-            collect(side.values, rows, start, tmp, 0)
-            collect(side.values, imaginary, start, tmp, 16)
-        else:
-            for lane in range(16):
-                for n in range(some):
-                    tmp[n * 32 + lane] = side.values[rows[lane] + start + n]
-                    tmp[n * 32 + 16 + lane] = side.values[imaginary[lane] + start + n]
-        for n in range(some):
+        collect(side.values, rows, start, tmp, 0)
+        collect(side.values, imaginary, start, tmp, 16)
+        for n in range(min(16, count - start)):
             cell = start + n - side.centre
             o = xo + (cell if cell >= 0 else cell + length) * 32
             a, b = load16(tmp, n * 32), load16(tmp, n * 32 + 16)
@@ -81,34 +74,30 @@ def _bring(side: Side, block: int, x: Any, xo: int, tmp: Any) -> None:
 
 @compiled
 def _take(x: Any, xo: int, side: Side, block: int, tmp: Any) -> None:
-    """Do the way back of :func:`_bring`."""
+    """Do the way back of :func:`_bring`; the filling behind a row's end takes what follows in x, or 0."""
     rows, imaginary, count, length = side.real[block], side.imaginary[block], side.number, side.transform.size
     multiplied = side.window.size > 0
-    one = splat16(x.dtype.type(1.0))
+    one, nothing = splat16(x.dtype.type(1.0)), splat16(x.dtype.type(0.0))
     rr, ri, ir, ii = one, one, one, one
     if multiplied:
         f = side.factors[block]
         rr, ri, ir, ii = load16(f, 0), load16(f, 16), load16(f, 32), load16(f, 48)
     for start in range(0, count, 16):
-        some = min(16, count - start)
         values, o = x, xo + (start - side.centre) * 32  # without a factor nothing wraps round
         if multiplied:
             values, o = tmp, 0
-            for n in range(some):
+            for n in range(max(0, count - start), 16):
+                store(tmp, n * 32, nothing)
+                store(tmp, n * 32 + 16, nothing)
+            for n in range(min(16, count - start)):
                 w = splat16(side.window[start + n])
                 cell = start + n - side.centre
                 i = xo + (cell if cell >= 0 else cell + length) * 32
                 a, b = load16(x, i) * w, load16(x, i + 16) * w
                 store(tmp, n * 32, a * rr + b * ir)
                 store(tmp, n * 32 + 16, a * ri + b * ii)
-        if some == 16:
-            distribute(values, o, side.values, rows, start)
-            distribute(values, o + 16, side.values, imaginary, start)
-        else:
-            for lane in range(16):
-                for n in range(some):
-                    side.values[rows[lane] + start + n] = values[o + n * 32 + lane]
-                    side.values[imaginary[lane] + start + n] = values[o + n * 32 + 16 + lane]
+        distribute(values, o, side.values, rows, start)
+        distribute(values, o + 16, side.values, imaginary, start)
 
 
 @compiled
@@ -274,6 +263,8 @@ def to_depth(first: int, last: int, time: Side, depth: Side, rule: Rule, space: 
                             h[o] = h[o + 1]
                             h[o + 16] = h[o + 17]
         result = x if fft(h, zero, x, zero, one, depth.transform, tmp) else h
+        for o in range(size * 32, (size + 16) * 32, 16):
+            store(result, o, nothing)
         _take(result, zero, depth, block, tmp)
 
 

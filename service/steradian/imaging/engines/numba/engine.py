@@ -17,7 +17,7 @@ from steradian.imaging.engines.numba.arguments import Batch, Columns, Plane, Rul
 from steradian.imaging.engines.numba.blocks import Blocks, blocks
 from steradian.imaging.engines.numba.factors import Transform, transform
 from steradian.imaging.engines.numba.layout import all_stored, everywhere, part, sensors_of, stored_of
-from steradian.imaging.engines.numba.room import Room, empty, room_of
+from steradian.imaging.engines.numba.room import Room, empty, room_of, whole
 from steradian.imaging.engines.numba.sizes import BATCH, PAD, PIECE
 from steradian.imaging.tables import Tables
 from steradian.imaging.volume import RealArray
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from steradian.imaging.engines import Engine
 
 _BLOCKS = 32  # most blocks of columns a piece of work has
-_SMALL = 1 << 21  # numbers below which waiting for a second thread costs more than it saves
+_SMALL = 1 << 21  # numbers that the caches hold, and for which waiting for a second thread costs more than it saves
 _NONE = np.empty(0)
 Work = Callable[[int, Any, NDArray[np.uint8]], None]
 
@@ -64,7 +64,8 @@ class NumbaEngine:
         self._sensors = sensors_of(tables.lateral, tables.dtype)
         self._blocks: Blocks = blocks(tables, self._stored)
         numbers = max(self.room.target_rows * tables.depths, self.room.output_bytes // np.dtype(tables.dtype).itemsize)
-        self._threads = 1 if numbers < _SMALL else self.room.threads
+        self._large = numbers >= _SMALL
+        self._threads = self.room.threads if self._large else 1
 
     def lateral(
         self,
@@ -96,24 +97,26 @@ class NumbaEngine:
 
     def to_image(self, modes: RealArray, watch: Watch = NOBODY) -> RealArray:
         """See :class:`steradian.imaging.engines.Engine`."""
-        from steradian.imaging.engines.numba.image import to_image
+        from steradian.imaging.engines.numba.image import close_up, to_image
 
         t, shape, depths = self.tables, self.tables.geometry.shape, self.tables.depths
-        size = int(np.prod(shape))
-        image = modes if self.room.shared else empty(size, t.dtype)
+        lines, pitch = int(np.prod(shape[:-1])), whole(depths)
+        image = modes if self.room.shared else empty(lines * pitch, t.dtype)
         plane = self._plane(t.image_modes)
 
         def work(piece: int, space: Workspace, flag: NDArray[np.uint8]) -> None:
             start = piece * BATCH
-            batch = Batch(start, min(BATCH, depths - start), self.room.target_stride)
-            to_image(modes, batch, plane, image, depths, space, flag)
+            batch = Batch(start, min(BATCH, depths - start), self.room.target_stride, self._large)
+            to_image(modes, batch, plane, image, pitch, space, flag)
 
         def scratch() -> Workspace:
             line = max(t.image_modes)
             return self._workspace(0, (line, line, line, line), plane.shown_x * (t.image_modes[1] | 1), plane)
 
         self._run("image", -(-depths // BATCH), scratch, work, watch)
-        return image[:size].reshape(shape)
+        if pitch > depths:
+            close_up(image, lines, pitch, depths)
+        return image[: lines * depths].reshape(shape)
 
     def lateral_adjoint(self, modes: RealArray, watch: Watch = NOBODY) -> RealArray:
         """See :class:`steradian.imaging.engines.Engine`."""
@@ -125,7 +128,7 @@ class NumbaEngine:
 
         def work(piece: int, space: Workspace, flag: NDArray[np.uint8]) -> None:
             start = piece * BATCH
-            batch = Batch(start, min(BATCH, samples - start), self.room.source_stride)
+            batch = Batch(start, min(BATCH, samples - start), self.room.source_stride, self._large)
             type2(modes, batch, plane, s, traces, space, flag)
 
         def scratch() -> Workspace:
@@ -170,7 +173,7 @@ class NumbaEngine:
 
         def work(piece: int, space: Workspace, flag: NDArray[np.uint8]) -> None:
             start = piece * BATCH
-            batch = Batch(start, min(BATCH, samples - start), self.room.source_stride)
+            batch = Batch(start, min(BATCH, samples - start), self.room.source_stride, self._large)
             if not pack(flat, samples, sensors, batch, space.packed, space.packed.view(integer), mask, most):
                 raise InvalidInput("traces", first_bad(traces), "finite numbers")
             type1(sensors, plane, stored, target, batch, add, space, flag)

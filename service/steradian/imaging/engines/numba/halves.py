@@ -1,6 +1,8 @@
 """Two batches of real data as one complex grid, and apart again by symmetry (compiled).
 
-Whole lines of modes at a time: a call counts the references to all arrays it takes, which costs far more than a cell.
+Rows of modes are filled up to a multiple of 16 numbers, so that all of a batch is whole vectors. The filling has to be
+of real data as well (zeros, or depths that nobody asked for): else it would mix with the other half of its batch. Whole
+lines of modes at a time: a call counts the references to all arrays it takes, which costs far more than a cell.
 """
 
 from __future__ import annotations
@@ -9,7 +11,7 @@ from typing import Any, NamedTuple
 
 from steradian.compiled import compiled
 from steradian.imaging.engines.numba.arguments import Batch
-from steradian.imaging.engines.numba.simd import load16, store, stream
+from steradian.imaging.engines.numba.simd import load16, splat16, store, stream
 
 
 class Cells(NamedTuple):
@@ -27,30 +29,22 @@ def separate(here: Cells, opposite: Cells, row: Any, batch: Batch, at: int, add:
     The first mode's real parts of this batch are at ``row[at:]``, the imaginary ones a row further, the next mode's two
     rows further.
     """
-    p, q, stride, count = here.values, opposite.values, batch.stride, batch.number
+    p, q, stride, two, past = here.values, opposite.values, batch.stride, batch.number > 16, batch.past
     for i in range(here.index.size):
         po, qo, im_at = here.start + here.index[i] * 32, opposite.start + opposite.index[i] * 32, at + stride
-        if count == 32:
-            ar, ai, br, bi = load16(p, po), load16(p, po + 16), load16(q, qo), load16(q, qo + 16)
-            if add:
-                store(row, at, load16(row, at) + ar + br)
+        ar, ai, br, bi = load16(p, po), load16(p, po + 16), load16(q, qo), load16(q, qo + 16)
+        if add:
+            store(row, at, load16(row, at) + ar + br)
+            store(row, im_at, load16(row, im_at) + ai - bi)
+            if two:
                 store(row, at + 16, load16(row, at + 16) + ai + bi)
-                store(row, im_at, load16(row, im_at) + ai - bi)
                 store(row, im_at + 16, load16(row, im_at + 16) + br - ar)
-            else:
-                stream(row, at, ar + br)
-                stream(row, at + 16, ai + bi)
-                stream(row, im_at, ai - bi)
-                stream(row, im_at + 16, br - ar)
         else:
-            for n in range(count):
-                real = row[at + n] if add else row.dtype.type(0)
-                imaginary = row[im_at + n] if add else row.dtype.type(0)
-                row[at + n] = real + p[po + n] + q[qo + n]
-                if n < 16:
-                    row[im_at + n] = imaginary + p[po + 16 + n] - q[qo + 16 + n]
-                else:
-                    row[im_at + n] = imaginary + q[qo + n - 16] - p[po + n - 16]
+            stream(row, at, ar + br, past)
+            stream(row, im_at, ai - bi, past)
+            if two:
+                stream(row, at + 16, ai + bi, past)
+                stream(row, im_at + 16, br - ar, past)
         at += 2 * stride
 
 
@@ -60,7 +54,7 @@ def join(source: Any, at: int, batch: Batch, modes: int, p: Any, q: Any, size: i
 
     What is at N/2 counts as 0 without ``edges``.
     """
-    count, stride = batch.number, batch.stride
+    stride, two, nothing = batch.stride, batch.number > 16, splat16(p.dtype.type(0.0))
     if size > modes or not edges:
         p[: size * 32] = 0
         q[: size * 32] = 0
@@ -69,17 +63,10 @@ def join(source: Any, at: int, batch: Batch, modes: int, p: Any, q: Any, size: i
             po = (i if 2 * i < modes else size - modes + i) * 32
             o = 0 if i == 0 else modes - i
             qo = (o if 2 * o < modes else size - modes + o) * 32
-            if count < 32:
-                for n in range(count):
-                    p[po + n] = source[at + n]
-                    q[qo + n] = source[at + stride + n]
-                for n in range(count, 32):
-                    p[po + n] = 0
-                    q[qo + n] = 0
-                ar, br, ai, bi = load16(p, po), load16(p, po + 16), load16(q, qo), load16(q, qo + 16)
-            else:
-                ar, br = load16(source, at), load16(source, at + 16)
-                ai, bi = load16(source, at + stride), load16(source, at + stride + 16)
+            ar, ai = load16(source, at), load16(source, at + stride)
+            br, bi = nothing, nothing
+            if two:
+                br, bi = load16(source, at + 16), load16(source, at + stride + 16)
             store(p, po, ar - bi)
             store(p, po + 16, ai + br)
             store(q, qo, ar + bi)

@@ -32,7 +32,7 @@ def _halve(a: Any, i: int, j: int) -> None:
 def to_image(source: Any, batch: Batch, plane: Plane, image: Any, depth: int, space: Workspace, flag: Any) -> None:
     """Image points of this batch's depths that the plane shows; its grid may be finer than the modes: it interpolates.
 
-    ``image`` is flat [x][y][z] with ``depth`` values a line.
+    ``image`` is flat [x][y][z], its lines ``depth`` values apart, a multiple of 16.
     """
     _, a, b, c, d, middle, tmp = space
     modes_x, modes_y, nx, ny, out_x, out_y = (
@@ -78,10 +78,15 @@ def to_image(source: Any, batch: Batch, plane: Plane, image: Any, depth: int, sp
         o = 0 if plane.y.radices.size % 2 else o
         for y in range(out_y):
             at, i = (x * out_y + y) * depth + batch.start, o + (plane.first_y + y) * 32
-            if batch.number == 32:
-                stream(image, at, load16(p, i))
-                stream(image, at + 16, load16(p, i + 16))
-            else:
-                for n in range(batch.number):
-                    image[at + n] = p[i + n]
+            stream(image, at, load16(p, i), batch.past)
+            if batch.number > 16:
+                stream(image, at + 16, load16(p, i + 16), batch.past)
     settle()
+
+
+@compiled
+def close_up(image: Any, lines: int, apart: int, depths: int) -> None:
+    """Move lines that begin ``apart`` numbers from each other, ``depths`` in each, one right behind the other."""
+    for line in range(1, lines):
+        for n in range(0, depths, 16):  # what is written beyond a line's end lies before the next one's beginning
+            store(image, line * depths + n, load16(image, line * apart + n))

@@ -25,7 +25,7 @@ class Room:
     Parameters
     ----------
     source_rows, source_stride
-        Of the modes over time.
+        Of the modes over time; strides are multiples of 16.
     target_rows, target_stride
         Of the modes over depth: the same, where they take the place of their own times.
     shared
@@ -67,6 +67,11 @@ def empty(count: int, dtype: str) -> RealArray:
     return numbers[first : first + count]
 
 
+def whole(count: int) -> int:
+    """Numbers of a row that has room for ``count``: whole vectors of 16, each on lines of the caches of its own."""
+    return -(-count // 16) * 16
+
+
 def room_of(tables: Tables, stored: Stored, threads: int) -> Room:
     """Lay out memory."""
     samples, depths, (nx, ny) = tables.time.samples, tables.depths, tables.lateral.modes
@@ -75,22 +80,22 @@ def room_of(tables: Tables, stored: Stored, threads: int) -> Room:
     mode_rows, source_rows = 2 * nx * (ny // 2 + 1), rows_of(stored)
     # where the modes' depths go: over their own times, or (replicated) to a place of their own
     replicated = tables.lateral.replicated
-    source_stride = samples if replicated else max(samples, depths)
-    target_stride = depths if replicated else source_stride
+    source_stride = whole(samples if replicated else max(samples, depths))
+    target_stride = whole(depths) if replicated else source_stride
     target_rows = mode_rows if replicated else source_rows
-    shared = target_stride == depths and out_rows <= target_rows
-    image = out_rows * depths * item
+    shared = target_stride == whole(depths) and out_rows <= target_rows
+    image, kept = out_rows * depths * item, out_rows * whole(depths) * item
     source, target = ((r + 1) * s * item for r, s in ((source_rows, source_stride), (target_rows, target_stride)))
     scratch = _scratch(tables, stored) * item
     threads = int(max(1, min(threads, max(scratch, image // 2) // max(scratch, 1))))
     if tables.rule.waves == "both":  # A-lines may be the result, and are made beside the modes
-        needed = target + max(0 if shared else image, len(tables.lateral.scale) * samples * item)
+        needed = target + max(0 if shared else kept, len(tables.lateral.scale) * samples * item)
     else:  # a source of its own is freed before the image is made
-        needed = max((source if replicated else 0) + target, target + (0 if shared else image))
+        needed = max((source if replicated else 0) + target, target + (0 if shared else kept))
     if tables.decimation is not None:
         needed += tables.decimation.bytes(len(tables.lateral.scale), threads, tables.dtype)
     return Room(
-        source_rows, source_stride, target_rows, target_stride, shared, threads, image, target if shared else image,
+        source_rows, source_stride, target_rows, target_stride, shared, threads, image, target if shared else kept,
         needed + threads * scratch,
     )  # fmt: skip
 

@@ -94,10 +94,11 @@ def _store(typingctx: Any, array: Any, index: Any, vector: Any) -> Any:
     return types.void(array, types.intp, vector), codegen
 
 
-def _stream(typingctx: Any, array: Any, index: Any, vector: Any) -> Any:
+def _stream(typingctx: Any, array: Any, index: Any, vector: Any, past: Any) -> Any:
     """Store past the caches: whole lines are then not read first, nor do they drive out what is needed again.
 
-    Where the place is not on a line's boundary, it is a plain store. Others see it after :func:`settle`.
+    Where the place is not on a line's boundary, or not ``past``, it is a plain store. Others see it after
+    :func:`settle`.
     """
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -105,7 +106,8 @@ def _stream(typingctx: Any, array: Any, index: Any, vector: Any) -> Any:
         pointer = _pointer(context, builder, sig.args[0], args[0], args[1], kind)
         word = ir.IntType(64)
         beside = builder.and_(builder.ptrtoint(pointer, word), ir.Constant(word, LINE - 1))
-        with builder.if_else(builder.icmp_unsigned("==", beside, ir.Constant(word, 0))) as (whole, other):
+        at_start = builder.icmp_unsigned("==", beside, ir.Constant(word, 0))
+        with builder.if_else(builder.and_(at_start, args[3])) as (whole, other):
             with whole:
                 stored = builder.store(args[2], pointer, align=LINE)
                 once = builder.module.add_metadata([ir.Constant(ir.IntType(32), 1)])
@@ -114,7 +116,7 @@ def _stream(typingctx: Any, array: Any, index: Any, vector: Any) -> Any:
                 builder.store(args[2], pointer, align=array.dtype.bitwidth // 8)
         return context.get_dummy_value()
 
-    return types.void(array, types.intp, vector), codegen
+    return types.void(array, types.intp, vector, types.boolean), codegen
 
 
 def _settle(typingctx: Any) -> Any:
