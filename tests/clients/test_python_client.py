@@ -266,6 +266,10 @@ def test_a_plans_preview_keeps_nothing(service, done):
     before = [plan.id for plan in service.plans.list()]
     assert service.plans.preview(done[0].id, pulse_rate=7).laser_seconds == pytest.approx(done[0].count / 7)
     assert [plan.id for plan in service.plans.list()] == before
+    seen = service.masks.preview("grid", aperture=0.01, count=7, interval=1e-3)
+    assert (seen.count, seen.finest) == (49, pytest.approx(1e-3))
+    with pytest.raises(NotFound):
+        service.masks.get(seen.id)
     assert len(service.masks.points(done[0].id).positions) == done[0].count
 
 

@@ -64,6 +64,25 @@ class Mask(Answer):
     sensed_area: float | None = None
 
 
+class MaskPreview(Answer):
+    """What a mask would be and promises; lengths in metres, angles in radians."""
+
+    id: str
+    arrangement: dict[str, Any]
+    aperture: float
+    depth: float | None
+    count: int
+    weight_ratio: float
+    sensed_area: float
+    finest: float
+    coarsest: float
+    point_of_interest: list[float] | None
+    evenness: float | None
+    largest_angle: float | None
+    opening_angle: float | None
+    attenuation_db: float | None
+
+
 class Points(Answer):
     """The points of a mask: positions (count, 2) in metres, weights in m² (m for a line)."""
 

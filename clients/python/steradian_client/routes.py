@@ -43,6 +43,7 @@ METRICS: Final = Route("GET", "/metrics")
 
 LIST_MASKS: Final = Route("GET", f"{V1}/masks")
 CREATE_MASK: Final = Route("POST", f"{V1}/masks")
+PREVIEW_MASK: Final = Route("POST", f"{V1}/masks/preview")
 READ_MASK: Final = Route("GET", f"{V1}/masks/{{id}}")
 DELETE_MASK: Final = Route("DELETE", f"{V1}/masks/{{id}}")
 READ_POINTS: Final = Route("GET", f"{V1}/masks/{{id}}/points")

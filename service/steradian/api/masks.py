@@ -11,14 +11,14 @@ import numpy as np
 from fastapi import APIRouter, Body, Request, Response
 from starlette.concurrency import run_in_threadpool
 
-from steradian.api.arrays import CSV, JSON, NPY, negotiate
+from steradian.api.arrays import CSV, JSON, NPY, PICTURE, PNG, negotiate
 from steradian.api.choices import OfArrangement
 from steradian.api.conditions import ConditionsNeeded, etag_of
 from steradian.api.dependencies import Before, Limit, ServicesNeeded, link_next
 from steradian.api.files import RANGED, RangedFile
 from steradian.api.identifiers import MASK_ID
 from steradian.api.security import V1, GuardedRoute
-from steradian.api.views import Listing, MaskView, PointsView
+from steradian.api.views import Listing, MaskPreviewView, MaskView, PointsView
 from steradian.errors import InvalidInput
 from steradian.masks import Arrangement, Mask
 from steradian.storage import filters
@@ -59,6 +59,28 @@ async def create_mask(
     response.status_code = 201 if is_new else 200
     response.headers["Location"] = view.links["self"]
     return view
+
+
+@router.post(
+    "/preview",
+    summary="What a mask would be, and promises",
+    response_model=MaskPreviewView,
+    responses={200: {"description": "Nothing is stored", "content": PICTURE}},
+)
+async def preview_mask(
+    services: ServicesNeeded,
+    request: Request,
+    arrangement: Annotated[Arrangement, Body(openapi_examples=_EXAMPLES)],
+) -> Response:
+    """Work out points and figures of a mask, or draw it, storing nothing."""
+    kind = negotiate(request, (JSON, PNG))
+    _check_size(arrangement, services.settings.max_mask_points)
+    if kind == PNG:
+        async with services.drawing:
+            body = await services.workshop.work(_picture, arrangement)
+    else:
+        body = await services.workshop.work(_promises, arrangement)
+    return Response(body, media_type=kind, headers={"Vary": "Accept"})
 
 
 @router.get("", summary="Masks, newest first")
@@ -109,7 +131,7 @@ def read_mask_points(
     summary="A picture of a mask",
     response_class=RangedFile,
     openapi_extra=RANGED,
-    responses={200: {"content": {"image/png": {"schema": {"type": "string", "format": "binary"}}}}},
+    responses={200: {"content": PICTURE}},
 )
 async def read_mask_picture(services: ServicesNeeded, mask_id: MASK_ID, conditions: ConditionsNeeded) -> RangedFile:
     """Draw where the mask senses, how densely and what it can see; drawn once, then kept."""
@@ -121,11 +143,25 @@ async def read_mask_picture(services: ServicesNeeded, mask_id: MASK_ID, conditio
         async with services.drawing:
             if not await run_in_threadpool(path.is_file):
                 await services.workshop.work(_draw, await run_in_threadpool(services.masks.load, mask_id), path)
-    return RangedFile(path, media_type="image/png", headers={"ETag": etag})
+    return RangedFile(path, media_type=PNG, headers={"ETag": etag})
 
 
 def _build(arrangement: Arrangement) -> dict[str, Any]:
     return to_columns(arrangement.build())
+
+
+def _promises(arrangement: Arrangement) -> bytes:
+    from steradian.masks.promises import promises
+
+    mask = arrangement.build()
+    return MaskPreviewView.of(mask, promises(mask)).model_dump_json().encode()
+
+
+def _picture(arrangement: Arrangement) -> bytes:
+    from steradian.drawing.page import png
+    from steradian.masks.picture import mask_page
+
+    return png(mask_page(arrangement.build(), with_point_spread=False))
 
 
 def _draw(mask: Mask, path: Path) -> None:

@@ -22,7 +22,7 @@ from steradian.settings import Settings
 _log = logging.getLogger(__name__)
 UPLOADS, STREAMS = "/api/v1/uploads", "/api/v1/events"
 MAX_STREAMS = 200
-LISTS = frozenset({"/api/v1/masks", "/api/v1/plans", "/api/v1/plans/preview"})
+LISTS = frozenset({"/api/v1/masks", "/api/v1/masks/preview", "/api/v1/plans", "/api/v1/plans/preview"})
 """Paths whose bodies may hold numbers for each point of a mask."""
 JSON_BYTES, POINT_BYTES = 2**20, 128
 """Largest body of any other path, and what those bodies may have more for each point (indented, with all digits)."""

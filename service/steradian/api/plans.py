@@ -8,6 +8,7 @@ from fastapi import APIRouter, Request, Response
 from pydantic import ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
+from steradian.api.arrays import JSON, PICTURE, PNG, negotiate
 from steradian.api.choices import OfMask
 from steradian.api.conditions import ConditionsNeeded, etag_of
 from steradian.api.dependencies import Before, Limit, ServicesNeeded, link_next
@@ -87,10 +88,22 @@ async def create_plan(services: ServicesNeeded, response: Response, wanted: Plan
     return view
 
 
-@router.post("/preview", summary="What a plan would cost", responses={200: {"description": "Nothing is stored"}})
-async def preview_plan(services: ServicesNeeded, wanted: PlanRequest) -> PreviewView:
-    """Work out time, bytes and findings of a plan, storing nothing."""
-    return PreviewView.model_validate((await _worked_out(services, wanted))["preview"])
+@router.post(
+    "/preview",
+    summary="What a plan would cost",
+    response_model=PreviewView,
+    responses={200: {"description": "Nothing is stored", "content": PICTURE}},
+)
+async def preview_plan(services: ServicesNeeded, request: Request, wanted: PlanRequest) -> Response:
+    """Work out time, bytes and findings of a plan, or draw its way over the mask, storing nothing."""
+    body: bytes | str
+    if (kind := negotiate(request, (JSON, PNG))) == PNG:
+        mask = await run_in_threadpool(services.masks.load, wanted.mask_id)
+        async with services.drawing:
+            body = await services.workshop.work(_picture, mask, wanted)
+    else:
+        body = PreviewView.model_validate((await _worked_out(services, wanted))["preview"]).model_dump_json()
+    return Response(body, media_type=kind, headers={"Vary": "Accept"})
 
 
 @router.get("", summary="Plans, newest first")
@@ -125,9 +138,20 @@ async def _worked_out(services: Services, wanted: PlanRequest) -> dict[str, Any]
 
 
 def _build(mask: Mask, wanted: PlanRequest) -> dict[str, Any]:
+    return to_columns(_plan(mask, wanted))
+
+
+def _picture(mask: Mask, wanted: PlanRequest) -> bytes:
+    from steradian.drawing.page import png
+    from steradian.plans.picture import plan_page
+
+    return png(plan_page(_plan(mask, wanted)))
+
+
+def _plan(mask: Mask, wanted: PlanRequest) -> ScanPlan:
     fields = {name: getattr(wanted, name) for name in _OF_THE_PLAN}
     if wanted.tuning_map is not None:
         if wanted.wavelengths is not None:
             raise InvalidInput("wavelengths", f"{wanted.wavelengths.size} of them", "none beside tuning_map")
         fields |= wanted.tuning_map.fields(mask)
-    return to_columns(ScanPlan.create(mask=mask, **fields))
+    return ScanPlan.create(mask=mask, **fields)

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
-from steradian.api.arrays import ARRAY_ANSWER, JSON, NPY, RAW, negotiate, respond
+from steradian.api.arrays import ARRAY_ANSWER, JSON, NPY, PICTURE, PNG, RAW, negotiate, respond
 from steradian.api.conditions import ConditionsNeeded, etag_of_file
 from steradian.api.dependencies import ServicesNeeded, Wait
 from steradian.api.identifiers import RECONSTRUCTION_ID
@@ -52,7 +52,7 @@ Slice = Annotated[
     "/{reconstruction_id}/mip",
     summary="A maximum-intensity projection as PNG",
     response_class=Response,
-    responses={200: {"content": {"image/png": {"schema": {"type": "string", "format": "binary"}}}}},
+    responses={200: {"content": PICTURE}},
 )
 async def read_reconstruction_mip(
     services: ServicesNeeded,
@@ -72,7 +72,7 @@ async def read_reconstruction_mip(
         with path.open("rb") as file:  # one version of it, though the next revision may replace it now
             etag = etag_of_file(path, file.fileno())
             conditions.tag(etag)
-            return Response(file.read(), media_type="image/png", headers={"ETag": etag})
+            return Response(file.read(), media_type=PNG, headers={"ETag": etag})
 
     return await run_in_threadpool(read)
 

@@ -37,6 +37,7 @@ SCOPES: Final[dict[tuple[str, str], Need | None]] = {
     ("GET", V1): Need.READ,
     ("GET", f"{V1}/"): Need.READ,
     ("POST", f"{V1}/masks"): Need.PLAN,
+    ("POST", f"{V1}/masks/preview"): Need.PLAN,
     ("GET", f"{V1}/masks"): Need.READ,
     ("GET", f"{V1}/masks/{{mask_id}}"): Need.READ,
     ("DELETE", f"{V1}/masks/{{mask_id}}"): Need.PLAN,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Any, Generic, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
 from pydantic import BaseModel, Field
 
@@ -14,6 +14,10 @@ from steradian.jobs.model import JobStatus
 from steradian.plans import VisitOrder
 from steradian.storage.states import DesiredJobState, DesiredScanState, ReconstructionState, ScanState
 from steradian.storage.tables import MaskRow, PlanRow, ReconstructionRow, ScanRow
+
+if TYPE_CHECKING:
+    from steradian.masks import Mask
+    from steradian.masks.promises import Promises
 
 BASE = "/api/v1"
 Item = TypeVar("Item")
@@ -85,6 +89,32 @@ class MaskView(BaseModel):
             created=row.created,
             links={"self": here, "points": f"{here}/points", "picture": f"{here}/picture"},
         )
+
+
+class MaskPreviewView(BaseModel):
+    """What a mask would be and promises, seen from its (first) point of interest; null where it has none."""
+
+    id: str = Field(description="Identifier that it would have")
+    arrangement: dict[str, Any] = Field(description="Kind and parameters")
+    aperture: float = Field(description="Side X of the square aperture (m)")
+    depth: float | None = Field(description="Distance of the point of interest (m)")
+    count: int = Field(description="Number of points")
+    weight_ratio: float = Field(description="Largest over smallest weight")
+    sensed_area: float = Field(description="What the points stand for together (m², m for a line)")
+    finest: float = Field(description="Least distance of a point to its nearest neighbour (m)")
+    coarsest: float = Field(description="Greatest distance of a point to its nearest neighbour (m)")
+    point_of_interest: list[float] | None = Field(description="x, y, z (m)", examples=[[0, 0, 3.6e-3]])
+    evenness: float | None = Field(description="Deviation of the points' solid angles over their mean")
+    largest_angle: float | None = Field(description="Greatest angle of incidence (rad)")
+    opening_angle: float | None = Field(description="Under which the points appear, in the widest plane (rad)")
+    attenuation_db: float | None = Field(description="What the film loses at the largest angle and 1 MHz (dB)")
+
+    @classmethod
+    def of(cls, mask: Mask, seen: Promises) -> Self:
+        """Show a mask and what it promises."""
+        its = vars(seen) | {name: getattr(mask, name) for name in cls.model_fields if hasattr(mask, name)}
+        place = None if seen.point_of_interest is None else list(seen.point_of_interest)
+        return cls(**its | {"point_of_interest": place})
 
 
 class PointsView(BaseModel):

@@ -5,6 +5,7 @@ Nothing global is changed: pages may be drawn in several threads at once.
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -125,6 +126,13 @@ def save(figure: Figure, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with draft(path) as file:
         figure.savefig(file, format=path.suffix.lstrip(".") or "png")
+
+
+def png(figure: Figure) -> bytes:
+    """Return a page as PNG, without a file."""
+    written = io.BytesIO()
+    figure.savefig(written, format="png")
+    return written.getvalue()
 
 
 def _points(pixels: float) -> float:

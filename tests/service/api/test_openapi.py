@@ -26,7 +26,7 @@ OPERATIONS = {
         jobs_list upload_create upload_delete upload_read
     """,
     "masks": """
-        mask_create mask_delete mask_picture_read mask_points_read mask_read masks_list
+        mask_create mask_delete mask_picture_read mask_points_read mask_preview mask_read masks_list
     """,
     "plans": """
         plan_create plan_delete plan_preview plan_read plans_list

@@ -23,9 +23,16 @@ add_watch(scan, lambda client: client.scans)
 
 
 @mask.command("create", help="Make a mask, such as: create equi-steradian aperture=13.56e-3 depth=3.6e-3 count=1600")
-def create_mask(context: typer.Context, arrangement: str, parameters: Settings = None, as_json: AsJson = False) -> None:
-    """Make a mask."""
-    show(client_of(context).masks.create(arrangement, **settings(parameters)), as_json)
+def create_mask(
+    context: typer.Context,
+    arrangement: str,
+    parameters: Settings = None,
+    preview: Annotated[bool, typer.Option("--preview", help="Only tell what it would be.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Make a mask, or tell what it would be."""
+    masks, chosen = client_of(context).masks, settings(parameters)
+    show(masks.preview(arrangement, **chosen) if preview else masks.create(arrangement, **chosen), as_json)
 
 
 @mask.command("points", help="Print positions and weights as JSON.")

@@ -7,7 +7,7 @@ from typing import Any
 
 from steradian_client import routes
 from steradian_client.downloads import download
-from steradian_client.models import Mask, Points
+from steradian_client.models import Mask, MaskPreview, Points
 from steradian_client.resources.base import Stored
 from steradian_client.worlds import World, operation
 
@@ -21,6 +21,12 @@ class Masks(Stored[World, Mask]):
     async def create(self, /, arrangement: str, **parameters: Any) -> Mask:
         """Make a mask of any arrangement; the same parameters give the same mask."""
         return await self._create(arrangement, parameters)
+
+    @operation
+    async def preview(self, /, arrangement: str, **parameters: Any) -> MaskPreview:
+        """Tell what a mask would be and promise, keeping nothing."""
+        asked = {"arrangement": arrangement, **parameters}
+        return await self._session.ask(MaskPreview, routes.PREVIEW_MASK, json=asked)
 
     @operation
     async def equi_steradian(self, *, aperture: float, depth: float, count: int) -> Mask:

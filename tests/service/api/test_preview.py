@@ -1,0 +1,67 @@
+"""A preview tells of a mask or plan what it would be, as figures or as a picture, and keeps nothing."""
+
+import io
+
+import matplotlib.image
+import pytest
+
+from steradian.masks import equi_steradian_mask
+from steradian.masks.promises import promises
+
+from .conftest import EQUI
+
+MASK = EQUI | {"count": 75}
+PNG = {"Accept": "image/png"}
+
+
+@pytest.fixture
+def bodies(mask):
+    return {"masks": MASK, "plans": {"mask_id": mask["id"], "samples": 333}}
+
+
+def pixels(answer):
+    assert (answer.status_code, answer.headers["content-type"]) == (200, "image/png")
+    return matplotlib.image.imread(io.BytesIO(answer.content))
+
+
+def kept(server, http, noun):
+    newest = [one["id"] for one in http.get(f"/{noun}", params={"limit": 1000}).json()["items"]]
+    return newest, sorted(path for path in server.data.root.rglob("*.png"))
+
+
+def test_a_masks_preview_tells_what_the_library_promises(http):
+    told = http.post("/masks/preview", json=MASK).json()
+    own = equi_steradian_mask(13.56e-3, 3.6e-3, 75)
+    seen = promises(own)
+    assert (told["id"], told["count"]) == (own.id, own.count)
+    assert http.get(f"/masks/{own.id}").status_code == 404
+    for name in ("finest", "coarsest", "evenness", "largest_angle", "opening_angle", "attenuation_db", "weight_ratio"):
+        assert told[name] == pytest.approx(getattr(seen, name)), name
+    assert told["point_of_interest"] == pytest.approx(seen.point_of_interest)
+    assert told["sensed_area"] == pytest.approx(own.sensed_area)
+
+
+def test_a_preview_of_a_mask_without_a_point_of_interest_leaves_out_what_depends_on_it(http):
+    grid = {"arrangement": "grid", "aperture": 0.01, "count": 5, "interval": 1e-3}
+    told = http.post("/masks/preview", json=grid).json()
+    assert (told["finest"], told["coarsest"]) == (pytest.approx(1e-3), pytest.approx(1e-3))
+    assert told["point_of_interest"] is told["evenness"] is told["largest_angle"] is None
+
+
+@pytest.mark.parametrize("noun", ["masks", "plans"])
+def test_a_preview_is_a_picture_for_who_wants_one_and_nothing_is_kept(server, http, bodies, noun):
+    before = kept(server, http, noun)
+    figures = http.post(f"/{noun}/preview", json=bodies[noun])
+    assert (figures.headers["content-type"], figures.headers["vary"]) == ("application/json", "Accept")
+    assert pixels(http.post(f"/{noun}/preview", json=bodies[noun], headers=PNG)).std() > 0.05
+    assert kept(server, http, noun) == before
+    refused = http.post(f"/{noun}/preview", json=bodies[noun], headers={"Accept": "text/csv"})
+    assert (refused.status_code, refused.json()["code"]) == (406, "not-acceptable")
+
+
+def test_what_is_refused_of_a_mask_is_refused_of_its_preview(http):
+    for wrong in ({"depth": -1}, {"count": 5001}, {"colour": 1}):
+        refused = http.post("/masks/preview", json=MASK | wrong, headers=PNG)
+        assert (refused.status_code, refused.json()) == (422, refused.json())
+        made = http.post("/masks", json=MASK | wrong).json()
+        assert refused.json()["errors"] == made["errors"]
