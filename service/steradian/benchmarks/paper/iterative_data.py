@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from steradian import phantoms, quality
 from steradian.benchmarks.paper.pictures import figure, save, show
 from steradian.benchmarks.paper.sections import Part, Run
+from steradian.benchmarks.yardsticks import timed
 from steradian.errors import InvalidInput
 from steradian.imaging import Conditioning, Iterative, ReconstructionPlan, Volume
 from steradian.imaging.band import signal_band
@@ -141,6 +141,7 @@ def _about(result: IterativeResult) -> Part:
         "products": result.products,
         "thinning": result.thinning,
         "megabytes": result.memory_bytes / 1e6,
+        "outputs": result.memory_bytes / result.volume.values.nbytes,
     }
 
 
@@ -187,27 +188,22 @@ def _cost(scene: Scene, where: NDArray[Any], weights: NDArray[Any]) -> Part:
         "forward": lambda: operator.forward(volume),
         "backward": lambda: operator.backward(traces),
     }
-    times = {name: [_seconds(work) for _ in range(scene.repeats + 1)][1:] for name, work in works.items()}
+    times = {name: [timed(work) for _ in range(scene.repeats + 1)][1:] for name, work in works.items()}
     sound = scene.record(where, 0)[1]
     results: list[IterativeResult] = []
-    whole = _seconds(
+    whole = timed(
         lambda: results.append(reconstruct_iteratively(sound, where, options=scene.options, **scene.common()))
     )
-    times["direct"].append(_seconds(works["direct"]))
-    unit = float(np.median(times["direct"]))
+    times["direct"].append(timed(works["direct"]))
+    unit = {name: float(np.median([seconds.wall for seconds in taken])) for name, taken in times.items()}
     return {
-        "direct_s": unit,
-        "forward": float(np.median(times["forward"])) / unit,
-        "backward": float(np.median(times["backward"])) / unit,
-        "run": whole / unit,
+        "direct_s": unit["direct"],
+        "forward": unit["forward"] / unit["direct"],
+        "backward": unit["backward"] / unit["direct"],
+        "run": whole.wall / unit["direct"],
+        "run_cpu": whole.processor / float(np.median([seconds.processor for seconds in times["direct"]])),
         "products": results[0].products,
     }
-
-
-def _seconds(work: Callable[[], object]) -> float:
-    begin = time.perf_counter()
-    work()
-    return time.perf_counter() - begin
 
 
 def _draw(run: Run, images: dict[str, Volume], truth: NDArray[Any]) -> None:
