@@ -12,6 +12,7 @@ import pytest
 
 from steradian_client.addresses import Address, config_file
 from steradian_client.cli import main
+from support import recordings
 
 CLIENT = Path(__file__).parents[2] / "clients" / "python"
 
@@ -112,3 +113,19 @@ def test_the_example_finds_its_ball(url):
     seen = 2 / np.pi * np.arcsin(half**2 / (half**2 + 3.0**2))
     assert found["nedner"][0] == pytest.approx(seen, abs=0.03)
     assert found["iterative"][0] > found["nedner"][0], "the iterative image fills in what the aperture does not see"
+
+
+@pytest.mark.long
+@pytest.mark.timeout(400)
+def test_the_same_in_a_shell(url, tmp_path):
+    """The command alone: own data in, volumes with their axes out, under thirty lines too."""
+    script = CLIENT / "examples" / "own_data.sh"
+    assert len(script.read_text().splitlines()) < 30
+    recordings.save(tmp_path / "own.npz")
+    found = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    environment = os.environ | {"STERADIAN_URL": url, "PATH": found}
+    ran = subprocess.run(
+        [script, "own.npz"], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=380
+    )
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    recordings.expect_the_ball(tmp_path)

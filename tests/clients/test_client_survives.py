@@ -1,7 +1,6 @@
 """What breaks between the Python client and a real service: nothing is lost and nothing happens twice."""
 
 import hashlib
-import importlib.util
 import itertools
 import json
 import os
@@ -13,22 +12,12 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from steradian_client import Client, Damaged, JobFailed, Unreachable
-
-
-def load(name):
-    place = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
-    module = importlib.util.module_from_spec(place)
-    place.loader.exec_module(module)
-    return module
-
-
-Flaky = load("flaky").Flaky
+from support.flaky import Flaky
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,5 @@
 """The walks of clients/http, word for word: curl's, and the one for editors."""
 
-import importlib.util
-import json
 import re
 import shutil
 import subprocess
@@ -11,35 +9,19 @@ import httpx
 import numpy as np
 import pytest
 
+from support import recordings
+
 HTTP = Path(__file__).parents[2] / "clients" / "http"
-
-
-def load(name):
-    place = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
-    module = importlib.util.module_from_spec(place)
-    place.loader.exec_module(module)
-    return module
-
-
-recordings = load("recordings")
 
 
 @pytest.mark.timeout(400)
 @pytest.mark.skipif(shutil.which("curl") is None, reason="needs curl: apt-get install curl")
 def test_the_walk_with_curl_ends_with_volumes_and_their_axes(url, tmp_path):
     """Own data in, and out come volumes whose brightest voxel lies where the ball is."""
-    traces, positions = recordings.ball()
-    np.savez(tmp_path / "own.npz", traces=traces, positions=positions, sampling_interval=recordings.INTERVAL, c=1500.0)
+    recordings.save(tmp_path / "own.npz")
     walk = subprocess.run([HTTP / "walk.sh", "own.npz", url], cwd=tmp_path, capture_output=True, text=True, timeout=380)
     assert walk.returncode == 0, walk.stdout + walk.stderr
-    for method in ("nedner", "iterative"):
-        report = json.loads((tmp_path / f"{method}.json").read_text())["report"]
-        volume = np.load(tmp_path / f"{method}.npy")
-        brightest = np.unravel_index(volume.argmax(), volume.shape)
-        place = np.array(report["origin_m"]) + np.array(report["spacing_m"]) * brightest
-        assert volume.shape == tuple(report["shape"])
-        assert np.abs(place - (0.3e-3, -0.15e-3, recordings.DEPTH)).max() <= 0.6 * max(report["spacing_m"])
-        assert (tmp_path / f"{method}.png").read_bytes()[1:4] == b"PNG"
+    recordings.expect_the_ball(tmp_path)
     assert len((HTTP / "walk.sh").read_text().splitlines()) < 30
 
 

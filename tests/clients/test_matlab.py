@@ -1,6 +1,5 @@
 """The MATLAB package against a real service, run by Octave."""
 
-import importlib.util
 import os
 import re
 import shutil
@@ -11,21 +10,13 @@ import numpy as np
 import pytest
 import scipy.io
 
+from support import recordings
+
 MATLAB = Path(__file__).parents[2] / "clients" / "matlab"
 pytestmark = [
     pytest.mark.timeout(400),
     pytest.mark.skipif(shutil.which("octave") is None, reason="needs Octave: apt-get install octave"),
 ]
-
-
-def load(name):
-    place = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
-    module = importlib.util.module_from_spec(place)
-    place.loader.exec_module(module)
-    return module
-
-
-recordings = load("recordings")
 PARAMETERS = "struct('modes', 24)"
 
 
