@@ -259,6 +259,7 @@ def test_the_service_says_how_it_is(service):
     assert service.health().status == "ok"
     assert service.about().mode == "simulated"
     assert set(service.readiness().checks) >= {"database", "disk", "queue"}
+    assert service.storage().used_bytes["database_and_rest"] > 0
     assert "# HELP" in service.metrics()
 
 

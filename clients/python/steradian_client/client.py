@@ -8,7 +8,7 @@ from typing import Self
 from steradian_client import routes
 from steradian_client.addresses import Address
 from steradian_client.events import Events
-from steradian_client.models import Health, Readiness, Service
+from steradian_client.models import Health, Readiness, Service, Storage
 from steradian_client.resources.batches import Batches
 from steradian_client.resources.jobs import Jobs
 from steradian_client.resources.masks import Masks
@@ -62,6 +62,11 @@ class _Nouns(Resource[World]):
     async def about(self) -> Service:
         """Read what the service is: its version, mode and limits."""
         return await self._session.ask(Service, routes.READ_ROOT)
+
+    @operation
+    async def storage(self) -> Storage:
+        """Read what the data folder holds, by what it is for, and what may still come."""
+        return await self._session.ask(Storage, routes.READ_STORAGE)
 
     @operation
     async def health(self) -> Health:

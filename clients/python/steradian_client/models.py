@@ -38,6 +38,17 @@ class Service(Answer):
     formats: dict[str, list[str]]
 
 
+class Storage(Answer):
+    """What the service's data folder holds, by what it is for, and what may still come, in bytes."""
+
+    used_bytes: dict[str, int]
+    quota_bytes: int | None
+    free_bytes: int
+    reserve_bytes: int
+    promised_bytes: int
+    available_bytes: int
+
+
 class Health(Answer):
     """The process answers."""
 

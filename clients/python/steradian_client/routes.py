@@ -37,6 +37,7 @@ class Route:
 
 
 READ_ROOT: Final = Route("GET", V1)
+READ_STORAGE: Final = Route("GET", f"{V1}/storage")
 HEALTH: Final = Route("GET", "/healthz")
 READINESS: Final = Route("GET", "/readyz")
 METRICS: Final = Route("GET", "/metrics")

@@ -28,6 +28,7 @@ from steradian.api import (
     scan_data,
     scanners,
     scans,
+    storage,
     uploads,
 )
 from steradian.api.feed import Feed
@@ -40,7 +41,7 @@ from steradian.settings import Settings
 
 RESOURCES = (
     events, root, masks, plans, scanners, scans, scan_data, reconstructions, results, quality, batches, uploads, jobs,
-    deletion,
+    deletion, storage,
 )  # fmt: skip
 """In the order in which a request is compared with their routes; streams are opened by many at once."""
 

@@ -66,6 +66,7 @@ def read_root(services: ServicesNeeded) -> RootView:
                 name: f"{BASE}/{name}"
                 for name in ("masks", "plans", "scanners", "scans", "reconstructions", "batches", "jobs")
             },
+            "storage": f"{BASE}/storage",
             "events": f"{BASE}/events",
             "openapi": "/openapi.json",
             "docs": "/docs",

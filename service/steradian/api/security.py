@@ -35,6 +35,7 @@ ANYONE: Final = None
 
 SCOPES: Final[dict[tuple[str, str], Need | None]] = {
     ("GET", V1): Need.READ,
+    ("GET", f"{V1}/storage"): Need.READ,
     ("GET", f"{V1}/"): Need.READ,
     ("POST", f"{V1}/masks"): Need.PLAN,
     ("POST", f"{V1}/masks/preview"): Need.PLAN,

@@ -14,6 +14,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from steradian.api.emergency import EmergencyDesk
+from steradian.api.looks import Looks
 from steradian.api.workshop import Workshop
 from steradian.drafts import remove, sweep
 from steradian.jobs.forecast import Forecast, forecast
@@ -38,6 +39,7 @@ from steradian.storage.scanners import ScannerRepository
 from steradian.storage.scans import ScanRepository
 from steradian.storage.states import is_terminal
 from steradian.storage.tables import JobRow, ScanRow
+from steradian.storage.usage import usage
 
 if TYPE_CHECKING:
     from steradian.jobs.engine import JobQueue
@@ -78,6 +80,7 @@ class Services:
         self.emergency = EmergencyDesk(EmergencyLatch(self.data.emergency), self.scanner, self.keys)
         self.drawing = asyncio.Lock()
         self.workshop = Workshop()
+        self.usage: Looks[None, dict[str, int]] = Looks(lambda _: {None: usage(self.database, self.data)})
         self._queue: JobQueue | None = None
         self._opened = threading.Event()
         self._over = threading.Event()

@@ -28,8 +28,9 @@ def show(data: Data = None) -> None:
     settings, database = _open(data)
     folder, disk = DataDirectory(settings.data), Disk(settings.data, settings.disk_reserve_bytes, settings.quota_bytes)
     try:
+        held = {name.replace("_", " "): size for name, size in usage(database, folder).items()}
         with database.read() as session:
-            held, waiting = usage(session, folder), promised(session, folder)
+            waiting = promised(session, folder)
     finally:
         database.close()
     more = {"free on the disk": disk.free, "stays free": disk.reserve, "promised to scans and jobs": waiting}

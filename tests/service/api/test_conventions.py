@@ -21,6 +21,7 @@ READS = {
     "/readyz": set(),
     "/metrics": set(),
     V1: set(),
+    f"{V1}/storage": set(),
     f"{V1}/masks": set(),
     f"{V1}/masks/{{mask_id}}": {TAG},
     f"{V1}/masks/{{mask_id}}/points": {TAG, ACCEPT},

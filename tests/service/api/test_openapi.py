@@ -46,7 +46,7 @@ OPERATIONS = {
         scan_file_read scan_read scan_shots_read scans_list
     """,
     "service": """
-        root_read
+        root_read storage_read
     """,
 }
 """Names by which generators call operations, for each tag: they stay."""

@@ -76,6 +76,25 @@ def test_what_waits_has_its_place_until_it_is_over_and_what_it_left_counts_then(
     assert http.post("/reconstructions", json=volume).status_code == 202
 
 
+def test_storage_tells_what_holds_how_much_and_what_may_come(tmp_path):
+    server = api_of(tmp_path, quota_bytes=QUOTA, disk_reserve_bytes=0)
+    server.wait()
+    try:
+        with server.database.write() as session:
+            JobLedger(server.database).add(session, JobRequest("j1", "sound-speed", {}, promised=5 * MIB))
+        server.data.scan_file("s1").write_bytes(bytes(3 * MIB))
+        with httpx.Client(base_url=f"{server.url}/api/v1", timeout=90) as http:
+            http.post("/uploads", content=bytes(2 * MIB)).raise_for_status()
+            told = http.get("/storage").raise_for_status().json()
+        used = told["used_bytes"]
+        assert (used["scans"], used["uploads"], used["reconstructions"]) == (3 * MIB, 2 * MIB, 0)
+        assert (told["quota_bytes"], told["reserve_bytes"], told["promised_bytes"]) == (QUOTA, 0, 5 * MIB)
+        assert told["available_bytes"] == QUOTA - sum(used.values()) - 5 * MIB
+        assert told["free_bytes"] > told["available_bytes"]
+    finally:
+        server.close()
+
+
 def test_without_a_quota_the_disk_is_the_limit(http, server):
     assert http.get("/").json()["limits"]["disk_available_bytes"] > 0
     assert server.settings.quota_bytes is None
