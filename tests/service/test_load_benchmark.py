@@ -4,6 +4,14 @@ import pytest
 
 from steradian.benchmarks.load import WEIGHTS, load
 from steradian.benchmarks.load_page import BEGIN, END, write_page
+from steradian.benchmarks.service import running_service
+from steradian.settings import Settings
+
+
+@pytest.mark.long
+def test_a_benchmark_finds_the_service_that_it_starts(tmp_path):
+    with running_service(Settings.create(data=tmp_path, port=0, workers=0)) as service:
+        assert service.ask("/masks") == {"items": []}
 
 
 @pytest.mark.soak

@@ -52,7 +52,7 @@ def running_service(settings: Settings) -> Iterator[RunningService]:
     try:
         assert process.stdout is not None  # noqa: S101 - asked for
         said = iter(process.stdout.readline, "")
-        url = next((found[0] for line in said if (found := re.search(r"http://\S+(?=/)", line))), None)
+        url = next((found[0] for line in said if (found := re.search(r"http://\S+/api/v1", line))), None)
         if url is None:
             raise SteradianError("the service did not start")
         yield RunningService(url, process.pid, settings)
