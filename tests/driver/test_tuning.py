@@ -10,7 +10,7 @@ from fabry_perot import TuningMap
 from fabry_perot.errors import NoAnswer, PlanInvalid, Refused
 from fabry_perot.hardware import Sampling
 from fabry_perot.simulator import launch, phantoms, shapes
-from fabry_perot.simulator.film import BANDWIDTH, LINEWIDTH, Film, Response, directivity, low_pass
+from fabry_perot.simulator.film import BANDWIDTH, Film, Response, directivity, low_pass
 from fabry_perot.simulator.instrument import PhantomInstrument
 from fabry_perot.wire.codes import Operation
 from fabry_perot.wire.messages import POINT
@@ -121,10 +121,7 @@ def test_a_real_scanner_is_tuned_its_map_kept_and_its_drift_seen(tmp_path):
             scanner.set(interrogation_uw=1)
         with pytest.raises(PlanInvalid, match="points"):
             scanner.pretune([])
-    steepest = np.minimum(
-        np.abs(tuned.wavelength - truth), np.abs(tuned.wavelength - truth + LINEWIDTH / 3**0.5 * 1e-12)
-    )
-    assert steepest.max() < 30e-12, "one of the two flanks of the fringe"
+    assert np.abs(tuned.wavelength - truth).max() < 30e-12, "the same flank everywhere, or signals differ in sign"
     assert np.median(drift.shift) == pytest.approx(200e-12, abs=20e-12)
     assert len(drift.stale) >= 10
     assert weaker.reflectivity == pytest.approx(tuned.reflectivity[0] / 2, rel=0.05)

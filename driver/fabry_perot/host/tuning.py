@@ -1,8 +1,9 @@
 """Where on the wavelength axis the film is most sensitive: sweeps at points, and maps of them.
 
 A Fabry–Pérot film is read out on the slope of its interference fringe. A sweep of the interrogation wavelength gives
-the reflected DC level; the *bias wavelength* is where that curve is steepest, the *sensitivity* its slope there, the
-*reflectivity* its level off resonance. Films drift, so a map is kept and compared with a later one.
+the reflected DC level; the *bias wavelength* is where that curve rises most steeply (above the resonance; on the other
+flank the signal has the other sign), the *sensitivity* its slope there, the *reflectivity* its level off resonance.
+Films drift, so a map is kept and compared with a later one.
 """
 
 from __future__ import annotations
@@ -42,8 +43,8 @@ class TuningCurve:
 
     @property
     def bias(self) -> float:
-        """Wavelength of the steepest slope in m, refined between samples by a parabola."""
-        steep = np.abs(self.slope)
+        """Wavelength of the steepest rise in m, refined between samples by a parabola."""
+        steep = self.slope
         at = int(np.clip(np.argmax(steep), 1, len(steep) - 2))
         before, here, after = steep[at - 1 : at + 2]
         bend = before - 2 * here + after
@@ -52,8 +53,8 @@ class TuningCurve:
 
     @property
     def sensitivity(self) -> float:
-        """Steepest slope in V/m."""
-        return float(np.abs(self.slope).max())
+        """Steepest rise in V/m."""
+        return float(self.slope.max())
 
     @property
     def reflectivity(self) -> float:
