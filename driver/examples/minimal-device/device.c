@@ -567,7 +567,7 @@ static void plan_data(struct device *d, const uint8_t *data, unsigned count)
     for (unsigned i = 0; i < count; i++) {
         struct point p = point_at(data + 10 + 16 * i);
         if (p.x < -REACH || p.x > REACH || p.y < -REACH || p.y > REACH || p.averages < 1 || p.averages > 1000 ||
-            (p.wavelength && (p.wavelength < 1545000 || p.wavelength > 1555000))) {
+            (p.wavelength && (p.wavelength < 1545000 || p.wavelength > 1555000)) || data[10 + 16 * i + 14] & 8) {
             d->refused = 1;
             say_plan_status(d);
             return;

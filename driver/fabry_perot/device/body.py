@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import random
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -38,6 +39,7 @@ _CAUSES = {
     Event.LASER_OFF: HoldCause.REQUEST,
     Event.CLEAR_FAULT: HoldCause.CLEARED,
 }
+log = logging.getLogger("fabry_perot")
 _HELD = frozenset({DeviceState.SAFE_HOLD, DeviceState.PAUSED})
 """States of a scan that may go on: an interlock opened meanwhile is remembered."""
 T = TypeVar("T")
@@ -124,7 +126,7 @@ class DeviceBody:
         try:
             return call()
         except InstrumentError as error:
-            self.raise_fault(error.fault)
+            self.raise_fault(error.fault, str(error))
             return otherwise
 
     def _rest(self) -> None:
@@ -213,8 +215,9 @@ class DeviceBody:
         self.instrument.begin(sampling)
         self.plan_status_due, self.plan_refused = True, False
 
-    def raise_fault(self, code: int) -> None:
-        """Latch a hardware fault and repeat it until the host acknowledges; the first one counts."""
+    def raise_fault(self, code: int, reason: str = "") -> None:
+        """Latch a hardware fault and repeat it until the host acknowledges; the first one counts, all are logged."""
+        log.error("hardware fault %d%s", code, f": {reason}" if reason else "")
         if self.step(Event.HARDWARE_FAULT) or (self.state in LATCHED and not self.fault):
             self.fault, self._fault_at = code, self.now
             self._fault_number += 1

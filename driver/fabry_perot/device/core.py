@@ -33,7 +33,7 @@ class Device(DeviceBody):
             except FrameError:
                 self.deframer.counters.bad_length += 1
             except InstrumentError as error:
-                self.raise_fault(error.fault)
+                self.raise_fault(error.fault, str(error))
         self.poll(now)
 
     def poll(self, now: int) -> None:
@@ -61,7 +61,7 @@ class Device(DeviceBody):
             levels = self.instrument.swept(self.now)
         except InstrumentError as error:
             self.end_job(Result.HARDWARE_FAULT)
-            self.raise_fault(error.fault)
+            self.raise_fault(error.fault, str(error))
             return
         if levels is not None:
             self.end_job(Result.OK, {"dc_mv": levels})

@@ -30,7 +30,7 @@ def carry_out(device: DeviceBody, operation: int, body: Body) -> Outcome | None:
     try:
         return function(device, body)
     except InstrumentError as error:
-        device.raise_fault(error.fault)
+        device.raise_fault(error.fault, str(error))
         return Result.HARDWARE_FAULT, {}
     except (KeyError, TypeError, ValueError):
         return Result.MALFORMED, {}

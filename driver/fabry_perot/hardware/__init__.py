@@ -1,6 +1,7 @@
 """What the device needs of the hardware, and how to give it that: write the parts, make an apparatus of them."""
 
 from fabry_perot.hardware.apparatus import Apparatus
+from fabry_perot.hardware.calibration import GalvoCalibration, time_zero
 from fabry_perot.hardware.instrument import Instrument, InstrumentError, Interrogation, Sampling
 from fabry_perot.hardware.roles import Digitiser, ExcitationLaser, Galvo, InterrogationLaser, Path, Record, Shutter
 
@@ -9,6 +10,7 @@ __all__ = [
     "Digitiser",
     "ExcitationLaser",
     "Galvo",
+    "GalvoCalibration",
     "Instrument",
     "InstrumentError",
     "Interrogation",
@@ -17,4 +19,5 @@ __all__ = [
     "Record",
     "Sampling",
     "Shutter",
+    "time_zero",
 ]

@@ -1,0 +1,1 @@
+"""What the example needs of a lab, made up."""

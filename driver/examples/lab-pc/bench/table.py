@@ -1,0 +1,159 @@
+"""The optical table, made up: mirrors with a lens behind them, film, object, pulsed laser, shutter, and the cables.
+
+Nothing here is known to the parts that are tried on it: mirrors bend the scan field, the film has its own sensitivity
+at every place, the digitiser starts late. What a lab would measure, :func:`marks` and the scanner's own sweeps do.
+"""
+
+from __future__ import annotations
+
+import socket
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabry_perot.hardware import Sampling
+from fabry_perot.simulator import shapes
+from fabry_perot.simulator.film import LINEWIDTH, SWING, VISIBILITY, Response
+from fabry_perot.simulator.recorder import Recorder, peak_pressure
+
+DELAY = 120e-9
+"""From the laser pulse to the first sample, in s."""
+SETTLES = 400
+"""µs that the mirrors need."""
+
+
+def film_place(volts: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return where mirrors at volts (N, 2) send the beam, in m: turned, sheared, with a pincushion and an offset."""
+    u, v = np.asarray(volts, dtype=np.float64).T
+    x = 1.9e-3 * u - 0.05e-3 * v + 0.12e-3
+    y = 0.06e-3 * u + 2.1e-3 * v - 0.08e-3
+    swell = 1 + 1.2e-3 * (u**2 + v**2)
+    return np.column_stack([x * swell, y * swell])
+
+
+def marks(count: int = 9) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return places (N, 2) of a target's marks, and the volts (N, 2) at which a camera saw the beam on them."""
+    axis = np.linspace(-7e-3, 7e-3, count)
+    places = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    volts = places / 2e-3
+    for _ in range(60):  # turn the mirrors until the beam is on the mark
+        volts = volts + (places - film_place(volts)) / 2e-3
+    return places, volts
+
+
+@dataclass
+class Train:
+    """Triggers of counter 0."""
+
+    first: float
+    period: float
+    left: int
+
+
+@dataclass
+class Ring:
+    """Triggered records of the digitiser that were not fetched."""
+
+    samples: int = 0
+    wanted: int = 0
+    entries: list[tuple[float, float, float, int, int]] = field(default_factory=list)
+    """x, y (m), wavelength (m), time (µs), number of the shot."""
+
+
+class Table:
+    """All of it; what happened since the last look happens at each look, at its own time.
+
+    Parameters
+    ----------
+    laser
+        Host and port of the interrogation laser, whose light falls on the film.
+    phantom
+        Name of the object.
+    """
+
+    def __init__(self, laser: tuple[str, int], phantom: str = "yarn", seed: int = 0) -> None:
+        self.recorder = Recorder(
+            shapes.by_name(phantom, seed),
+            seed=seed,
+            response=Response(nonlinear=True),
+            energy_jitter=0.0,
+            noise_db=40.0,
+            time_zero=DELAY,
+            relief="wedge",
+        )
+        peak = peak_pressure(shapes.by_name(phantom, seed), 1500.0)
+        self.shift = 1e-12 * SWING * LINEWIDTH / 2 / peak
+        """How far a pressure moves the film's resonance, in m per unit of pressure."""
+        self._connection = socket.create_connection(laser)
+        self._fibre = self._connection.makefile("rw")
+        self.volts = np.zeros(2)
+        self.table: list[tuple[float, float]] = []
+        self.train: Train | None = None
+        self.gate = 0.0
+        """Until when, in s of the table's clock, counter 1 is high."""
+        self.shutter_driven = False
+        self.interlock = self.key = True
+        self.shots = 0
+        self.ring = Ring()
+
+    @staticmethod
+    def clock() -> float:
+        """Return the table's time in s."""
+        return time.monotonic()
+
+    def light(self) -> float:
+        """Return the wavelength that comes out of the fibre now, in m; 0 for darkness."""
+        self._fibre.write(":LIGH?\n")
+        self._fibre.flush()
+        wavelength, power = map(float, self._fibre.readline().split(","))
+        return wavelength if power > 0 else 0.0
+
+    def close(self) -> None:
+        """Leave the laser."""
+        self._fibre.close()
+        self._connection.close()
+
+    @property
+    def shutter_open(self) -> bool:
+        """Whether it is: the interlock's relay and the key stand before its coil."""
+        return self.shutter_driven and self.interlock and self.key
+
+    def setup(self, samples: int, interval: float) -> None:
+        """Tell the digitiser what a record is."""
+        self.ring = Ring(samples)
+        self.recorder.begin(Sampling(samples, round(interval * 1e12), 1))
+
+    def look(self) -> None:
+        """Let happen what has happened until now."""
+        train, now = self.train, self.clock()
+        while train is not None and train.left and train.first <= now:
+            time_, train.first = train.first, train.first + train.period
+            if time_ >= self.gate or not (self.interlock and self.key):
+                continue
+            train.left -= 1
+            self.shots += 1
+            if self.ring.wanted:
+                self.ring.wanted -= 1
+                x, y = film_place(self.volts[None])[0]
+                self.ring.entries.append((x, y, self.light(), round(1e6 * time_), self.shots))
+            if self.table:
+                self.volts = np.array(self.table.pop(0))
+
+    def level(self) -> float:
+        """Return the voltage of the reflected light, in V."""
+        wavelength = self.light()
+        x, y = np.rint(1e9 * film_place(self.volts[None])[0]).astype(int).tolist()
+        return 1e-3 * self.recorder.level(x, y, round(1e12 * wavelength)) if wavelength else 0.0
+
+    def signal(self, x: float, y: float, wavelength: float, shot: int) -> NDArray[np.float64]:
+        """Return the voltage (N_t,) in V of a shot's record: its pressure by the film's slope and shift there."""
+        if not self.shutter_open or not wavelength:
+            return np.zeros(self.ring.samples)
+        place = (round(1e9 * x), round(1e9 * y))
+        record = self.recorder.record(*place, round(1e12 * wavelength), shot)
+        level = float(self.recorder.film.level(*place, np.array([1e12]))[0])  # far off resonance
+        slope = 1e-3 * level * VISIBILITY * (3 * np.sqrt(3) / 8) / (1e-12 * LINEWIDTH / 2)
+        volts: NDArray[np.float64] = record.samples.astype(np.float64) * record.scale * slope * self.shift
+        return volts

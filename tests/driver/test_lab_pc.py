@@ -1,0 +1,160 @@
+"""The parts of the example of a lab's computer, against the laser's own process and the made-up table."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from pathlib import Path as File
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pyvisa_py")
+EXAMPLE = File(__file__).parents[2] / "driver" / "examples" / "lab-pc"
+sys.path.insert(0, str(EXAMPLE))
+
+from bench.cards import Cards, DigitiserCard  # noqa: E402
+from bench.table import DELAY, Table, film_place, marks  # noqa: E402
+from daq_parts import DaqGalvo, GatedPulses, LinesShutter  # noqa: E402
+from ring_digitiser import RingDigitiser  # noqa: E402
+from scpi_laser import ScpiLaser  # noqa: E402
+
+from fabry_perot.hardware import Apparatus, GalvoCalibration, InstrumentError, Path, Sampling  # noqa: E402
+from fabry_perot.hardware.apparatus import FAULT_GALVO, FAULT_LASER  # noqa: E402
+from fabry_perot.wire.messages import POINT  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def visa() -> Iterator[str]:
+    """A laser in a process of its own; its VISA name."""
+    command = [sys.executable, str(EXAMPLE / "bench" / "laser.py"), "--tuning", "0.05"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield process.stdout.readline().strip()
+        finally:
+            process.kill()
+
+
+@pytest.fixture
+def table(visa) -> Iterator[Table]:
+    _, host, port, _ = visa.split("::")
+    with closing(Table((host, int(port)))) as table:
+        yield table
+
+
+@pytest.fixture
+def laser(visa) -> Iterator[ScpiLaser]:
+    with closing(ScpiLaser(visa)) as laser:
+        yield laser
+
+
+@pytest.fixture
+def lab(laser, table) -> Apparatus:
+    cards = Cards(table)
+    galvo = DaqGalvo(cards, "Dev1", GalvoCalibration.fit(*marks()))
+    return Apparatus(
+        galvo=galvo,
+        laser=laser,
+        digitiser=RingDigitiser(
+            DigitiserCard(table),
+            lambda: (galvo.positions, laser.wavelength),
+            metres_per_pascal=table.shift,
+            delay=DELAY,
+        ),
+        excitation=GatedPulses(cards, "Dev1"),
+        shutter=LinesShutter(cards, "Dev1"),
+    )
+
+
+def now() -> int:
+    return round(1e6 * time.monotonic())
+
+
+def until(done: Callable[[], object]) -> None:
+    limit = time.monotonic() + 60
+    while not done():
+        assert time.monotonic() < limit
+        time.sleep(1e-3)
+
+
+def test_the_laser_tunes_without_anybody_waiting_and_says_when_it_is_there(laser, table):
+    assert laser.limits()["wavelength_pm"] == [1_545_000, 1_555_000]
+    laser.tune(1_552_345, now())
+    until(lambda: laser.tuned(now()))
+    assert table.light() == pytest.approx(1_552_345e-12, abs=1e-15), "what comes out of the fibre when it says so"
+    laser.tune(1_547_000, now())
+    assert table.light() > 1_547_000e-12
+    until(lambda: laser.tuned(now()))
+    laser.configure("interrogation_uw", 500)
+    assert laser.parameters() == {"interrogation_uw": 500}
+
+
+def test_what_the_laser_refuses_is_a_fault_of_the_laser_in_its_own_words(lab):
+    lab.laser.tune(1_600_000, now())
+    with pytest.raises(InstrumentError, match=r"-222,.Data out of range; 1600\.0000NM") as raised:
+        lab._aimed(now())
+    assert raised.value.fault == FAULT_LASER
+
+
+def test_the_card_steps_the_mirrors_through_places_of_the_film_and_the_records_know_where(lab, table):
+    """A block of points on the calibrated film, each with its shots, by triggers alone."""
+    points = np.zeros(12, POINT)
+    points["x"], points["y"] = np.linspace(-5e6, 5e6, 12), np.linspace(4e6, -3e6, 12)
+    points["averages"], points["wavelength"] = 2, 1_550_000
+    lab.begin(Sampling(64, 8_000, 500_000))
+    lab.queue(0, points, now())
+    lab.open()
+    lab.permit(now() + 60_000_000, now())
+    seen, taken = [], []
+    signal = table.signal
+    table.signal = lambda x, y, *rest: seen.append((x, y)) or signal(x, y, *rest)
+    until(lambda: taken.extend(lab.poll(now())) or len(taken) == 12)
+    lab.stop(now())
+    wanted = np.repeat(np.column_stack([points["x"], points["y"]]) * 1e-9, 2, axis=0)
+    np.testing.assert_allclose(seen, wanted, atol=5e-6)
+    assert [each.averages for each in taken] == [2] * 12
+    assert {each.time_zero for each in taken} == {round(DELAY * 1e10)}
+    assert lab.shots() == 24
+
+
+def test_no_pulse_leaves_after_the_permission_though_nobody_calls_again(lab, table):
+    points = np.zeros(60, POINT)
+    points["averages"], points["wavelength"] = 100, 1_550_000
+    lab.begin(Sampling(64, 8_000, 1_000_000))
+    lab.queue(0, points, now())
+    lab.open()
+    ends = now() + 300_000
+    lab.permit(ends, now())
+    until(lambda: lab.poll(now()) or lab.shots())
+    until(lambda: now() > ends + 100_000)
+    fired = lab.shots()
+    assert 0 < fired <= 301
+    assert lab.last_shot() < ends
+    until(lambda: now() > ends + 150_000)
+    assert lab.shots() == fired
+    lab.close()
+    assert not lab.shutter_open()
+
+
+def test_an_open_interlock_keeps_the_shutter_closed_whatever_the_line_says(lab, table):
+    table.interlock = False
+    lab.open()
+    assert not lab.shutter_open()
+    assert not lab.interlock_closed()
+
+
+def test_a_table_that_would_have_to_wait_is_refused_as_a_fault_of_the_galvo(lab):
+    points = np.zeros(3, POINT)
+    points["settle"], points["wavelength"] = 5, 1_550_000
+    lab.begin(Sampling(64, 8_000, 500_000))
+    lab.queue(0, points, now())
+    with pytest.raises(InstrumentError, match="steps_by_trigger") as raised:
+        lab.poll(now())
+    assert raised.value.fault == FAULT_GALVO
+    lab.galvo.steps_by_trigger = False
+    one = np.ones(1, np.int64)
+    lab.galvo.follow(Path(one, one, one, 500 * one), now())
+    assert film_place(lab.galvo._volts[None])[0] == pytest.approx([1e-9, 1e-9], abs=5e-6)
