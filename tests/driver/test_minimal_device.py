@@ -25,6 +25,7 @@ DEFECTS = {
     "a full ring is overwritten": ("if (fill(d) >= RING)", "if (0)", "full_ring"),
     "the shutter stays open": ("{ d->shutter = 0; }", "{ (void)d; }", "silence"),
     "a gap in the plan is accepted": ("if (first + i == d->expected &&", "if (first + i >= d->expected &&", "gaps"),
+    "a gate that is not there is taken": ("data[10 + 16 * i + 14] & 8", "0", "gate"),
     "sessions are not checked": ("f->session == d->session &&", "", "session"),
     "checksums are not checked": ("crc32c(d->body, size - 4) !=", "0 * crc32c(d->body, 1) > 0 * ", "checksum"),
 }

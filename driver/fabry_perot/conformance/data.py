@@ -6,7 +6,7 @@ from fabry_perot.conformance.peer import QUIET, Failed, Peer
 from fabry_perot.conformance.running import MANY, ROOM
 from fabry_perot.conformance.scenarios import Asking, scenario
 from fabry_perot.host.aline import check_record
-from fabry_perot.wire.codes import ALL_FRAGMENTS, Operation
+from fabry_perot.wire.codes import ALL_FRAGMENTS, FLAG_FIDUCIAL, FLAG_GATE, Operation
 from fabry_perot.wire.states import DeviceState
 
 
@@ -34,6 +34,22 @@ def reach(peer: Peer, ask: Asking) -> None:
     status = peer.plan_status
     peer.need(status is not None and status.plan == peer.plan, "PLAN_STATUS")
     peer.need(status is not None and (status.expected, status.retransmit & 2) == (0, 2), "none taken, bit 1 set")
+
+
+@scenario("limits")
+def gate(peer: Peer, ask: Asking) -> None:
+    """A device without a gate input refuses points that wait for one; flags that ask for nothing are taken."""
+    for flag, refused in ((FLAG_GATE, not peer.limits.get("gate", False)), (FLAG_FIDUCIAL, False)):
+        peer.succeed(Operation.PLAN_NEW, **peer.plan_new(2))
+        points = peer.points(2)
+        points["flags"][1] = flag
+        peer.offer(points)
+        peer.listen(QUIET)
+        status = peer.plan_status
+        peer.need(status is not None and status.plan == peer.plan, "PLAN_STATUS")
+        said = None if status is None else (status.expected, status.retransmit & 2)
+        word, expected = ("refused", (0, 2)) if refused else ("taken", (2, 0))
+        peer.need(said == expected, f"two points {word}, the second with flag {flag}")
 
 
 @scenario("credit")

@@ -10,7 +10,7 @@ import numpy as np
 from fabry_perot.device.body import DeviceBody
 from fabry_perot.device.operations import Outcome, carry_out
 from fabry_perot.errors import FrameError
-from fabry_perot.wire.codes import PROTOCOL, AbortLevel, Result, Type
+from fabry_perot.wire.codes import FLAG_GATE, PROTOCOL, AbortLevel, Result, Type
 from fabry_perot.wire.framing import Frame
 from fabry_perot.wire.messages import (
     CAPS_HEAD,
@@ -114,6 +114,8 @@ def _allowed(device: DeviceBody, points: np.ndarray[tuple[int], np.dtype[np.void
         low, high = device.limits[f"{name}_nm"]
         if not np.all((points[name] >= low) & (points[name] <= high)):
             return False
+    if np.any(points["flags"] & FLAG_GATE) and not device.limits.get("gate", False):
+        return False
     low, high = device.limits["wavelength_pm"]
     bias = points["wavelength"]
     if not np.all((bias == 0) | ((bias >= low) & (bias <= high))):

@@ -3,7 +3,16 @@
 from fabry_perot.hardware.apparatus import Apparatus
 from fabry_perot.hardware.calibration import GalvoCalibration, time_zero
 from fabry_perot.hardware.instrument import Instrument, InstrumentError, Interrogation, Sampling
-from fabry_perot.hardware.roles import Digitiser, ExcitationLaser, Galvo, InterrogationLaser, Path, Record, Shutter
+from fabry_perot.hardware.roles import (
+    Digitiser,
+    ExcitationLaser,
+    Galvo,
+    GatedLaser,
+    InterrogationLaser,
+    Path,
+    Record,
+    Shutter,
+)
 
 __all__ = [
     "Apparatus",
@@ -11,6 +20,7 @@ __all__ = [
     "ExcitationLaser",
     "Galvo",
     "GalvoCalibration",
+    "GatedLaser",
     "Instrument",
     "InstrumentError",
     "Interrogation",

@@ -4,13 +4,23 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabry_perot.hardware.instrument import Instrument, InstrumentError, Interrogation, Sampling
-from fabry_perot.hardware.roles import Digitiser, ExcitationLaser, Galvo, InterrogationLaser, Path, Record, Shutter
+from fabry_perot.hardware.roles import (
+    Digitiser,
+    ExcitationLaser,
+    Galvo,
+    GatedLaser,
+    InterrogationLaser,
+    Path,
+    Record,
+    Shutter,
+)
+from fabry_perot.wire.codes import FLAG_GATE
 
 FAULT_GALVO, FAULT_LASER, FAULT_DIGITISER, FAULT_EXCITATION, FAULT_GUARD = 4, 5, 6, 7, 8
 """Fault codes: whose call failed; the last one is shutter, interlock or key."""
@@ -27,9 +37,9 @@ T = TypeVar("T")
 class Apparatus(Instrument):
     """The parts of a scanner, worked as one.
 
-    Points are cut into blocks that the hardware takes by its own triggers: points in a row with one bias wavelength,
-    as many as the galvo can step through by itself. Whatever a part raises becomes an :class:`InstrumentError` that
-    names it.
+    Points are cut into blocks that the hardware takes by its own triggers: points in a row with one bias wavelength, as
+    many as the galvo can step through by itself; one that waits for the gate begins a block. Whatever a part raises
+    becomes an :class:`InstrumentError` that names it.
 
     Parameters
     ----------
@@ -205,13 +215,17 @@ class Apparatus(Instrument):
         block, bias = self._block, self._bias(self._queue[0][1])
         block.append(self._queue.popleft())
         most = LONGEST_BLOCK if self.galvo.steps_by_trigger else 1
-        while self._queue and len(block) < most and self._bias(self._queue[0][1]) == bias:
+        while self._queue and len(block) < most and self._goes_on(self._queue[0][1], bias):
             block.append(self._queue.popleft())
         points = np.array([point for _, point in block])
         shots = np.maximum(points["averages"].astype(np.int64), 1)
         path = Path(points["x"].astype(np.int64), points["y"].astype(np.int64), shots, points["settle"] * np.int64(100))
         self._ask(FAULT_GALVO, self.galvo.follow, path, now)
         self._ask(FAULT_LASER, self.laser.tune, bias, now)
+
+    def _goes_on(self, point: np.void, bias: int) -> bool:
+        """Return whether a point can be in the block of those before it."""
+        return not int(point["flags"]) & FLAG_GATE and self._bias(point) == bias
 
     def _bias(self, point: np.void) -> int:
         asked = int(point["wavelength"])
@@ -224,7 +238,11 @@ class Apparatus(Instrument):
         pulses = sum(max(1, int(point["averages"])) for _, point in self._block)
         self._pulses, self._firing = self.shots() + pulses, True
         self._ask(FAULT_DIGITISER, self.digitiser.arm, pulses, now)
-        self._ask(FAULT_EXCITATION, self.excitation.fire, pulses, now)
+        if int(self._block[0][1]["flags"]) & FLAG_GATE:
+            gated = cast(GatedLaser, self.excitation)
+            self._ask(FAULT_EXCITATION, gated.fire_at_gate, pulses, now)
+        else:
+            self._ask(FAULT_EXCITATION, self.excitation.fire, pulses, now)
 
     def _collect(self, now: int) -> None:
         """Take in records; those of a point that are complete become its A-line."""

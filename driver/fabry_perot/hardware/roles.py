@@ -168,7 +168,10 @@ class ExcitationLaser(Protocol):
     """The pulsed laser that makes the sound, and the gate of its pulses."""
 
     def limits(self) -> dict[str, Any]:
-        """Return ``pulse_rate_mhz`` [lowest, highest], and ``parameters``, name to [lowest, highest]."""
+        """Return ``pulse_rate_mhz`` [lowest, highest], and ``parameters``, name to [lowest, highest].
+
+        With ``gate``: true, it is a :class:`GatedLaser`.
+        """
         ...
 
     def begin(self, sampling: Sampling) -> None:
@@ -205,6 +208,14 @@ class ExcitationLaser(Protocol):
 
     def configure(self, name: str, value: int) -> None:
         """Change a parameter."""
+        ...
+
+
+class GatedLaser(ExcitationLaser, Protocol):
+    """An excitation laser that can wait for something else: a heart, a breath, a stimulus."""
+
+    def fire_at_gate(self, pulses: int, now: int) -> None:
+        """Let so many pulses leave from the next edge at the gate input on, as far as they are permitted then."""
         ...
 
 

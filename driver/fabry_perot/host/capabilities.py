@@ -64,6 +64,8 @@ class Capabilities:
         Points interrogated at a time.
     tuning_time
         Seconds one step of a wavelength sweep takes.
+    gate
+        Whether points may wait for an edge at the scanner's gate input.
     parameters
         What :meth:`fabry_perot.Scanner.set` changes, with its range.
     """
@@ -85,6 +87,7 @@ class Capabilities:
     encodings: tuple[int, ...] = (0,)
     beams: int = 1
     tuning_time: float = 0.0
+    gate: bool = False
     parameters: Mapping[str, Range] = field(default_factory=dict)
 
     @classmethod
@@ -114,6 +117,7 @@ class Capabilities:
                 encodings=tuple(int(value) for value in data["encodings"]),
                 beams=int(data["beams"]),
                 tuning_time=float(data.get("tuning_us", 0)) * 1e-6,
+                gate=bool(data.get("gate", False)),
                 parameters={str(name): span(pair) for name, pair in data.get("parameters", {}).items()},
             )
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
@@ -149,6 +153,15 @@ class Capabilities:
             raise PlanInvalid("wavelength", f"shape {values.shape}", f"one value or ({count},), in m")
         if not np.all((values == 0) | ((values > low - 1e-15) & (values < high + 1e-15))):
             raise PlanInvalid("wavelength", f"{values.min():g} … {values.max():g} m", f"0, or {low:g} … {high:g} m")
+        return values
+
+    def gated(self, given: ArrayLike, count: int) -> NDArray[np.bool_]:
+        """Return which of ``count`` points wait for the gate, from one answer or one a point; PlanInvalid if not."""
+        values = np.asarray(given, dtype=np.bool_)
+        if values.ndim and values.shape != (count,):
+            raise PlanInvalid("gated", f"shape {values.shape}", f"one value or ({count},)")
+        if values.any() and not self.gate:
+            raise PlanInvalid("gated", "true", "false: this scanner has no gate input")
         return values
 
     def check(

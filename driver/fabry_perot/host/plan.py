@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabry_perot.wire.codes import MAX_GROUP
+from fabry_perot.wire.codes import FLAG_GATE, MAX_GROUP
 from fabry_perot.wire.framing import crc32c
 from fabry_perot.wire.messages import PLAN_HEAD, POINT
 
@@ -51,14 +51,16 @@ class Plan:
         pulse_rate: float,
         averages: int = 1,
         wavelength: float | NDArray[np.float64] = 0.0,
+        gated: bool | NDArray[np.bool_] = False,
         encoding: int = 0,
         tag: int = 0,
     ) -> Plan:
-        """Return the plan for (M, 2) positions in m; other parameters in SI units, ``wavelength`` one or (M,)."""
+        """Return the plan for (M, 2) positions in m; the rest in SI units, ``wavelength``, ``gated`` one or (M,)."""
         records = np.zeros(len(points), POINT)
         records["x"], records["y"] = np.rint(points.T * 1e9)
         records["averages"] = averages
         records["wavelength"] = np.rint(np.asarray(wavelength) * 1e12)
+        records["flags"] = np.where(gated, FLAG_GATE, 0)
         return cls(records, samples, round(sampling_interval * 1e12), round(pulse_rate * 1e3), encoding, tag)
 
     @cached_property

@@ -76,6 +76,7 @@ class Scanner(Panel):
         pulse_rate: float,
         averages: int = 1,
         wavelength: ArrayLike = 0.0,
+        gated: ArrayLike = False,
         encoding: str = "auto",
         resume: bool = False,
         start: int = 0,
@@ -98,6 +99,8 @@ class Scanner(Panel):
         wavelength
             Interrogation wavelength in m, one or one per point (:class:`fabry_perot.TuningMap` has them); 0 for the
             device's own map.
+        gated
+            Whether a point waits for the next edge at the scanner's gate input, one answer or one per point.
         encoding
             How A-lines travel: ``"int16"``, ``"delta-rice"`` (packed, lossless), or ``"auto"``.
         resume
@@ -131,6 +134,7 @@ class Scanner(Panel):
             pulse_rate=pulse_rate,
             averages=averages,
             wavelength=self.capabilities.wavelengths(wavelength, len(where)),
+            gated=self.capabilities.gated(gated, len(where)),
             encoding=self.capabilities.encoding(encoding),
             tag=tag,
         )

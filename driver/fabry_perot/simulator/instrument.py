@@ -46,6 +46,8 @@ class PhantomInstrument(Apparatus):
         Bytes per device second the line carries, as told to the host; 0 for unlimited.
     tuning
         Time in which the interrogation laser tunes, in µs.
+    gate
+        Time between edges at the gate input, in µs; 0: there is none.
     settings
         Further ones of :class:`~fabry_perot.simulator.recorder.Recorder`.
     """
@@ -64,11 +66,12 @@ class PhantomInstrument(Apparatus):
         clock_rate: float = 1.0,
         line_rate: int = 0,
         tuning: int = TUNING_STEP,
+        gate: int = 0,
         **settings: Any,
     ) -> None:
         self.recorder = Recorder(balls, seed=seed, **settings)
         galvo, shutter, laser = SimulatedGalvo(), SimulatedShutter(), SimulatedLaser(self.recorder, tuning)
-        excitation = SimulatedExcitation(self.recorder, shutter, galvo, seed)
+        excitation = SimulatedExcitation(self.recorder, shutter, galvo, seed, gate)
         super().__init__(
             galvo=galvo,
             laser=laser,

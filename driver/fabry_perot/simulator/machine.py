@@ -39,6 +39,7 @@ class Machine:
             time_zero=options.time_zero,
             relief=options.relief,
             tuning=round(1e6 * options.tuning_time),
+            gate=round(1e6 / options.gate_rate) if options.gate_rate else 0,
             full_scale=options.full_scale,
             repeat=options.repeat,
         )

@@ -51,6 +51,8 @@ class Options:
         How the film's resonance varies over it, one of :data:`fabry_perot.simulator.film.RELIEFS`.
     tuning_time
         Time in which the interrogation laser tunes, in s.
+    gate_rate
+        Edges a second at the gate input; 0: there is none.
     energy_jitter
         Standard deviation of the pulse energy, relative.
     full_scale
@@ -79,6 +81,7 @@ class Options:
     film: str = "ideal"
     relief: str = "waves"
     tuning_time: float = 200e-6
+    gate_rate: float = 0.0
     energy_jitter: float = 0.01
     full_scale: float = 2.0
     bit_errors: float = 0.0
@@ -119,6 +122,7 @@ def parse(arguments: Sequence[str] | None = None) -> tuple[Options, bool]:
     add("--film", choices=tuple(FILMS), default="ideal", help="which shortcomings the film has; ideal: none")
     add("--relief", choices=RELIEFS, default="waves", help="how the film's resonance varies over it")
     add("--tuning-time", type=_positive, default=200e-6, help="time in which the interrogation laser tunes, in s")
+    add("--gate-rate", type=float, default=0.0, help="edges a second at the gate input; 0: there is none")
     add("--energy-jitter", type=float, default=0.01, help="of the pulse energy, relative")
     add("--full-scale", type=_positive, default=2.0, help="digitiser's range over the strongest signal")
     add("--bit-errors", type=_share, default=0.0, help="probability of each bit to be flipped, both ways")

@@ -159,9 +159,14 @@ class SimulatedExcitation:
         Hold the gate.
     seed
         Of the pulses' jitter.
+    gate
+        Time between edges at its gate input, in µs; 0: it has none.
     """
 
-    def __init__(self, recorder: Recorder, shutter: SimulatedShutter, galvo: SimulatedGalvo, seed: int) -> None:
+    def __init__(
+        self, recorder: Recorder, shutter: SimulatedShutter, galvo: SimulatedGalvo, seed: int, gate: int = 0
+    ) -> None:
+        self._gate = gate
         self._recorder, self._shutter, self._galvo = recorder, shutter, galvo
         self._train = PulseTrain(seed)
         self.trigger: Callable[[int], None] = lambda time: None
@@ -175,7 +180,8 @@ class SimulatedExcitation:
 
     def limits(self) -> dict[str, Any]:
         """Return its range."""
-        return {"pulse_rate_mhz": [1_000, 10_000_000], "parameters": {"excitation_pm": [400_000, 2_000_000]}}
+        parameters = {"excitation_pm": [400_000, 2_000_000]}
+        return {"pulse_rate_mhz": [1_000, 10_000_000], "gate": self._gate > 0, "parameters": parameters}
 
     def begin(self, sampling: Sampling) -> None:
         """Set the pulse rate."""
@@ -189,6 +195,10 @@ class SimulatedExcitation:
     def fire(self, pulses: int, now: int) -> None:
         """Open the gate for so many pulses."""
         self._left, self._armed = pulses, now
+
+    def fire_at_gate(self, pulses: int, now: int) -> None:
+        """Open it at the next edge."""
+        self.fire(pulses, -(-(now + 1) // self._gate) * self._gate)
 
     def halt(self, now: int) -> None:
         """Close the gate."""

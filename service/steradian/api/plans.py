@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 from fastapi import APIRouter, Request, Response
 from pydantic import ConfigDict, Field
@@ -63,6 +63,8 @@ class PlanRequest(Value):
     fringe: Fringe = Fringe()
     frames: int = _same_as("frames")
     excitation: tuple[float, ...] = _same_as("excitation")
+    gate: Literal["none", "frame", "point"] = _same_as("gate")
+    gate_rate: float = _same_as("gate_rate")
     scanner: ScannerLimits = ScannerLimits()
     motion: Motion = Motion()
     tuning: Tuning = Tuning()

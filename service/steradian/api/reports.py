@@ -60,11 +60,14 @@ class PreviewView(Figures):
     """What a plan costs."""
 
     seconds: dict[str, float] = Field(
-        description="Time (s) each part needs by itself: laser, mover, tuning, link, disk", examples=[{"laser": 32.0}]
+        description="Time (s) each part needs by itself: laser, mover, tuning, gate, link, disk",
+        examples=[{"laser": 32.0}],
     )
     laser_seconds: float = Field(description="s")
     total_seconds: float = Field(description="Time of the scan (s); the parts overlap")
-    limiting: Literal["laser", "mover", "tuning", "link", "disk"] = Field(description="The part that decides the time")
+    limiting: Literal["laser", "mover", "tuning", "gate", "link", "disk"] = Field(
+        description="The part that decides the time"
+    )
     travel: float = Field(description="Way of the beam (m)")
     retunings: int = Field(description="How often the bias wavelength changes")
     bands: int = Field(default=0, description="How many bias wavelengths are set; 0: the scanner's own")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -67,6 +67,11 @@ def plan(
         list[float] | None,
         quantity(length, help="Excitation wavelength, e.g. 700nm; repeat it for several, in order."),
     ] = None,
+    gate: Annotated[
+        Literal["none", "frame", "point"],
+        typer.Option(help="What waits for an edge at the scanner's gate input (heart, breath, stimulus)."),
+    ] = "none",
+    gate_rate: Annotated[float, quantity(frequency, "1Hz", help="Expected edges, for the time.")] = 1.0,
     settling: Annotated[float, quantity(duration, "400us", help="Time the beam needs to rest after a move.")] = 4e-4,
     beam_speed: Annotated[float, quantity(speed, "5m/s", "--speed", help="Speed of the beam on the film.")] = 5.0,
     field: Annotated[float, quantity(length, "20mm", help="Side of the scanner's square field.")] = 20e-3,
@@ -97,6 +102,8 @@ def plan(
         fringe=Fringe.create(linewidth=linewidth),
         tuning=Tuning.create(settling=retuning),
         frames=frames,
+        gate=gate,
+        gate_rate=gate_rate,
         excitation=tuple(excitation or ()),
         scanner=ScannerLimits.create(x=(-field / 2, field / 2), y=(-field / 2, field / 2)),
         motion=Motion.create(speed=beam_speed, settling=settling),

@@ -29,6 +29,10 @@ EXCITATION = (200e-9, 3e-6)
 """Excitation wavelengths of light that anybody excites with, in m."""
 
 
+_LATER = ("wavelength_uncertainty", "max_sensitivity_loss", "fringe", "gate", "gate_rate")
+"""Fields that plans were without: one that has them as they are by default is named as it was."""
+
+
 class ScanPlan(ShownValue):
     """What a scanner needs to know to measure a mask; immutable and identified by its content."""
 
@@ -55,6 +59,10 @@ class ScanPlan(ShownValue):
         max_length=64,
         description="Excitation wavelengths, measured one after the other (m); none: as the laser stands",
     )
+    gate: Literal["none", "frame", "point"] = Field(
+        default="none", description="What waits for an edge at the scanner's gate input: a heart, a breath, a stimulus"
+    )
+    gate_rate: float = quantity("Hz", "Expected edges a second, for the preview", gt=0, le=10_000, default=1.0)
     scanner: ScannerLimits = ScannerLimits()
     motion: Motion = Motion()
     tuning: Tuning = Tuning()
@@ -87,7 +95,7 @@ class ScanPlan(ShownValue):
             del content["frames"]
         if not self.excitation:
             del content["excitation"]
-        for name in ("wavelength_uncertainty", "max_sensitivity_loss", "fringe"):  # plans were without them
+        for name in _LATER:
             if getattr(self, name) == type(self).model_fields[name].default:
                 del content[name]
         return content_hash("p", content)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steradian.plans.findings import Finding, find
 from steradian.plans.order import travel
@@ -19,7 +20,7 @@ BYTES_PER_ALINE = 40
 DISK_RATE = 20e6
 """Bytes per second that any disk writes durably."""
 
-Part = Literal["laser", "mover", "tuning", "link", "disk"]
+Part = Literal["laser", "mover", "tuning", "gate", "link", "disk"]
 
 __all__ = ["Finding", "Preview", "preview"]
 
@@ -32,7 +33,7 @@ class Preview:
     ----------
     seconds
         Time each part needs by itself: ``laser`` (pulses), ``mover`` (moves and settling), ``tuning`` (of the bias
-        wavelength), ``link`` (bytes over the line), ``disk`` (writes).
+        wavelength), ``gate`` (edges that are waited for, if any), ``link`` (bytes over the line), ``disk`` (writes).
     laser_seconds
         ``seconds["laser"]``.
     total_seconds
@@ -100,7 +101,7 @@ def preview(
     points = plan.mask.film_positions[plan.visit]
     bias = None if plan.bias is None else plan.bias[plan.visit]
     retuning = np.zeros(len(points)) if bias is None else plan.pace.retuning(bias)
-    loop = frames * plan.pace.seconds(points, bias) + alines * (plan.averages - 1) * period
+    loop = frames * _frame_seconds(plan, (plan.pace.periods(points, bias) + plan.averages - 1) * period)
     size = alines * plan.samples * BYTES_PER_SAMPLE
     file_size = size + alines * BYTES_PER_ALINE
     seconds: dict[Part, float] = {
@@ -110,6 +111,8 @@ def preview(
         "link": plan.link.seconds_of(alines, plan.samples),
         "disk": file_size / disk_rate,
     }
+    if plan.gate != "none":
+        seconds["gate"] = (frames if plan.gate == "frame" else alines) / plan.gate_rate
     way = frames * travel(plan.mask.film_positions, plan.visit)
     return Preview(
         seconds=seconds,
@@ -125,6 +128,14 @@ def preview(
     )
 
 
+def _frame_seconds(plan: ScanPlan, each: NDArray[np.float64]) -> float:
+    """Return the time of a frame whose points take ``each`` (M,) s; what is gated begins at an edge."""
+    if plan.gate == "none":
+        return float(each.sum())
+    waiting = each.sum(keepdims=True) if plan.gate == "frame" else each
+    return float(np.ceil(waiting * plan.gate_rate - 1e-9).sum()) / plan.gate_rate
+
+
 def _loss(plan: ScanPlan) -> dict[str, float]:
     """Return what the wavelengths that are set lose, by the film's fringe."""
     if plan.bias is None or plan.wavelengths is None:
@@ -138,5 +149,5 @@ def _loss(plan: ScanPlan) -> dict[str, float]:
 def _limiting(seconds: dict[Part, float], loop: float) -> Part:
     """Name the part that decides: what outlasts the loop of moves and shots, else the longest within it."""
     outside: list[Part] = [part for part in ("link", "disk") if seconds[part] > loop]
-    inside: list[Part] = ["laser", "mover", "tuning"]
-    return max(outside or inside, key=lambda part: seconds[part])
+    inside: list[Part] = ["laser", "mover", "tuning", "gate"]
+    return max(outside or inside, key=lambda part: seconds.get(part, 0.0))

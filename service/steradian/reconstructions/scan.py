@@ -19,7 +19,7 @@ from steradian.plans import ScanPlan
 from steradian.reconstructions.imported import Imported, read_imported
 from steradian.reconstructions.job import reconstruct_recording
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.scans.reading import read_scan
+from steradian.scans.reading import Frame, list_frames, read_scan
 from steradian.scans.recording import Recording
 
 if TYPE_CHECKING:
@@ -70,6 +70,11 @@ class Scan:
     def stored(self) -> int:
         """A-lines that were stored when the file was opened."""
         return int(self._said.summary["stored"])
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """What is known of each frame, a repetition or another excitation: its light, A-lines, first and last shot."""
+        return list_frames(self.path)
 
     def recording(self, frame: int = 0) -> Recording:
         """Read the A-lines of one frame that are stored and intact, with their positions, weights and times.

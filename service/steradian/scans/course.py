@@ -46,6 +46,8 @@ class Course:
         (F,) excitation wavelength of each frame in m; 0: as the laser stands.
     wavelengths
         (M,) bias wavelengths that are set, in m, or ``None`` for the scanner's own map.
+    gate
+        What waits for the gate: ``none``, the first point of each ``frame``, or every ``point``.
     samples, sampling_interval, pulse_rate, averages
         As in :class:`steradian.plans.ScanPlan`.
     """
@@ -58,6 +60,7 @@ class Course:
     sampling_interval: float
     pulse_rate: float
     averages: int
+    gate: str = "none"
 
     @classmethod
     def of_plan(cls, plan: ScanPlan) -> Self:
@@ -71,6 +74,7 @@ class Course:
             sampling_interval=plan.sampling_interval,
             pulse_rate=plan.pulse_rate,
             averages=plan.averages,
+            gate=plan.gate,
         )
 
     @classmethod
@@ -90,6 +94,7 @@ class Course:
             sampling_interval=float(plan.attrs["sampling_interval_s"]),
             pulse_rate=float(plan.attrs["pulse_rate_hz"]),
             averages=int(plan.attrs["averages"]),
+            gate=str(plan.attrs.get("gate", "none")),
         )
 
     @property
@@ -136,6 +141,15 @@ class Course:
             pulse_rate=self.pulse_rate,
             averages=self.averages if averages is None else averages,
             wavelength=0.0 if self.wavelengths is None else self.wavelengths[points],
+            gated=self.gated(rows),
             resume=resume,
             tag=tag,
         )
+
+    def gated(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return which of the ``rows`` (K,), measured in this order, wait for the gate."""
+        frame = rows // self.points
+        begins: NDArray[np.bool_] = np.diff(frame, prepend=-1) != 0
+        if self.gate == "frame":
+            return begins
+        return np.full(len(rows), self.gate == "point")

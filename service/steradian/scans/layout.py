@@ -196,6 +196,7 @@ def _write_plan(file: h5py.File, plan: ScanPlan, time_zero: float, visit: NDArra
             "order": str(plan.order),
             "time_zero_s": time_zero,
             "frames": plan.frame_count,
+            "gate": plan.gate,
             "document": plan.model_dump_json(exclude={"mask", "wavelengths"}),
         }
     )

@@ -28,11 +28,15 @@ class Frame:
         Excitation wavelength in m; 0: as the laser stood.
     stored
         A-lines measured so far.
+    first_shot, last_shot
+        When the scanner fired for its first and last A-line, in s since the scanner's boot; ``None`` before.
     """
 
     index: int
     excitation: float
     stored: int
+    first_shot: float | None = None
+    last_shot: float | None = None
 
 
 def list_frames(path: Path) -> tuple[Frame, ...]:
@@ -48,12 +52,13 @@ def list_frames(path: Path) -> tuple[Frame, ...]:
             _check_kind(path, file)
             course = Course.of_file(file)
             stored = np.asarray(file["alines/status"]).reshape(-1, course.points) == schema.STORED
+            fired = np.asarray(file["alines/fire_time_s"]).reshape(stored.shape)
     except (OSError, KeyError, ValueError) as error:
         raise DamagedFile(f"{path} cannot be read as a scan: {error}") from error
-    counts = stored.sum(axis=1).tolist()
+    times = [frame[those] for frame, those in zip(fired, stored, strict=True)]
     return tuple(
-        Frame(number, wavelength, count)
-        for number, (wavelength, count) in enumerate(zip(course.excitation, counts, strict=True))
+        Frame(number, light, len(shots), *((float(shots.min()), float(shots.max())) if len(shots) else ()))
+        for number, (light, shots) in enumerate(zip(course.excitation, times, strict=True))
     )
 
 

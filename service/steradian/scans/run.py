@@ -201,6 +201,7 @@ def check_scanner(plan: ScanPlan, capabilities: fabry_perot.Capabilities) -> Non
         averages=plan.averages,
     )
     capabilities.wavelengths(0.0 if plan.bias is None else plan.bias, plan.mask.count)
+    capabilities.gated(plan.gate != "none", plan.mask.count)
     for wavelength in plan.excitation:
         check_excitation(capabilities, wavelength)
 
