@@ -40,6 +40,7 @@ def create_scan_file(
     time_zero: float = 0.0,
     created: str | None = None,
     visit: NDArray[np.int64] | None = None,
+    bias: NDArray[np.float64] | None = None,
 ) -> None:
     """Make an empty scan file of its final size.
 
@@ -63,6 +64,8 @@ def create_scan_file(
         When it was measured (ISO 8601); now, if not given.
     visit
         (M,) points in the order of interrogation where that is not the plan's own, as an older program found it.
+    bias
+        (M,) wavelengths in m that were set at the points, if there were any, where they are not the plan's own.
 
     Raises
     ------
@@ -80,7 +83,7 @@ def create_scan_file(
         with h5py.File(draft, "w") as file:
             file.attrs.update(_origin(plan, scan_id, scanner, scanner_model, simulated, created))
             _write_mask(file, plan)
-            _write_plan(file, plan, time_zero, visit)
+            _write_plan(file, plan, time_zero, visit, bias)
             file.attrs["geometry_crc32c"] = geometry_checksum(file)
             _allocate(file, plan.aline_count, plan.samples, sample_kind)
         with draft.open("r+b") as raw:
@@ -183,7 +186,13 @@ def _write_mask(file: h5py.File, plan: ScanPlan) -> None:
         group.create_dataset("outline", data=mask.outline).attrs.update({"units": "m", "axes": "corner, (x, y)"})
 
 
-def _write_plan(file: h5py.File, plan: ScanPlan, time_zero: float, visit: NDArray[np.int64] | None) -> None:
+def _write_plan(
+    file: h5py.File,
+    plan: ScanPlan,
+    time_zero: float,
+    visit: NDArray[np.int64] | None,
+    bias: NDArray[np.float64] | None,
+) -> None:
     group = file.create_group("plan")
     group.attrs.update(
         {
@@ -201,9 +210,9 @@ def _write_plan(file: h5py.File, plan: ScanPlan, time_zero: float, visit: NDArra
         }
     )
     group.create_dataset("visit", data=Course.of_plan(plan).visit if visit is None else visit)
-    if plan.wavelengths is not None and plan.bias is not None:
+    if plan.wavelengths is not None:
         group.create_dataset("wavelengths", data=plan.wavelengths).attrs["units"] = "m"
-        group.create_dataset("bias", data=plan.bias).attrs["units"] = "m"
+        group.create_dataset("bias", data=plan.bias if bias is None else bias).attrs["units"] = "m"
     group.create_dataset("frame_excitation", data=np.asarray(plan.frame_excitation)).attrs["units"] = "m"
 
 

@@ -17,7 +17,9 @@ from steradian.errors import DamagedFile, InvalidInput
 from steradian.reconstructions.imported import read_imported
 from steradian.scans import schema
 from steradian.scans.check import check_scan_file
+from steradian.scans.course import Course
 from steradian.scans.importing import import_scan
+from steradian.scans.layout import geometry_checksum
 from steradian.scans.reading import read_scan
 from steradian.scans.store import AlineStore, Upload, create_scan_file
 
@@ -203,6 +205,37 @@ def test_all_that_was_measured_comes_back_and_can_be_continued(tmp_path, own, pl
             np.testing.assert_array_equal(made.column(name), old.column(name))
         made.append(alines[20:])
     assert len(read_scan(new).traces) == len(alines)
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_wavelengths_that_were_set_stay_those_of_the_file(tmp_path, plan, alines, kept):
+    """Whatever this program would choose; a file of before there were any says that each point had its best one."""
+    best = np.linspace(1.549e-6, 1.551e-6, plan.mask.count)
+    create_scan_file(tmp_path / "own.h5", plan.replace(wavelengths=best, max_sensitivity_loss=0.2))
+    with AlineStore(tmp_path / "own.h5") as store:
+        store.append(alines[:20])
+    was = best
+    with h5py.File(tmp_path / "own.h5", "r+") as file:
+        if kept:
+            was = file["plan/bias"][...] = file["plan/bias"][()] + 3e-12
+        else:
+            del file["plan/bias"]
+        file.attrs["geometry_crc32c"] = geometry_checksum(file)
+    import_scan(tmp_path / "own.h5", tmp_path / "new.h5")
+    assert check_scan_file(tmp_path / "new.h5").is_sound
+    with h5py.File(tmp_path / "new.h5") as file:
+        np.testing.assert_array_equal(Course.of_file(file).wavelengths, was)
+        np.testing.assert_array_equal(file["plan/wavelengths"], best)
+
+
+@pytest.mark.parametrize("bias", [np.full(5, 1.55e-6), np.nan, -1.55e-6, b"x"])
+def test_wavelengths_that_nobody_can_set_are_refused(tmp_path, own, plan, bias):
+    with h5py.File(own, "r+") as file:
+        file["plan/wavelengths"] = np.full(plan.mask.count, 1.55e-6)
+        file["plan/bias"] = np.full(plan.mask.count, bias) if np.ndim(bias) == 0 else bias
+        del file.attrs["geometry_crc32c"]
+    with pytest.raises((DamagedFile, InvalidInput), match="plan/bias"):
+        import_scan(own, tmp_path / "scan.h5")
 
 
 def test_a_file_of_several_pieces_comes_whole(tmp_path, own, monkeypatch):

@@ -57,6 +57,7 @@ class _Scan:
 
     plan: ScanPlan
     visit: NDArray[np.int64]
+    bias: NDArray[np.float64] | None
     table: Hdf5Table
     rows: RowTable
     stored: NDArray[np.bool_]
@@ -94,6 +95,7 @@ def rewrite_scan(
             time_zero=_time_zero(file),
             created=_name(file, "created") or None,
             visit=scan.visit,
+            bias=scan.bias,
         )
         with AlineStore(path) as store:
             _write(scan, store, progress, cancelled)
@@ -128,13 +130,11 @@ def _read(file: h5py.File) -> _Scan:
     light = untrusted.array(file, "plan/frame_excitation") if "plan/frame_excitation" in file else None
     if light is not None and not np.array_equal(light, plan.frame_excitation):
         raise DamagedFile(f"{name}: plan/frame_excitation is not what the plan says")
-    if "plan/bias" in file and untrusted.array(file, "plan/bias").shape != (plan.mask.count,):
-        raise DamagedFile(f"{name}: plan/bias does not name a wavelength of each of {plan.mask.count} points")
-    visit = _visit(file, plan)
+    visit, bias = _visit(file, plan), _bias(file, plan)
     if untrusted.figure(file, "/", "geometry_crc32c") not in (None, geometry_checksum(file)):
         raise DamagedFile(f"{name}: positions, weights or order of the points do not match their checksum")
     rows = RowTable.of_columns(int(version), columns, plan.averages, _time_zero(file))
-    return _Scan(plan, visit, Hdf5Table(samples), rows, stored, _fired(file))
+    return _Scan(plan, visit, bias, Hdf5Table(samples), rows, stored, _fired(file))
 
 
 def _refuse_unknown(file: h5py.File) -> None:
@@ -158,6 +158,17 @@ def _visit(file: h5py.File, plan: ScanPlan) -> NDArray[np.int64]:
     if visit.dtype.kind not in "iu" or not np.array_equal(np.sort(visit, axis=None), np.arange(plan.mask.count)):
         raise DamagedFile(f"{untrusted.name_of(file)}: plan/visit does not name each of {plan.mask.count} points once")
     return visit.astype(np.int64)
+
+
+def _bias(file: h5py.File, plan: ScanPlan) -> NDArray[np.float64] | None:
+    """Read the wavelengths that were set; programs that did not say so set each point's best one."""
+    if "plan/bias" not in file:
+        return plan.wavelengths
+    bias = untrusted.array(file, "plan/bias")
+    if bias.shape != (plan.mask.count,) or bias.dtype.kind != "f" or not ((bias > 0) & (bias < np.inf)).all():
+        name = untrusted.name_of(file)
+        raise DamagedFile(f"{name}: plan/bias does not name a wavelength of each of {plan.mask.count} points")
+    return bias.astype(np.float64)
 
 
 def _fired(file: h5py.File) -> int:
