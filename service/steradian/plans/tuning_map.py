@@ -68,9 +68,9 @@ class TuningMap(Value):
                 with np.load(path, allow_pickle=False) as file:
                     places, wavelengths = file["points"], file["wavelength"]
             else:
-                table = np.genfromtxt(path, delimiter=",", names=True, ndmin=1)
-                places, wavelengths, _ = 1e-3 * table[COLUMNS[0]], 1e-9 * table[COLUMNS[2]], table[COLUMNS[1]]
-                places = np.column_stack([places, 1e-3 * table[COLUMNS[1]]])
+                table = np.genfromtxt(path, delimiter=",", names=True, ndmin=1, encoding="utf-8-sig")
+                x, y, wavelength = (table[name] for name in COLUMNS)
+                places, wavelengths = 1e-3 * np.column_stack([x, y]), 1e-9 * wavelength
         except (ValueError, KeyError, IndexError, OSError) as error:
             raise DamagedFile(f"{path} is no tuning map (columns {', '.join(COLUMNS)}): {error}") from error
         return cls.create(positions=places, wavelengths=wavelengths)

@@ -72,6 +72,14 @@ def test_maps_are_read_as_the_driver_writes_them_from_tables_and_from_json(tmp_p
         np.testing.assert_allclose(found.wavelengths, wavelengths, rtol=1e-14)
 
 
+def test_a_table_that_a_spreadsheet_saved_is_read(tmp_path):
+    """Columns in any order, with a mark of the encoding before them, and lines that end in two characters."""
+    (tmp_path / "map.csv").write_bytes("\ufeffwavelength_nm,x_mm,y_mm\r\n1550.5,1,-2\r\n".encode())
+    found = TuningMap.read(tmp_path / "map.csv")
+    np.testing.assert_allclose(found.positions, [[1e-3, -2e-3]])
+    np.testing.assert_allclose(found.wavelengths, 1550.5e-9)
+
+
 def test_what_is_no_map_is_refused_with_a_reason(tmp_path):
     """Missing, another file, another unit, one place for many points."""
     with pytest.raises(NotFound):
