@@ -142,7 +142,8 @@ def fit(
     scale = real("scale", scale, "a finite factor")
     unit = _unit(data, scale, kind)
     highest, noise = signal_band(data, chosen.sampling_interval)
-    factor = thinning(_highest(options, data.shape[1], chosen.sampling_interval) or highest, chosen.sampling_interval)
+    samples, interval = data.shape[1], chosen.sampling_interval
+    factor = min(thinning(_highest(options, samples, interval) or highest, interval), max(1, samples // 4))
     step = chosen.sampling_interval * chosen.sound_speed
     first, last, coarse = _slices(chosen.depth_range, data.shape[1], factor, step)
     measured = thinned(data, factor, kind, scale / unit)
