@@ -61,12 +61,10 @@ def sobel(image: ArrayLike, axis: int) -> NDArray[np.floating]:
     ndarray
         Shorter by 2 along each axis; 8 times the slope an element in 2-D, 32 times in 3-D. float32 stays float32.
     """
+    from scipy import ndimage
+
     found = np.asarray(image)
     if not np.issubdtype(found.dtype, np.floating):
         found = found.astype(np.float64)
-    for other in range(found.ndim):
-        before, middle, after = (
-            found[(slice(None),) * other + (slice(start, found.shape[other] - 2 + start),)] for start in range(3)
-        )
-        found = after - before if other == axis else before + 2 * middle + after
-    return found
+    inside = (slice(1, -1),) * found.ndim
+    return np.asarray(ndimage.sobel(found, axis)[inside])
