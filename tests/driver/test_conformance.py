@@ -13,8 +13,9 @@ from test_mutants import MUTANTS
 
 from fabry_perot.clock import VirtualClock
 from fabry_perot.conformance import SCENARIOS, Peer, as_junit, run
-from fabry_perot.device import Device
+from fabry_perot.device import Device, operations
 from fabry_perot.simulator import launch
+from fabry_perot.wire.codes import Operation, Result
 
 NAMES = [scenario.run.__name__ for scenario in SCENARIOS]
 KILLERS = {
@@ -152,3 +153,11 @@ def test_a_failure_stands_in_the_junit_file_with_what_was_expected(monkeypatch):
     suite = ElementTree.fromstring(as_junit(run(Peer(line, line.clock), fire=True, only=["token"]), "here"))  # noqa: S314
     assert suite.get("failures") == "1"
     assert suite.find("testcase/failure").get("message") == "expected: another token for another ARM"
+
+
+def test_an_answer_without_what_it_must_have_fails_its_scenario_and_not_the_run(monkeypatch):
+    """ARM without a token is the device's failing; the scenarios behind it are tried all the same."""
+    monkeypatch.setitem(operations._TABLE, Operation.ARM, lambda device, body: (Result.OK, {}))
+    found = outcomes("token", "gaps", "hello")
+    assert "token" in found["token"]
+    assert (found["gaps"], found["hello"]) == ("", "")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 
 import pytest
@@ -212,3 +213,21 @@ def test_a_pause_while_armed_spends_the_token():
         assert bench.device.token is None
         with pytest.raises(Refused):
             bench.call(Operation.START, token=token, **bench.host.lease_fields())
+
+
+def test_an_a_line_that_no_message_can_hold_is_a_latched_fault_and_the_device_goes_on_answering():
+    """A level of 40 V does not fit in the field of millivolts: the hardware's fault, told as such."""
+    bench = Bench()
+    bench.connect()
+    bench.upload(30)
+    poll = bench.instrument.poll
+    bench.instrument.poll = lambda now: [replace(each, dc=40_000) for each in poll(now)]
+    bench.start()
+    bench.until(lambda: bench.host.device_state is S.FAULT, 2_000)
+    bench.instrument.poll = poll
+    bench.call(Operation.CLEAR_FAULT)
+    assert not bench.instrument.open_now
+    bench.call(Operation.RELEASE)
+    bench.start()
+    bench.finish()
+    bench.check_exact(30)

@@ -17,7 +17,7 @@ import pytest
 import fabry_perot
 from fabry_perot.device.endpoints import TcpEndpoint
 from fabry_perot.device.serving import Service
-from fabry_perot.errors import DeviceFault, PortUnavailable
+from fabry_perot.errors import DeviceFault, PortBusy, PortUnavailable
 from fabry_perot.hardware import Apparatus, InstrumentError
 from fabry_perot.hardware.apparatus import FAULT_DIGITISER
 from fabry_perot.host.scanner import Scanner
@@ -240,3 +240,12 @@ def test_a_fault_of_a_part_reaches_the_application_in_the_same_process(monkeypat
             take_all(scanner)
         assert scanner.state == "fault"
         assert not instrument.shutter.is_open()
+
+
+def test_hardware_has_one_host_in_its_process_too():
+    """A second one is told at once; when the first is gone, it is welcome."""
+    instrument = PhantomInstrument(phantoms.yarn(0))
+    with fabry_perot.connect(instrument), pytest.raises(PortBusy, match="this process"):
+        fabry_perot.connect(instrument)
+    with fabry_perot.connect(instrument) as scanner:
+        check(scanner, instrument)

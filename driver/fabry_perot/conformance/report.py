@@ -79,6 +79,8 @@ def _run(scenario: Scenario, peer: Peer, fire: bool, ask: Asking | None) -> Outc
             failure = str(error)
         except LinkLost as error:
             failure = f"the line was lost: {error}"
+        except (KeyError, IndexError, TypeError, ValueError) as error:
+            failure = f"an answer lacks or garbles {error}"
         finally:
             _make_safe(peer)
         if not failure or peer.absence < ABSENCE or scenario.asks:
@@ -91,7 +93,7 @@ def _make_safe(peer: Peer) -> None:
     peer.renewing = False
     try:
         peer.abort(AbortLevel.LASER_OFF)
-    except (Failed, LinkLost):
+    except (Failed, LinkLost, KeyError, IndexError, TypeError, ValueError):
         return
 
 

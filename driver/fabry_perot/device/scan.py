@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 
 from fabry_perot.device.lease import LaserLease
 from fabry_perot.device.planbuffer import PlanBuffer
 from fabry_perot.device.ring import ALineRing
-from fabry_perot.hardware.instrument import Instrument, Interrogation, Sampling
+from fabry_perot.hardware.instrument import Instrument, InstrumentError, Interrogation, Sampling
 from fabry_perot.wire.encoding import encode
 from fabry_perot.wire.framing import crc32c
 from fabry_perot.wire.messages import ALineMeta, pack
 from fabry_perot.wire.states import RUNNING, DeviceState, Event
 
+FAULT_RECORD = 9
+"""Fault code: a record's figures are beyond what a message holds."""
 AHEAD = 64
 """Points the hardware has at a time."""
 
@@ -82,9 +85,9 @@ class Scan:
     def _collect(self, now: int) -> None:
         """Take what the instrument has finished into the ring."""
         for taken in self._instrument.poll(now):
-            self._used += taken.averages
             used, data = encode(taken.samples, self.encoding)
             self._ring.append(taken.point, self._meta(taken) + data, used)
+            self._used += taken.averages
             self._plan.position = taken.point + 1
         self.shots, self.last_shot = self._instrument.shots() - self._before, self._instrument.last_shot()
 
@@ -129,4 +132,7 @@ class Scan:
             quality=taken.quality,
             time_zero=taken.time_zero,
         )
-        return pack(meta)
+        try:
+            return pack(meta)
+        except struct.error as error:  # what the hardware says of itself does not fit in a message
+            raise InstrumentError(FAULT_RECORD, f"A-line of point {taken.point}, {meta}: {error}") from error

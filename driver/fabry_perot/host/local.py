@@ -8,10 +8,13 @@ import threading
 
 from fabry_perot.device.endpoints import PairEndpoint
 from fabry_perot.device.serving import Service
-from fabry_perot.errors import LinkLost
+from fabry_perot.errors import LinkLost, PortBusy
 from fabry_perot.hardware.instrument import Instrument
 from fabry_perot.wire.framing import MAX_PAYLOAD
 
+_HELD: set[int] = set()
+"""Instruments that have a host, by identity."""
+_HOLDING = threading.Lock()
 READ_WAIT = 0.004
 """Longest wait for bytes in one read, in s."""
 
@@ -23,9 +26,19 @@ class LocalTransport:
     ----------
     instrument
         The hardware; from now on only the device's thread may use it.
+
+    Raises
+    ------
+    PortBusy
+        When it has a host already.
     """
 
     def __init__(self, instrument: Instrument) -> None:
+        self._held = id(instrument)
+        with _HOLDING:
+            if self._held in _HELD:
+                raise PortBusy(f"{type(instrument).__name__} has a host in this process already")
+            _HELD.add(self._held)
         self._end, far = socket.socketpair()
         self._end.settimeout(READ_WAIT)
         self._over = threading.Event()
@@ -34,6 +47,7 @@ class LocalTransport:
         except BaseException:
             self._end.close()
             far.close()
+            _HELD.discard(self._held)
             raise
         self._thread = threading.Thread(
             target=service.run, args=(self._over.is_set,), name="fabry-perot-device", daemon=True
@@ -66,3 +80,5 @@ class LocalTransport:
         self._over.set()
         self._thread.join(10.0)
         self._end.close()
+        if not self._thread.is_alive():  # a device that hangs in a call to the hardware still has it
+            _HELD.discard(self._held)
