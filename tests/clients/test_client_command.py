@@ -66,6 +66,15 @@ def test_lists_are_filtered_by_options(run):
     assert run("job", "list", "kind=export", "--scan", scan["id"], "--json") == []
 
 
+@pytest.mark.parametrize("words", [("state=queued", "--state", "running"), ("limit=5",)])
+def test_a_filter_that_is_an_option_too_is_said_once(monkeypatch, capsys, words):
+    monkeypatch.setattr(sys, "argv", ["steradian-client", "--url", "http://127.0.0.1:9", "job", "list", *words])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 2
+    assert "is an option" in capsys.readouterr().err
+
+
 def test_the_emergency_stop_is_one_command(run):
     stop = run("scanner", "stop", "--reason", "smoke", "--json")
     assert stop["reason"] == "smoke"

@@ -42,8 +42,10 @@ def add_stored(app: typer.Typer, those: Callable[[Client], Stored[Blocking, Any]
         limit: Annotated[int, typer.Option(min=1, help="Most of them.")] = 20,
         as_json: AsJson = False,
     ) -> None:
-        chosen = given(state=state, label=label, scan_id=scan, mask_id=mask)
-        show_all(those(client_of(context)).list(limit, **settings(filters), **chosen), columns, as_json)
+        named, chosen = settings(filters), given(state=state, label=label, scan_id=scan, mask_id=mask)
+        for name in named.keys() & {"limit", *chosen}:
+            raise typer.BadParameter(f"{name} is an option: --{name.removesuffix('_id')}")
+        show_all(those(client_of(context)).list(limit, **named, **chosen), columns, as_json)
 
     @app.command("show", help="Show one.")
     def show_(context: typer.Context, identifier: Id, as_json: AsJson = False) -> None:
