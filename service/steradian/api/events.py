@@ -174,9 +174,9 @@ async def _frames(services: Services, who: Principal, feed: Feed, wanted: Filter
             frames, said = [], cursor
             while events := await feed.after(cursor, bounds.epoch, BATCH):
                 cursor = events[-1].sequence
-                passing = [event for event in events if wanted.wants(event)]
-                frames += [event.frame for event in passing]
-                said = passing[-1].sequence if passing else said
+                if passing := [event for event in events if wanted.wants(event)]:
+                    said, spoke = passing[-1].sequence, time.monotonic()
+                    yield b"".join(event.frame for event in passing)  # at once: a client may have missed days
             if cursor > said:  # a client that comes back need not be told what it did not want to hear
                 frames.append(format_sse_event(id=f"{bounds.epoch}.{cursor}"))
             for progress in feed.progress.values() if wanted.with_progress else ():

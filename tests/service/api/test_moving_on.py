@@ -1,12 +1,22 @@
-"""The event log tells when a batch moves on and when a job is moved in the queue."""
+"""The event log tells when a batch moves on and when a job is moved in the queue, and streams tell it in pieces."""
 
+import asyncio
+import itertools
+import re
 import threading
+from contextlib import aclosing
+from datetime import UTC, datetime
 
 import pytest
 
+from steradian.api.app import create_app
+from steradian.api.events import BATCH, Filter, _frames
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import Failed, Succeeded
-from steradian.storage.events import EventLog
+from steradian.security.keys import Principal, Scope
+from steradian.storage.events import EventLog, record
+
+SOMEBODY = Principal("ada", frozenset({Scope.READ}))
 
 
 @pytest.fixture
@@ -90,3 +100,27 @@ def test_of_jobs_that_end_at_once_the_last_event_tells_the_end(http, events, led
         for thread in threads:
             thread.join()
         assert events(batch["id"])[-1].data["state"] == "succeeded"
+
+
+def test_who_was_away_for_long_gets_what_was_missed_in_pieces(server):
+    """Days of events are not gathered in memory before the first of them is sent."""
+    state = create_app(server.settings).state
+    begun, missed = EventLog(server.database).bounds(), 3 * BATCH + 8
+    with server.database.write() as session:
+        for number in range(missed):
+            record(session, datetime.now(UTC), "job", f"j{number}", {"scan_id": "s1" if number % 3 else "s2"})
+
+    async def follow(scan_id):
+        wanted, pieces = Filter(None, scan_id, False, f"{begun.epoch}.{begun.last}"), []
+        async with aclosing(_frames(state.services, SOMEBODY, state.feed, wanted)) as frames:
+            async for piece in frames:
+                pieces.append([int(number) for number in re.findall(rb"id: \S+\.(\d+)", piece)])
+                if pieces[-1][-1] == begun.last + missed:
+                    return pieces[1:]  # without the first, which says where it begins
+
+    for scan_id in (None, "s1"):
+        pieces = asyncio.run(follow(scan_id))
+        assert max(map(len, pieces)) <= BATCH
+        told = [begun.last + 1 + number for number in range(missed) if scan_id is None or number % 3]
+        assert list(itertools.chain(*pieces)) == told
+    state.services.database.close()
