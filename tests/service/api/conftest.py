@@ -22,11 +22,17 @@ def api_of(folder, **settings):
 
 
 @pytest.fixture(scope="session")
-def server(request, tmp_path_factory):
-    """An API on SQLite; on PostgreSQL where the environment says TEST_DATABASE=postgres."""
+def database(request):
+    """Makes the setting that names an empty PostgreSQL where TEST_DATABASE=postgres; else none, which is SQLite."""
     distributed = os.environ.get("TEST_DATABASE") == "postgres"
-    more = {"database_url": request.getfixturevalue("postgres").database()} if distributed else {}
-    server = api_of(tmp_path_factory.mktemp("api"), **more).wait()
+    postgres = request.getfixturevalue("postgres") if distributed else None
+    return lambda: {"database_url": postgres.database()} if postgres else {}
+
+
+@pytest.fixture(scope="session")
+def server(database, tmp_path_factory):
+    """An API on SQLite, or on PostgreSQL."""
+    server = api_of(tmp_path_factory.mktemp("api"), **database()).wait()
     yield server
     server.close()
 

@@ -24,9 +24,9 @@ class Clock:
 
 
 @pytest.fixture(scope="module")
-def server(tmp_path_factory):
+def server(database, tmp_path_factory):
     """A service with two workers' worth of settings, whose jobs the tests start and end themselves."""
-    server = api_of(tmp_path_factory.mktemp("queue"), workers=2).wait()
+    server = api_of(tmp_path_factory.mktemp("queue"), workers=2, **database()).wait()
     yield server
     server.close()
 

@@ -25,9 +25,9 @@ VOLUME = 4 * 128**2 * 256
 
 
 @pytest.fixture(scope="module")
-def small(tmp_path_factory):
+def small(database, tmp_path_factory):
     """A service whose folder may hold 40 MiB, a client of it and a scan."""
-    server = api_of(tmp_path_factory.mktemp("quota"), quota_bytes=QUOTA, disk_reserve_bytes=0)
+    server = api_of(tmp_path_factory.mktemp("quota"), quota_bytes=QUOTA, disk_reserve_bytes=0, **database())
     server.wait()
     with httpx.Client(base_url=f"{server.url}/api/v1", timeout=90) as http:
         grid = {"arrangement": "grid", "aperture": 0.01, "count": 3, "interval": 1e-3}
@@ -192,8 +192,8 @@ def test_the_folder_is_measured_while_others_write(small, monkeypatch):
     services.database.close()
 
 
-def test_a_scan_that_does_not_fit_is_refused_and_one_that_waits_has_its_room(tmp_path):
-    server = api_of(tmp_path, quota_bytes=QUOTA, disk_reserve_bytes=0)
+def test_a_scan_that_does_not_fit_is_refused_and_one_that_waits_has_its_room(database, tmp_path):
+    server = api_of(tmp_path, quota_bytes=QUOTA, disk_reserve_bytes=0, **database())
     server.wait()
     try:
         with httpx.Client(base_url=f"{server.url}/api/v1", timeout=90) as http:
