@@ -58,6 +58,8 @@ class Workshop:
         OutOfReach
             When the process that worked on it died or was ended, or :data:`MAX_SECONDS` have passed.
         """
+        if self._over:
+            raise OutOfReach("the service ends")
         call = pickle.dumps((function, args, options), pickle.HIGHEST_PROTOCOL)
         answer = await asyncio.get_running_loop().run_in_executor(self._hands, self._converse, call)
         raised, value = await asyncio.to_thread(pickle.loads, answer)
@@ -75,9 +77,9 @@ class Workshop:
 
     def close(self) -> None:
         """End every child, also one that works; who waits for it gets :class:`OutOfReach`."""
+        self._over = True
         self._hands.shutdown(wait=False, cancel_futures=True)
         with self._guard:
-            self._over = True
             idle, self._idle = self._idle, []
             for child in self._busy:
                 child.kill()  # the thread that waits for its answer does the rest

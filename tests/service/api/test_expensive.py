@@ -1,5 +1,6 @@
 """What is expensive keeps nobody else waiting: it is worked out in processes beside the API."""
 
+import asyncio
 import json
 import os
 import signal
@@ -117,8 +118,6 @@ async def double(workshop, value):
 
 
 def test_a_workshop_outlives_the_death_of_its_processes():
-    import asyncio
-
     async def run():
         workshop = Workshop()
         try:
@@ -136,8 +135,6 @@ def test_a_workshop_outlives_the_death_of_its_processes():
 
 
 def test_a_workshop_that_closes_ends_what_is_being_worked_out():
-    import asyncio
-
     async def run():
         workshop = Workshop()
         long = asyncio.create_task(workshop.work(time.sleep, 100))
@@ -147,6 +144,14 @@ def test_a_workshop_that_closes_ends_what_is_being_worked_out():
             await asyncio.wait_for(long, 60)
 
     asyncio.run(run())
+
+
+def test_a_workshop_that_is_closed_says_so_to_whoever_comes():
+    """Such as clients that wait for their turn when the service ends: it has not failed."""
+    workshop = Workshop()
+    workshop.close()
+    with pytest.raises(OutOfReach):
+        asyncio.run(workshop.work(os.getpid))
 
 
 def test_the_processes_of_a_service_without_work_end(server, monkeypatch):
