@@ -122,10 +122,10 @@ def _weights(
     return checks.areas(h, x, period)
 
 
-def _depths(
+def slices(
     depth_range: tuple[float, float] | None, samples: int, record: int, points: int, fine: float
 ) -> tuple[int, int]:
-    """First index and one past the last of ``points`` in a record whose samples are ``fine`` metres apart."""
+    """Return the first index and one past the last of ``points`` in a record of samples ``fine`` metres apart."""
     if depth_range is None:
         return 0, -(-samples * points // record)
     low, high = checks.depths(depth_range, (record - 1) * fine)
@@ -136,7 +136,8 @@ def _depths(
     return first, min(last, points)
 
 
-def _frequency(value: object, record: int, interval: float) -> float | None:
+def band_end(value: object, record: int, interval: float) -> float | None:
+    """Check the highest frequency that is used, in Hz."""
     if value is None:
         return None
     least = LEAST_CYCLES / (record * interval)
@@ -184,7 +185,7 @@ def geometry(positions: ArrayLike | Sensors, samples: int, chosen: Parameters) -
         raise InvalidInput("aperture", aperture, f"at least the sensors' extent about 0 ({needed} m), or wrap=True")
     padded = tuple(int(np.ceil(n * (chosen.lateral_padding or 1.0) - 1e-9)) for n in number)
     record = fast_record(int(np.ceil(samples * chosen.time_padding - 1e-9)))
-    highest = _frequency(chosen.highest_frequency, record, interval)
+    highest = band_end(chosen.highest_frequency, record, interval)
     points = _depth_points(highest, chosen.depth_step, record, interval, speed)
     return Geometry(
         positions=x,
@@ -200,6 +201,6 @@ def geometry(positions: ArrayLike | Sensors, samples: int, chosen: Parameters) -
         time_zero=chosen.time_zero,
         highest_frequency=highest,
         depth_points=points,
-        depth=_depths(chosen.depth_range, samples, record, points, interval * speed),
+        depth=slices(chosen.depth_range, samples, record, points, interval * speed),
         upsampling=chosen.upsampling,
     )

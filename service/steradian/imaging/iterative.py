@@ -21,7 +21,7 @@ from steradian.imaging import checks, memory
 from steradian.imaging.band import refined, signal_band, thinned, thinning
 from steradian.imaging.checks import Sensors
 from steradian.imaging.descent import Descent
-from steradian.imaging.geometry import LEAST_CYCLES
+from steradian.imaging.geometry import band_end, slices
 from steradian.imaging.iterations import Iterations, Stopped
 from steradian.imaging.iterative_options import Iterative
 from steradian.imaging.operators import ForwardOperator
@@ -143,9 +143,12 @@ def fit(
     unit = _unit(data, scale, kind)
     highest, noise = signal_band(data, chosen.sampling_interval)
     samples, interval = data.shape[1], chosen.sampling_interval
-    factor = min(thinning(_highest(options, samples, interval) or highest, interval), max(1, samples // 4))
+    factor = min(
+        thinning(band_end(options.highest_frequency, samples, interval) or highest, interval), max(1, samples // 4)
+    )
     step = chosen.sampling_interval * chosen.sound_speed
-    first, last, coarse = _slices(chosen.depth_range, data.shape[1], factor, step)
+    first, last = slices(chosen.depth_range, samples, samples, samples, step)
+    coarse = (first // factor, min(-(-samples // factor) - 1, -(-last // factor)))
     measured = thinned(data, factor, kind, scale / unit)
     thin = replace(
         chosen,
@@ -186,28 +189,6 @@ def _unit(data: RealArray, scale: float, dtype: str) -> float:
     return float(2.0 ** np.floor(np.log2(largest))) if largest > 0 else 1.0
 
 
-def _highest(options: Iterative, samples: int, interval: float) -> float | None:
-    highest, least = options.highest_frequency, LEAST_CYCLES / (samples * interval)
-    if highest is not None and highest < least:
-        allowed = f"a frequency from {least:.4g} Hz, {LEAST_CYCLES} cycles a record, or None"
-        raise InvalidInput("highest_frequency", highest, allowed)
-    return highest
-
-
-def _slices(
-    depth_range: tuple[float, float] | None, samples: int, factor: int, step: float
-) -> tuple[int, int, tuple[int, int]]:
-    """First fine slice, one past the last, and first and last coarse slice around them."""
-    end = -(-samples // factor) - 1
-    if depth_range is None:
-        return 0, samples, (0, end)
-    low, high = checks.depths(depth_range, (samples - 1) * step)
-    first, last = int(np.ceil(low / step - 1e-6)), int(np.floor(high / step + 1e-6)) + 1
-    if last <= first:
-        raise InvalidInput("depth_range", depth_range, f"a range with at least one slice (step {step:.4g} m)")
-    return first, last, (first // factor, min(end, -(-last // factor)))
-
-
 def _bytes(
     model: ForwardOperator, measured: RealArray, options: Iterative, factor: int, upsampling: int, depths: int
 ) -> int:
@@ -224,11 +205,6 @@ def _bytes(
 
 
 def _volume(values: RealArray, model: ForwardOperator, upsampling: int, depths: Any, step: float) -> Volume:
-    g = model.geometry
-    lateral = [
-        (np.arange(n * upsampling, dtype=np.float64) / upsampling - n // 2) * (X / n)
-        for X, n in zip(g.aperture, g.modes, strict=True)
-    ]
-    spacing = (*(X / n / upsampling for X, n in zip(g.aperture, g.modes, strict=True)), step)
-    axes = Axes(lateral[0], lateral[1] if len(lateral) == 2 else None, depths)
-    return Volume(values, axes, spacing, g.sound_speed)
+    g = replace(model.geometry, upsampling=upsampling)
+    axes = g.axes()
+    return Volume(values, Axes(axes.x, axes.y, depths), (*g.spacing[:-1], step), g.sound_speed)
