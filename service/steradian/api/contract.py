@@ -65,6 +65,10 @@ HEADERS: Final[dict[str, tuple[str, str]]] = {
     "Link": ("Where the next page is, as rel=next; missing on the last one", '</api/v1/scans?before=7>; rel="next"'),
     "Location": ("Address of what was made", "/api/v1/scans/s01jz0000000000000000000000"),
     "Preference-Applied": ("How long it may have waited", "wait=60"),
+    "Repr-Digest": (
+        "Checksum of the whole file, where Want-Repr-Digest asked for it",
+        "sha-256=:47DEQpj8HBSa+/TImW+5JA==:",
+    ),
     "Retry-After": ("Seconds after which it may be tried again", "1"),
     "Vary": ("Headers of the request that choose the representation", "Accept"),
     "WWW-Authenticate": ("How to prove oneself", 'Bearer realm="steradian"'),
@@ -185,6 +189,7 @@ def _headers(operation: dict[str, Any], method: str, status: str, sent: set[str]
         yield "Link"
     if "Range" in sent:
         yield from ("Accept-Ranges", "Content-Range") if status == "206" else ("Accept-Ranges",)
+        yield from () if status == "304" else ("Repr-Digest",)
     if len(content) > 1:
         yield "Vary"
     if {NPY, RAW} <= set(content):

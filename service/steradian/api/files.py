@@ -31,6 +31,12 @@ RANGED: Final[dict[str, Any]] = {
             "description": "ETag of what you have a part of; if it is another one now, the whole file comes",
             "schema": {"type": "string"},
         },
+        {
+            "name": "Want-Repr-Digest",
+            "in": "header",
+            "description": "sha-256=1 has the answer state the checksum of the whole file (RFC 9530)",
+            "schema": {"type": "string", "examples": ["sha-256=1"]},
+        },
     ]
 }
 """What an operation declares that answers with a :class:`RangedFile`."""

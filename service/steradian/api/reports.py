@@ -1,6 +1,7 @@
 """What work leaves behind in figures, as JSON: a scan's counts, a plan's cost, what each kind of job found.
 
-Figures may gain members: what is not named here is passed on as it is.
+They were noted some time ago, perhaps by another version: what is not named here is passed on as it is; what that
+version did not note, or wrote otherwise, is null.
 """
 
 from __future__ import annotations
@@ -8,7 +9,15 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any, Literal, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    field_validator,
+)
 
 
 class Figures(BaseModel):
@@ -16,25 +25,36 @@ class Figures(BaseModel):
 
     model_config = ConfigDict(extra="allow")
 
+    @field_validator("*", mode="wrap")
+    @classmethod
+    def _or_default(cls, value: Any, check: ValidatorFunctionWrapHandler, about: ValidationInfo) -> Any:
+        try:
+            return check(value)
+        except ValidationError:
+            field = cls.model_fields[about.field_name or ""]
+            if field.is_required():
+                raise
+            return field.get_default(call_default_factory=True)
+
 
 class HistoryView(Figures):
     """A change of state."""
 
     state: str = Field(description="What it became", examples=["running"])
     at: datetime
-    who: str = Field(description="The key's name, or the process", examples=["local"])
-    why: str | None
+    who: str | None = Field(default=None, description="The key's name, or the process", examples=["local"])
+    why: str | None = None
 
 
 class AttemptView(Figures):
     """A start of a job, and its end."""
 
     number: int = Field(description="Counts starts, but not those that were put back", examples=[1])
-    worker: str = Field(examples=["worker-0"])
-    started: datetime
-    ended: datetime | None
-    outcome: str | None = Field(description="succeeded, failed, died, interrupted, put back or cancelled")
-    detail: str | None = Field(examples=["killed by signal SIGKILL"])
+    worker: str | None = Field(default=None, examples=["worker-0"])
+    started: datetime | None = None
+    ended: datetime | None = None
+    outcome: str | None = Field(default=None, description="succeeded, failed, died, interrupted, put back or cancelled")
+    detail: str | None = Field(default=None, examples=["killed by signal SIGKILL"])
 
 
 class SummaryView(Figures):
@@ -59,17 +79,18 @@ class RemarkView(BaseModel):
 class PreviewView(Figures):
     """What a plan costs."""
 
-    seconds: dict[str, float] = Field(
+    seconds: dict[str, float] | None = Field(
+        default=None,
         description="Time (s) each part needs by itself: laser, mover, tuning, gate, link, disk",
         examples=[{"laser": 32.0}],
     )
-    laser_seconds: float = Field(description="s")
-    total_seconds: float = Field(description="Time of the scan (s); the parts overlap")
-    limiting: Literal["laser", "mover", "tuning", "gate", "link", "disk"] = Field(
-        description="The part that decides the time"
+    laser_seconds: float | None = Field(default=None, description="s")
+    total_seconds: float | None = Field(default=None, description="Time of the scan (s); the parts overlap")
+    limiting: Literal["laser", "mover", "tuning", "gate", "link", "disk"] | None = Field(
+        default=None, description="The part that decides the time"
     )
-    travel: float = Field(description="Way of the beam (m)")
-    retunings: int = Field(description="How often the bias wavelength changes")
+    travel: float | None = Field(default=None, description="Way of the beam (m)")
+    retunings: int | None = Field(default=None, description="How often the bias wavelength changes")
     bands: int = Field(default=0, description="How many bias wavelengths are set; 0: the scanner's own")
     sensitivity_loss: dict[str, float] = Field(
         default_factory=dict,
@@ -77,20 +98,21 @@ class PreviewView(Figures):
         " the uncertainty of the best ones",
         examples=[{"max": 0.1, "mean": 0.03, "expected": 0.04}],
     )
-    bytes: int = Field(description="Size of the A-lines' samples")
-    findings: list[RemarkView]
+    bytes: int | None = Field(default=None, description="Size of the A-lines' samples")
+    findings: list[RemarkView] | None = None
 
 
 class FitView(Figures):
     """How an iterative reconstruction found its image."""
 
-    iterations: int
-    stopped: str = Field(
-        description="What ended it: discrepancy, change, misfit (another step would not pay) or iterations"
+    iterations: int | None = None
+    stopped: str | None = Field(
+        default=None,
+        description="What ended it: discrepancy, change, misfit (another step would not pay) or iterations",
     )
     products: int | None = Field(default=None, description="Products with the model, or direct reconstructions, in all")
-    misfit: float = Field(description="Of the image, relative to the A-lines")
-    misfits: list[float] = Field(description="After each iteration")
+    misfit: float | None = Field(default=None, description="Of the image, relative to the A-lines")
+    misfits: list[float] | None = Field(default=None, description="After each iteration")
 
 
 class UnevennessView(Figures):
@@ -104,7 +126,7 @@ class UnevennessView(Figures):
 class ReportView(Figures):
     """Figures and provenance of a reconstruction."""
 
-    shape: list[int] = Field(description="Voxels along each axis", examples=[[226, 226, 512]])
+    shape: list[int] | None = Field(default=None, description="Voxels along each axis", examples=[[226, 226, 512]])
     spacing_m: list[float] | None = Field(default=None, description="Distance of voxels along each axis (m)")
     origin_m: list[float] | None = Field(default=None, description="Centre of the first voxel along each axis (m)")
     axes: str | None = Field(default=None, examples=["x, y, z"])
@@ -129,33 +151,35 @@ class ReportView(Figures):
 class SoundSpeedView(Figures):
     """The speed of sound at which an image is sharpest."""
 
-    sound_speeds: list[float] = Field(description="Speeds tried, rising (m/s)")
-    sharpness: list[float] = Field(description="At each of them, normalised")
-    best: float = Field(description="Speed of the maximum (m/s)")
-    standard_error: float | None = Field(description="Of best (m/s), where it was asked for")
-    at_edge: bool = Field(description="Whether the sharpest is the first or last: the range should be moved")
+    sound_speeds: list[float] | None = Field(default=None, description="Speeds tried, rising (m/s)")
+    sharpness: list[float] | None = Field(default=None, description="At each of them, normalised")
+    best: float | None = Field(default=None, description="Speed of the maximum (m/s)")
+    standard_error: float | None = Field(default=None, description="Of best (m/s), where it was asked for")
+    at_edge: bool | None = Field(
+        default=None, description="Whether the sharpest is the first or last: the range should be moved"
+    )
 
 
 class ComparisonView(Figures):
     """How much one volume is like another."""
 
-    figures: dict[str, float | None] = Field(
-        description="Correlations, sharpness and error", examples=[{"volume_correlation": 0.48}]
+    figures: dict[str, float | None] | None = Field(
+        default=None, description="Correlations, sharpness and error", examples=[{"volume_correlation": 0.48}]
     )
 
 
 class ExportView(Figures):
     """What was written for another program."""
 
-    bytes: int = Field(description="Size of the file")
+    bytes: int | None = Field(default=None, description="Size of the file")
 
 
 class ImportView(Figures):
     """What a recording became."""
 
-    scan_id: str
-    plan_id: str
-    mask_id: str
+    scan_id: str | None = None
+    plan_id: str | None = None
+    mask_id: str | None = None
     points: int | None = Field(default=None, description="A-lines that were planned, of all frames")
     stored: int | None = Field(default=None, description="A-lines that are kept")
     fired: int | None = Field(default=None, description="Shots that the scanner fired")
@@ -164,7 +188,7 @@ class ImportView(Figures):
 class ImageView(Figures):
     """The voxels of an image that grows with its scan."""
 
-    shape: list[int] = Field(default_factory=list, examples=[[226, 226, 256]])
+    shape: list[int] | None = Field(default=None, examples=[[226, 226, 256]])
     spacing_m: list[float] | None = Field(default=None, description="Distance of voxels along each axis (m)")
     decimation: int | None = Field(default=None, description="How much coarser than the full image it is in depth")
     modes: int | None = None

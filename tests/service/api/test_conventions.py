@@ -1,5 +1,7 @@
 """Route × header: every address that can be read keeps each convention that it declares, and declares what it keeps."""
 
+import base64
+import hashlib
 import json
 from pathlib import Path
 
@@ -96,7 +98,7 @@ def test_the_table_names_every_address_and_what_the_document_declares():
         sent = declared(operation)
         assert ({"If-None-Match", "If-Match"} <= sent) is (TAG in READS[path]), path
         assert ("304" in operation["responses"]) is (TAG in READS[path]), path
-        assert ({"Range", "If-Range"} <= sent) is (RANGE in READS[path]), path
+        assert ({"Range", "If-Range", "Want-Repr-Digest"} <= sent) is (RANGE in READS[path]), path
         assert ("Prefer" in sent) is (PREFER in READS[path]), path
         assert (len(operation["responses"]["200"]["content"]) > 1) is (ACCEPT in READS[path]), path
     operations = [one for path in DOCUMENT["paths"].values() for method, one in path.items() if method != "get"]
@@ -164,6 +166,10 @@ def check_ranges(client, address, answer):
     assert part.headers["content-range"] == f"bytes 2-5/{size}"
     assert part.headers["etag"] == etag
     assert client.get(address, headers={"Range": "bytes=2-5", "If-Range": '"other"'}).content == answer.content
+    digest = f"sha-256=:{base64.b64encode(hashlib.sha256(answer.content).digest()).decode()}:"
+    for asked in ({}, {"Range": "bytes=2-5"}):
+        told = client.get(address, headers={"Want-Repr-Digest": "sha-256=1"} | asked)
+        assert told.headers["repr-digest"] == digest, "of the whole, also beside a part"
     beyond = client.get(address, headers={"Range": f"bytes={size}-"})
     assert (beyond.status_code, beyond.headers["content-range"]) == (416, f"bytes */{size}")
     assert beyond.json()["code"] == "range-not-satisfiable"

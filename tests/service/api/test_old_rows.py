@@ -1,0 +1,60 @@
+"""What an earlier version noted is shown by this one, as far as it goes, and never as a failure."""
+
+import pytest
+from sqlalchemy import update
+
+from steradian.jobs.ledger import JobLedger
+from steradian.jobs.model import Succeeded
+from steradian.storage.tables import JobRow, PlanRow, ScanRow
+
+EARLIER = {
+    "reconstruction": {
+        "files": ["volume.h5"],
+        "sensors": 60,
+        "fit": {"iterations": 4},
+        "missing": [1, 2],
+        "shots": "ok",
+    },
+    "sound-speed": {"best": 1502.0, "sharpness": [1, 2], "edge": False},
+    "quality": {"correlation": 0.5},
+    "export": {},
+    "import": {"scan_id": "s1"},
+}
+"""Results with less, other and differently written members than today's."""
+
+
+@pytest.mark.parametrize("kind", EARLIER)
+def test_a_job_that_ended_under_an_earlier_version_is_shown(server, http, scan_with_alines, kind):
+    job, ledger = scan_with_alines["reconstruction"]["id"], JobLedger(server.database)
+    ledger.start(job, "w")
+    ledger.settle(job, 1, Succeeded({"shape": [1, 2, 3]}), "w")
+    earlier = EARLIER[kind] | {"odd": {"er": [1]}}
+    attempt = {"number": 1, "worker": "w", "started": "2025-01-01T00:00:00+00:00"}
+    change = {"state": "succeeded", "at": "2025-01-01T00:00:00+00:00"}
+    with server.database.write() as session:
+        about = {"kind": kind, "result": earlier, "attempts": [attempt], "history": [change]}
+        session.execute(update(JobRow).where(JobRow.id == job).values(**about))
+    shown = http.get(f"/jobs/{job}")
+    assert shown.status_code == 200, shown.text
+    assert shown.json()["result"]["odd"] == {"er": [1]}, "what is not known is passed on"
+    for name in ("best", "sensors", "scan_id"):
+        assert shown.json()["result"].get(name) == earlier.get(name)
+    assert shown.json()["history"][0]["state"] == "succeeded"
+    assert http.get(f"/jobs/{job}/attempts").json()["items"][0]["outcome"] is None
+    assert job in [one["id"] for one in http.get("/jobs").json()["items"]]
+    assert job in [one["id"] for one in http.get("/reconstructions").json()["items"]]
+    assert http.get(f"/reconstructions/{job}").status_code == 200
+
+
+def test_plans_and_scans_of_an_earlier_version_are_shown(server, http, plan, scan):
+    old = {"seconds": {"laser": 1.5}, "laser_seconds": 1.5, "limiting": "camera", "findings": ["slow"]}
+    with server.database.write() as session:
+        session.execute(update(PlanRow).where(PlanRow.id == plan["id"]).values(preview=old))
+        session.execute(update(ScanRow).where(ScanRow.id == scan["id"]).values(summary={"points": "many", "ok": 3}))
+    shown = http.get(f"/plans/{plan['id']}").json()["preview"]
+    assert (shown["seconds"], shown["limiting"], shown["bytes"]) == ({"laser": 1.5}, None, None)
+    assert http.get(f"/scans/{scan['id']}").json()["summary"]["ok"] == 3
+    for noun in ("plans", "scans"):
+        assert http.get(f"/{noun}").status_code == 200
+    with server.database.write() as session:
+        session.execute(update(PlanRow).where(PlanRow.id == plan["id"]).values(preview=plan["preview"]))
