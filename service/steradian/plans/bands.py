@@ -143,8 +143,8 @@ def banded(positions: Array, optima: Array, fringe: Fringe, loss: float, pace: P
     """
     from steradian.plans.tour import group_by_group, shortest
 
-    near = (pace.tuning.tolerance, pace.tuning.tolerance)
-    reaches = [near, fringe.reach(loss)] if min(fringe.reach(loss)) > 0 else [near]
+    tolerance, allowed = pace.tuning.tolerance, fringe.reach(loss)
+    reaches = [(min(tolerance, allowed[0]), min(tolerance, allowed[1])), allowed] if loss else [(tolerance, tolerance)]
 
     def seconds(one: Tuned) -> float:
         return pace.seconds(positions[one.visit], one.bias[one.visit])
