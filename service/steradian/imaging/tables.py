@@ -19,6 +19,7 @@ from steradian.imaging.transforms.decimation import Decimation, decimation
 from steradian.imaging.transforms.depth import Interpolation, KappaRule, exact, simple
 from steradian.imaging.transforms.lateral import Lateral, filled, grid_of, gridded, non_uniform
 from steradian.imaging.transforms.sizes import lateral_grid
+from steradian.ranges import real
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,7 +125,9 @@ def model_tables(geometry: Geometry, chosen: Parameters) -> Tables:
     time = exact(geometry.samples, geometry.record, window, share, 0.05 * tolerance)
     band = 0.5 * geometry.record
     if chosen.highest_frequency is not None:
-        band = min(band, float(chosen.highest_frequency) * geometry.sampling_interval * geometry.record)
+        allowed = 'a frequency above 0 Hz, or None; "signal" is for reconstruct()'
+        highest = real("highest_frequency", chosen.highest_frequency, allowed)
+        band = min(band, highest * geometry.sampling_interval * geometry.record)
     rule = _rule(geometry, time, band, "both", chosen.correction and _Turned(chosen.correction.response))
     return Tables(geometry, "nedner", chosen.precision, lateral, time, rule)
 
