@@ -190,7 +190,7 @@ def test_wrong_input_is_refused_and_work_is_cancelled() -> None:
         operator.forward(np.zeros((2, 2, 2)))
     with pytest.raises(InvalidInput, match="highest_frequency"):
         ForwardOperator(np.zeros((1, 2)), aperture=1e-2, modes=12, highest_frequency=0.0, **SETTING)
-    with pytest.raises(InvalidInput, match="highest_frequency is signal"):
+    with pytest.raises(InvalidInput, match="highest_frequency is 'signal'"):
         ForwardOperator(np.zeros((1, 2)), aperture=1e-2, modes=12, highest_frequency="signal", **SETTING)
     with pytest.raises(Cancelled):
         operator.forward(np.zeros(operator.volume_shape), cancelled=lambda: True)
