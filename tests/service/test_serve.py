@@ -106,7 +106,7 @@ def test_the_whole_walk_an_end_and_a_second_start(tmp_path, start):
     service.http.put(f"/scans/{running['id']}/desired-state", json={"state": "stopped"}).raise_for_status()
     until(lambda: service.read(f"/scans/{running['id']}")["state"] == "partial")
     assert service.read(f"/scans/{running['id']}")["summary"]["stored"] > 0
-    until(lambda: httpx.get(f"{service.url}/readyz").status_code == 200)
+    until(lambda: httpx.get(f"{service.url}/readyz", timeout=90).status_code == 200)
 
     # A child that is killed is started again; a killed supervisor takes every process with it.
     processes = tree_of(service.process.pid)

@@ -17,9 +17,11 @@ def talk(tmp_path_factory):
     api = ApiProcess(tmp_path_factory.mktemp("logs"), log_format="json", log_level="DEBUG").wait()
     url = api.url
     answers = [
-        httpx.get(f"{url}/api/v1/scans/none", headers={"X-Request-ID": "mine-1"}),
-        httpx.get(f"{url}/api/v1/scans?ticket=secret-ticket", headers={"X-Request-ID": "bad id\x7f".strip("\x7f")}),
-        httpx.get(f"{url}/healthz"),
+        httpx.get(f"{url}/api/v1/scans/none", headers={"X-Request-ID": "mine-1"}, timeout=90),
+        httpx.get(
+            f"{url}/api/v1/scans?ticket=secret-ticket", headers={"X-Request-ID": "bad id\x7f".strip("\x7f")}, timeout=90
+        ),
+        httpx.get(f"{url}/healthz", timeout=90),
     ]
     api.close()
     return answers, [json.loads(line) for line in api.log.splitlines()]

@@ -23,7 +23,7 @@ def test_the_root_says_what_the_service_is_and_its_links_lead_somewhere(server, 
     assert (root["name"], root["mode"]) == ("steradian", "simulated")
     assert root["limits"]["mask_points"] == 5000
     for link in root["links"].values():
-        with httpx.stream("GET", server.url + link) as answer:
+        with httpx.stream("GET", server.url + link, timeout=90) as answer:
             assert answer.status_code in (200, 503)
 
 
@@ -219,7 +219,7 @@ def test_a_reconstruction_is_queued_before_there_is_a_worker_and_can_be_cancelle
 
 
 def test_ready_names_what_is_missing(server):
-    answer = httpx.get(f"{server.url}/readyz")
+    answer = httpx.get(f"{server.url}/readyz", timeout=90)
     checks = answer.json()["checks"]
     assert answer.status_code == 503
     assert checks["database"]

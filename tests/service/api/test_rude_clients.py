@@ -144,7 +144,7 @@ def check_streams(server, connect):
 def test_strange_methods_are_no_series_of_their_own(server):
     for number in range(5):
         httpx.request(f"STRANGE{number}", f"{server.url}/api/v1/masks")
-    assert "STRANGE" not in httpx.get(f"{server.url}/metrics").text
+    assert "STRANGE" not in httpx.get(f"{server.url}/metrics", timeout=90).text
 
 
 def test_a_stream_ends_when_its_key_is_revoked(tmp_path):
@@ -154,14 +154,14 @@ def test_a_stream_ends_when_its_key_is_revoked(tmp_path):
     try:
         server.wait()
         url, mine = f"{server.url}/api/v1", {"Authorization": f"Bearer {key}"}
-        ticket = httpx.post(f"{url}/tickets", headers=mine).json()["ticket"]
+        ticket = httpx.post(f"{url}/tickets", headers=mine, timeout=90).json()["ticket"]
         with ExitStack() as stack:
             by_key = stack.enter_context(httpx.stream("GET", f"{url}/events", headers=mine, timeout=WAIT))
             by_ticket = stack.enter_context(httpx.stream("GET", f"{url}/events?ticket={ticket}", timeout=WAIT))
             keys.revoke(keys.list()[0].id)
             for stream in (by_key, by_ticket):
                 assert "event: ready" in list(stream.iter_lines()), "it ends"
-        assert httpx.get(f"{url}/masks", headers=mine).status_code == 401
+        assert httpx.get(f"{url}/masks", headers=mine, timeout=90).status_code == 401
     finally:
         server.close()
     assert "Traceback" not in server.log

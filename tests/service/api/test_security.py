@@ -245,7 +245,10 @@ def test_a_setting_demands_keys_on_the_loopback_too(tmp_path):
     server = api_of(tmp_path / "data", require_key=True, api_key=key)
     try:
         server.wait()
-        asked = [httpx.get(f"{server.url}/api/v1/masks", headers=h) for h in ({}, {"Authorization": f"Bearer {key}"})]
+        asked = [
+            httpx.get(f"{server.url}/api/v1/masks", headers=h, timeout=90)
+            for h in ({}, {"Authorization": f"Bearer {key}"})
+        ]
         assert [answer.status_code for answer in asked] == [401, 200]
     finally:
         server.close()

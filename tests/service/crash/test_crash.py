@@ -149,7 +149,7 @@ def workers_of(service, names):
 
 
 def read_scan(url, scan_id):
-    return httpx.get(f"{url}/api/v1/scans/{scan_id}").json()
+    return httpx.get(f"{url}/api/v1/scans/{scan_id}", timeout=90).json()
 
 
 def shots(service, scan_id):

@@ -33,7 +33,7 @@ def read_events(lines):
 
 class Listener:
     def __init__(self, url):
-        self.http = httpx.Client()
+        self.http = httpx.Client(timeout=90)
         self.url, self.last, self.seen, self.progress, self.resets = f"{url}/api/v1/events", None, [], [], 0
 
     def listen_for(self, seconds):
@@ -67,7 +67,7 @@ def test_fifty_cuts_during_a_scan_and_ten_jobs(service, capsys):
     for cut in range(CUTS):
         listener.listen_for(0.05 + 0.01 * (cut % 10))
     service.until(lambda: all(service.queue.status(name).is_over for name in names), 60)
-    service.until(lambda: httpx.get(f"{service.url}/api/v1/scans/{scan}").json()["state"] == "complete", 60)
+    service.until(lambda: httpx.get(f"{service.url}/api/v1/scans/{scan}", timeout=90).json()["state"] == "complete", 60)
     logged = [
         (event.sequence, event.kind, event.resource_id, event.data["state"])
         for event in EventLog(service.queue.ledger.database).after(int(listener.seen[0][0]) - 1, 10_000)
