@@ -50,6 +50,8 @@ UPLOADS_KEPT = timedelta(days=1)
 MEASURED_FOR = timedelta(seconds=10)
 """How long a look at the folder tells those who only want to know."""
 RECONCILE_EVERY, TIDY_EVERY, REOPEN_EVERY = 1.0, 600.0, 5.0
+CARETAKERS_END = 5.0
+"""Seconds that an ending service waits for what looks after it: a database may be down."""
 
 
 class Services:
@@ -84,18 +86,21 @@ class Services:
         self._queue: JobQueue | None = None
         self._opened = threading.Event()
         self._over = threading.Event()
+        self._caretaker = threading.Thread(target=self._look_after, daemon=True)
 
     def open(self) -> None:
         """Begin to open the queue and to look after it."""
         self.scanner.ensure(simulated=self.settings.simulated)
         self.emergency.open()
-        threading.Thread(target=self._look_after, daemon=True).start()
+        self._caretaker.start()
 
     def close(self) -> None:
         """Close the connections."""
         self._over.set()
         self.workshop.close()
         self.emergency.close()
+        if self._caretaker.is_alive():
+            self._caretaker.join(CARETAKERS_END)  # what it did afterwards would open connections that nobody closes
         if self._queue is not None:
             self._queue.close()
         self.database.close()

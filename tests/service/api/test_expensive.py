@@ -168,6 +168,24 @@ def test_the_processes_of_a_service_without_work_end(server, monkeypatch):
         services.close()
 
 
+def test_a_service_ends_after_what_looks_after_it(server, monkeypatch):
+    """Else that opens connections anew which nothing closes."""
+    services, begun, ended = Services(server.settings), threading.Event(), threading.Event()
+
+    def reconcile(_):
+        begun.set()
+        services._over.wait(60)
+        time.sleep(0.3)
+        services.ledger.unfinished()
+        ended.set()
+
+    monkeypatch.setattr("steradian.jobs.engine.JobQueue.reconcile", reconcile)
+    services.open()
+    assert begun.wait(90)
+    services.close()
+    assert ended.is_set()
+
+
 def resident(server):
     """Memory of the API's process in MiB."""
     return int(Path(f"/proc/{server.process.pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
