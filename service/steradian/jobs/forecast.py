@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Hashable
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from statistics import median
-from typing import Final
+from typing import Any, Final
 
 from sqlalchemy import func, select, tuple_
 from sqlalchemy.orm import Session
@@ -98,7 +98,7 @@ class _Pace:
         """Tell how long a job will take; ``None`` when too few like it were done, or it follows a scan."""
         if row.kind in FOLLOWING:
             return None
-        taken = self._of_kind(row.kind).get(_sort(row), [])
+        taken = self._of_kind(row.kind).get(_sort(row.payload, row.promised), [])
         return median(taken) if len(taken) >= FEWEST else None
 
     def end_of(self, row: JobRow) -> datetime | None:
@@ -111,16 +111,19 @@ class _Pace:
     def _of_kind(self, kind: str) -> dict[Hashable, list[float]]:
         if kind not in self._past:
             found: dict[Hashable, list[float]] = {}
-            query = select(JobRow).where(JobRow.kind == kind, JobRow.state == _R.SUCCEEDED)
-            for row in self._session.scalars(query.order_by(JobRow.sequence.desc()).limit(PAST)):
-                last = row.attempts[-1]
-                begun, ended = (datetime.fromisoformat(last[name]) for name in ("started", "ended"))
-                found.setdefault(_sort(row), []).append((ended - begun).total_seconds())
+            # Columns, no rows: one that ran when this session read it would be given again as it was then.
+            query = select(JobRow.payload, JobRow.promised, JobRow.attempts)
+            query = query.where(JobRow.kind == kind, JobRow.state == _R.SUCCEEDED)
+            for payload, promised, attempts in self._session.execute(
+                query.order_by(JobRow.sequence.desc()).limit(PAST)
+            ):
+                begun, ended = (datetime.fromisoformat(attempts[-1][name]) for name in ("started", "ended"))
+                found.setdefault(_sort(payload, promised), []).append((ended - begun).total_seconds())
             self._past[kind] = found
         return self._past[kind]
 
 
-def _sort(row: JobRow) -> Hashable:
+def _sort(payload: Mapping[str, Any], promised: int) -> Hashable:
     """Tell which jobs of a kind take about as long: the same method and format, about as much to write."""
-    parameters = row.payload.get("parameters") or {}
-    return parameters.get("method"), row.payload.get("format"), round(math.log2(row.promised + 1))
+    parameters = payload.get("parameters") or {}
+    return parameters.get("method"), payload.get("format"), round(math.log2(promised + 1))

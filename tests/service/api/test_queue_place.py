@@ -4,9 +4,12 @@ from datetime import UTC, datetime, timedelta
 
 import httpx
 import pytest
+from sqlalchemy import select
 
+from steradian.jobs.forecast import forecast
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import Succeeded
+from steradian.storage.tables import JobRow
 
 from .conftest import api_of, make_scan
 
@@ -106,6 +109,16 @@ def test_the_end_is_told_from_what_such_jobs_took(http, jobs, ledger, clock):
     # 10.5 s is the median; the second began 4 s after the first
     assert [ends(job) for job in (*running, third, fourth, fifth)] == [10.5, 14.5, 21, 25, 31.5]
     assert [place(http, job)["position"] for job in (*running, third)] == [None, None, 1]
+
+
+def test_a_job_may_end_while_the_end_is_worked_out(server, jobs, ledger):
+    """On PostgreSQL a job that has been read as running is among those that are done a moment later."""
+    running, waiting = jobs(), jobs()
+    ledger.start(running, "w")
+    with server.database.read() as session:
+        read = session.scalars(select(JobRow).where(JobRow.id == running)).all()
+        ledger.settle(running, read[0].fence, Succeeded({"bytes": 1}), "w")
+        assert forecast(session, waiting, 2, datetime.now(UTC)).position == 1
 
 
 def test_what_is_overdue_has_no_expected_end(http, jobs, ledger, clock):
