@@ -57,8 +57,10 @@ def hold_needs(session: Session, *requests: Mapping[str, Any]) -> None:
     through = [request["through"]["mask_id"] for request in requests if request.get("through") is not None]
     for mask in sorted(set(through)):
         hold(session, "mask", mask)
-    for name, kind in _READ.items():
-        for identifier in sorted({request[name] for request in requests if request.get(name) is not None}):
+    for kind in ("scan", "reconstruction"):
+        names = [name for name, read in _READ.items() if read == kind]
+        asked = {request[name] for request in requests for name in names if request.get(name) is not None}
+        for identifier in sorted(asked):
             hold(session, kind, identifier)
 
 
@@ -70,13 +72,18 @@ def needed(session: Session) -> set[str]:
 
 
 def closure(session: Session, first: Resource) -> list[Resource]:
-    """Find all that depends on a thing, itself first; nothing can come to depend on it until the transaction ends."""
-    found = [first]
-    for one in found:
-        table = TABLES[one.kind]
-        session.execute(select(table.id).where(table.id == one.id).with_for_update())
-        found += [other for other in _dependents(session, one) if other not in found]
-    return found
+    """Find all that depends on a thing, itself first; nothing can come to depend on it until the transaction ends.
+
+    All of a kind are held before any of the next, by their names: or two deletions could wait for each other.
+    """
+    found = {first: None}
+    for kind, table in TABLES.items():
+        those = [one for one in found if one.kind == kind]
+        held = select(table.id).where(table.id.in_([one.id for one in those])).order_by(table.id)
+        session.execute(held.with_for_update())
+        for one in those:
+            found |= dict.fromkeys(_dependents(session, one))
+    return list(found)
 
 
 def _dependents(session: Session, of: Resource) -> list[Resource]:

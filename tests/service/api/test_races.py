@@ -182,6 +182,25 @@ def test_a_deletion_and_what_is_made_never_wait_for_each_other(bench, path, look
 
 
 @pytest.mark.parametrize("bench", [pytest.param("postgres", marks=pytest.mark.long)], indirect=True)
+def test_deletions_that_share_dependents_never_wait_for_each_other(bench):
+    """A what-if depends on its mask and on its scan: who deletes the mask holds it only when all scans are held."""
+    scan = bench.scan()
+    mask = bench.services.scans.get(scan).mask_id
+    bench.make("/reconstructions", scan_id=scan, through={"mask_id": mask}, parameters=SMALL)
+    answers = []
+    deleting = threading.Thread(
+        target=lambda: answers.append(bench.ask("DELETE", f"/masks/{mask}", params={"dependents": "true"}))
+    )
+    with bench.services.database.write() as session:
+        session.execute(select(ScanRow.id).where(ScanRow.id == scan).with_for_update())  # a deletion begins so
+        deleting.start()
+        wait_for_a_lock(session)
+        assert len(closure(session, Resource("scan", scan))) == 2
+    deleting.join(60)
+    assert (answers[0].status_code, answers[0].json()["code"]) == (409, "in-use"), answers[0].text
+
+
+@pytest.mark.parametrize("bench", [pytest.param("postgres", marks=pytest.mark.long)], indirect=True)
 def test_an_emergency_stop_and_a_wish_to_go_on_never_wait_for_each_other(bench):
     scan, services = bench.make("/scans", plan_id=bench.plan()), bench.services
     for state in (ScanState.ARMING, ScanState.RUNNING):
