@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 import re
 from pathlib import Path
 
@@ -167,6 +168,13 @@ def test_the_page_counts_every_claim_and_so_does_the_readme(committed) -> None:
     assert counted in readme_block(committed)
     shown = [line for line in page(committed).split("## In short")[1].split("## ")[0].splitlines() if "| " in line]
     assert len(shown) == len(claims) + 1
+
+
+def test_what_was_not_measured_is_no_claim(committed) -> None:
+    """Neither one that holds nor one that does not."""
+    for claim in claims_of(committed):
+        assert any(letter.isdigit() for letter in claim.ours), claim
+        assert all(math.isfinite(run) for run in claim.runs), claim
 
 
 def test_numbers_are_written_for_people() -> None:
