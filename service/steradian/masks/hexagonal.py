@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
+from steradian.errors import InvalidInput
 from steradian.imaging import outlines
 from steradian.imaging.outlines import Outline
 from steradian.masks.aim import COUNT, Aimed, along, check_either, nearness
@@ -17,6 +18,9 @@ from steradian.masks.mask import Mask
 from steradian.masks.weights import Weighting, weights_for
 from steradian.ranges import LENGTH
 from steradian.validation import quantity
+
+MOST_BUILT = 4096**2
+"""Points, as many as the largest grid has."""
 
 
 class Hexagonal(Aimed):
@@ -48,6 +52,9 @@ class Hexagonal(Aimed):
         """Place the points."""
         if self.interval is None:
             return self.replace(interval=self.lattice, count=None).build()
+        least = self.aperture * sqrt(2 / sqrt(3) / MOST_BUILT)
+        if self.interval < least:
+            raise InvalidInput("interval", self.interval, f"at least {least:.3g} (m), {MOST_BUILT:,} points")
         half = self.aperture / 2
         rise = self.interval * sqrt(3) / 2
         rows = np.arange(-floor(half / rise), floor(half / rise) + 1)

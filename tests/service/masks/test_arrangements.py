@@ -171,3 +171,10 @@ def test_bad_parameters_name_field_and_range(build, field, allowed):
         build()
     assert refused.value.field == field
     assert allowed in refused.value.allowed
+
+
+@pytest.mark.parametrize("interval", [1e-9, 1e-300])
+def test_a_lattice_that_no_memory_holds_is_refused_by_its_interval(interval):
+    """As many points as the largest grid has are allowed."""
+    with pytest.raises(InvalidInput, match=r"interval .* at least 2\.\d+e-06 \(m\)"):
+        hexagonal_mask(1e-2, interval)
