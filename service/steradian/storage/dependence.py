@@ -75,14 +75,24 @@ def closure(session: Session, first: Resource) -> list[Resource]:
     """Find all that depends on a thing, itself first; nothing can come to depend on it until the transaction ends.
 
     All of a kind are held before any of the next, by their names: or two deletions could wait for each other.
+
+    Raises
+    ------
+    NotFound
+        When it was deleted just now.
     """
     found = {first: None}
     for kind, table in TABLES.items():
         those = [one for one in found if one.kind == kind]
-        held = select(table.id).where(table.id.in_([one.id for one in those])).order_by(table.id)
-        session.execute(held.with_for_update())
+        holding = select(table.id).where(table.id.in_([one.id for one in those])).order_by(table.id)
+        held = set(session.scalars(holding.with_for_update()))
         for one in those:
-            found |= dict.fromkeys(_dependents(session, one))
+            if one.id in held:
+                found |= dict.fromkeys(_dependents(session, one))
+            else:  # another deletion was first
+                del found[one]
+    if first not in found:
+        raise NotFound(first.kind, first.id)
     return list(found)
 
 

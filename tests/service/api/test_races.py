@@ -201,6 +201,27 @@ def test_deletions_that_share_dependents_never_wait_for_each_other(bench):
 
 
 @pytest.mark.parametrize("bench", [pytest.param("postgres", marks=pytest.mark.long)], indirect=True)
+@pytest.mark.parametrize(("kind", "status"), [("reconstruction", 404), ("mask", 204)])
+def test_what_another_deletion_has_taken_meanwhile_is_gone(bench, kind, status):
+    services, scan = bench.services, bench.scan()
+    mask = services.scans.get(scan).mask_id
+    image = bench.make("/reconstructions", scan_id=scan, through={"mask_id": mask}, parameters=SMALL)
+    services.ledger.settle(image, services.ledger.start(image, "test").fence, Succeeded({}), "test")
+    first = mask if kind == "mask" else image
+    answers = []
+    deleting = threading.Thread(
+        target=lambda: answers.append(bench.ask("DELETE", f"/{kind}s/{first}", params={"dependents": "true"}))
+    )
+    with services.database.write() as session:
+        going = closure(session, Resource("reconstruction", image))
+        deleting.start()
+        wait_for_a_lock(session)
+        services.deletion.forget(session, going, "ada", "requested")
+    deleting.join(60)
+    assert answers[0].status_code == status, answers[0].text
+
+
+@pytest.mark.parametrize("bench", [pytest.param("postgres", marks=pytest.mark.long)], indirect=True)
 def test_an_emergency_stop_and_a_wish_to_go_on_never_wait_for_each_other(bench):
     scan, services = bench.make("/scans", plan_id=bench.plan()), bench.services
     for state in (ScanState.ARMING, ScanState.RUNNING):
