@@ -18,7 +18,7 @@ from fabry_perot.host import Plan
 from fabry_perot.simulator import phantoms
 from fabry_perot.simulator.film import Response
 from fabry_perot.simulator.instrument import PhantomInstrument
-from fabry_perot.wire.codes import AbortLevel, Operation
+from fabry_perot.wire.codes import FLAG_GATE, AbortLevel, Operation
 from fabry_perot.wire.messages import POINT
 from fabry_perot.wire.states import DeviceState
 
@@ -157,6 +157,17 @@ def test_whatever_a_part_raises_is_a_fault_of_that_part(part, monkeypatch):
     with pytest.raises(InstrumentError, match="no answer on the bus") as caught:
         act()
     assert caught.value.fault == fault
+
+
+def test_a_laser_that_cannot_wait_for_the_gate_it_claims_is_a_fault_of_the_laser(monkeypatch):
+    instrument = ready()
+    monkeypatch.delattr(type(instrument.excitation), "fire_at_gate")
+    flagged = points(3)
+    flagged["flags"] |= FLAG_GATE
+    instrument.queue(0, flagged, 0)
+    with pytest.raises(InstrumentError, match="fire_at_gate") as caught:
+        run(instrument, 10_000)
+    assert caught.value.fault == FAULT_EXCITATION
 
 
 def test_a_digitiser_that_misses_a_trigger_is_a_fault_and_no_shot_is_counted_to_the_wrong_point(monkeypatch):

@@ -118,6 +118,10 @@ class Plan(Answer):
     order: str
     frames: int = 1
     excitation: list[float] = Field(default_factory=list)
+    gate: str = "none"
+    gate_rate: float = 1.0
+    max_sensitivity_loss: float = 0.0
+    wavelength_uncertainty: float = 0.0
     preview: dict[str, Any]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from typing import Any, ParamSpec, TypeVar, cast
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -239,8 +239,8 @@ class Apparatus(Instrument):
         self._pulses, self._firing = self.shots() + pulses, True
         self._ask(FAULT_DIGITISER, self.digitiser.arm, pulses, now)
         if int(self._block[0][1]["flags"]) & FLAG_GATE:
-            gated = cast(GatedLaser, self.excitation)
-            self._ask(FAULT_EXCITATION, gated.fire_at_gate, pulses, now)
+            fire_at_gate = self._ask(FAULT_EXCITATION, getattr, self.excitation, GatedLaser.fire_at_gate.__name__)
+            self._ask(FAULT_EXCITATION, fire_at_gate, pulses, now)
         else:
             self._ask(FAULT_EXCITATION, self.excitation.fire, pulses, now)
 

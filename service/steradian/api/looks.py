@@ -37,14 +37,17 @@ class Looks(Generic[Question, Answer]):
         return await asyncio.shield(self._asked[question])
 
     async def _answer(self) -> None:
-        while self._asked:
-            asked, self._asked = self._asked, {}
-            try:
-                found = await asyncio.get_running_loop().run_in_executor(self._thread, self._look, tuple(asked))
-            except Exception as error:
-                for future in asked.values():
-                    future.set_exception(error)
-            else:
-                for question, future in asked.items():
-                    future.set_result(found[question])
-        self._task = None
+        try:
+            while self._asked:
+                asked, self._asked = self._asked, {}
+                try:
+                    found = await asyncio.get_running_loop().run_in_executor(self._thread, self._look, tuple(asked))
+                    answers = {question: found[question] for question in asked}
+                except Exception as error:
+                    for future in asked.values():
+                        future.set_exception(error)
+                else:
+                    for question, future in asked.items():
+                        future.set_result(answers[question])
+        finally:
+            self._task = None  # however it ended, who asks next is answered

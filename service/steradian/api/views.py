@@ -143,6 +143,10 @@ class PlanView(BaseModel):
     order: VisitOrder
     frames: int = Field(default=1, description="How often the mask is measured at each excitation wavelength")
     excitation: list[float] = Field(default_factory=list, description="Excitation wavelengths (m)", examples=[[7.5e-7]])
+    gate: str = Field(default="none", description="What waits for an edge at the scanner's gate input: frame or point")
+    gate_rate: float = Field(default=1.0, description="Expected edges a second (Hz)")
+    max_sensitivity_loss: float = Field(default=0.0, description="Share a point may lose to save a retuning")
+    wavelength_uncertainty: float = Field(default=0.0, description="Of the points' best wavelengths (m)")
     preview: PreviewView = Field(description="What it costs")
     created: datetime
     links: dict[str, str] = Field(examples=[{"self": "/api/v1/…"}])

@@ -96,6 +96,7 @@ def test_a_plan_takes_a_tuning_map_and_states_what_its_bands_lose(http, mask):
     body |= {"tuning_map": {"positions": points, "wavelengths": best}, "tuning": {"settling": 0.03, "speed": 1}}
     answer = http.post("/plans", json=body, timeout=300)  # the search is compiled, beside all else
     assert answer.status_code == 201, answer.text
+    assert http.get(f"/plans/{answer.json()['id']}").json()["max_sensitivity_loss"] == 0.1
     cost = answer.json()["preview"]
     assert 0.05 < cost["sensitivity_loss"]["max"] <= 0.1
     assert cost["retunings"] == cost["bands"] - 1 < 40

@@ -5,7 +5,9 @@ import threading
 import uuid
 
 import httpx
+import pytest
 
+from steradian.api.looks import Looks
 from steradian.api.stamps import Stamps, question_of
 from steradian.api.together import LARGEST, MOST_KEPT, Together
 from steradian.jobs.ledger import JobLedger
@@ -209,3 +211,19 @@ def test_stamps_that_are_asked_for_together_cost_one_look(server, mask):
         assert found[0][0] == mask["id"]
 
     asyncio.run(run())
+
+
+def test_a_look_that_forgets_somebody_leaves_nobody_without_an_answer():
+    forgotten = {1}
+
+    def look(questions):
+        return {question: question for question in questions if question not in forgotten}
+
+    async def everybody():
+        looks = Looks(look)
+        with pytest.raises(KeyError):
+            await asyncio.wait_for(looks.ask(1), 60)
+        forgotten.clear()
+        return await asyncio.wait_for(asyncio.gather(looks.ask(1), looks.ask(2)), 60)
+
+    assert asyncio.run(everybody()) == [1, 2]
