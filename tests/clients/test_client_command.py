@@ -56,7 +56,7 @@ def test_the_main_job_from_a_shell(run, tmp_path):
 
 
 def test_lists_are_filtered_by_options(run):
-    made = run("mask", "create", "grid", "aperture=0.01", "count=3", "interval=1e-3", "--json")
+    made = run("mask", "create", "grid", "aperture=0.01", "count=3", "interval=1.7e-3", "--json")  # nobody else's
     plan = run("plan", "create", made["id"], "samples=200", "--json")
     assert [one["id"] for one in run("plan", "list", "--mask", made["id"], "--json")] == [plan["id"]]
     scan = run("scan", "create", plan["id"], "phantom=leaf", "--json")

@@ -26,7 +26,7 @@ from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url, take_turns
 from steradian.storage.deletion import Deletion, remove_files, waiting_import
 from steradian.storage.dependence import Resource, hold_needs, needed
-from steradian.storage.disk import ROOM_LOCK, Arrivals, Disk, Measured, importing_job_id, promised
+from steradian.storage.disk import ROOM_LOCK, Arrivals, Disk, Measured, importing_job_id, promised, written
 from steradian.storage.emergency import EmergencyLatch
 from steradian.storage.events import EventLog
 from steradian.storage.idempotency import Answers
@@ -126,7 +126,9 @@ class Services:
     def measure(self) -> Measured:
         """Count what the folder holds, where that matters, which may take long: no transaction should wait for it."""
         at, came = self.clock(), self.arrivals.came
-        self._measured = Measured(self.disk.used if self.disk.quota is not None else 0, at, came)
+        with self.database.read() as session:
+            before = written(session, self.data)  # before the walk: what comes after it is not in there
+        self._measured = Measured(self.disk.used if self.disk.quota is not None else 0, at, came, before)
         return self._measured
 
     @property
@@ -153,7 +155,7 @@ class Services:
             With what is needed, what is there and what of it is promised.
         """
         take_turns(session, ROOM_LOCK)  # else none of two that come at once sees what the other is promised
-        taken = promised(session, self.data, measured.at) + self.arrivals.awaited
+        taken = promised(session, self.data, measured) + self.arrivals.awaited
         disk = replace(self.disk, reserve=0) if for_scan else self.disk
         disk.require(need, what, taken, measured.used + self.arrivals.came - measured.came)
 

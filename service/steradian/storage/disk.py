@@ -5,19 +5,19 @@ from __future__ import annotations
 import os
 import shutil
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from sqlalchemy import or_, select
+from sqlalchemy import ColumnElement, or_, select
 from sqlalchemy.orm import Session
 
 from steradian.errors import DiskFull
 from steradian.plans.preview import BYTES_PER_ALINE, BYTES_PER_SAMPLE
 from steradian.storage.paths import DataDirectory
-from steradian.storage.states import ReconstructionState, is_terminal
+from steradian.storage.states import ReconstructionState
 from steradian.storage.tables import JobRow, PlanRow, ScanRow
 
 ROOM_LOCK = 0x57E2AD1C
@@ -88,12 +88,22 @@ class Disk:
 
 
 @dataclass(frozen=True)
+class Written:
+    """What had been written of what was promised: bytes of each job that runs, and scans that have their file."""
+
+    jobs: Mapping[str, int]
+    scans: frozenset[str]
+
+
+@dataclass(frozen=True)
 class Measured:
-    """What a data folder held: bytes, when they were begun to be counted, and what had come of uploads until then."""
+    """What a data folder held: bytes, when they were begun to be counted, and what had come by then."""
 
     used: int
     at: datetime
     came: int
+    """Bytes of uploads."""
+    written: Written
 
 
 class Arrivals:
@@ -153,29 +163,40 @@ def scan_bytes(plan: PlanRow) -> int:
     return samples + alines * BYTES_PER_ALINE
 
 
-def promised(session: Session, data: DataDirectory, since: datetime | None = None) -> int:
+def promised(session: Session, data: DataDirectory, measured: Measured | None = None) -> int:
     """Return the bytes that scans and jobs which wait or run will still write, by what they were let in with.
 
     A scan's file has its full size from the start.
 
     Parameters
     ----------
-    since
-        When the folder was looked at; what ended since then may have written all of its bytes afterwards.
+    measured
+        What the folder held when it was looked at: what was written since is not in there, and so still promised.
     """
-    going = JobRow.ended.is_(None) if since is None else or_(JobRow.ended.is_(None), JobRow.ended > since)
-    query = select(JobRow.id, JobRow.kind, JobRow.state, JobRow.promised).where(going, JobRow.promised > 0)
-    scans = select(ScanRow.id, PlanRow).join(PlanRow, PlanRow.id == ScanRow.plan_id).where(ScanRow.ended.is_(None))
-    files = ((data.scan_file(scan), plan) for scan, plan in session.execute(scans))
-    total = sum(scan_bytes(plan) for file, plan in files if not file.exists())
-    for job_id, kind, state, most in session.execute(query):
-        there = 0
-        if not is_terminal(state) and state is not ReconstructionState.QUEUED:
-            there = size_of(data.job(job_id).root)
+    before = written(session, data) if measured is None else measured.written
+    jobs = select(JobRow.id, JobRow.promised).where(_going(JobRow, measured), JobRow.promised > 0)
+    scans = select(ScanRow.id, PlanRow).join(PlanRow, PlanRow.id == ScanRow.plan_id).where(_going(ScanRow, measured))
+    total = sum(scan_bytes(plan) for scan, plan in session.execute(scans) if scan not in before.scans)
+    return total + sum(max(0, most - before.jobs.get(job_id, 0)) for job_id, most in session.execute(jobs))
+
+
+def written(session: Session, data: DataDirectory) -> Written:
+    """Look at what jobs that run and scans that are not over have written."""
+    jobs = select(JobRow.id, JobRow.kind, JobRow.state).where(JobRow.ended.is_(None), JobRow.promised > 0)
+    sizes = {}
+    for job_id, kind, state in session.execute(jobs):
+        if state is not ReconstructionState.QUEUED:
+            sizes[job_id] = size_of(data.job(job_id).root)
             if kind == "import":  # it writes its scan where scans are
-                there += sum(map(_size, (data.root / "scans").glob(f"{imported_scan_id(job_id)}.h5*")))
-        total += max(0, most - there)
-    return total
+                scan = (data.root / "scans").glob(f"{imported_scan_id(job_id)}.h5*")
+                sizes[job_id] += sum(map(_size, scan))
+    scans = session.scalars(select(ScanRow.id).where(ScanRow.ended.is_(None)))
+    return Written(sizes, frozenset(scan for scan in scans if data.scan_file(scan).exists()))
+
+
+def _going(row: type[JobRow] | type[ScanRow], measured: Measured | None) -> ColumnElement[bool]:
+    """Tell what is not over, or was not when the folder was looked at."""
+    return row.ended.is_(None) if measured is None else or_(row.ended.is_(None), row.ended > measured.at)
 
 
 def imported_scan_id(job_id: str) -> str:

@@ -46,7 +46,8 @@ def test_a_job_that_ended_under_an_earlier_version_is_shown(server, http, scan_w
     assert http.get(f"/reconstructions/{job}").status_code == 200
 
 
-def test_plans_and_scans_of_an_earlier_version_are_shown(server, http, plan, scan):
+def test_plans_and_scans_of_an_earlier_version_are_shown(server, http, mask, scan):
+    plan = http.post("/plans", json={"mask_id": mask["id"], "samples": 263}).json()  # read by nobody before
     old = {"seconds": {"laser": 1.5}, "laser_seconds": 1.5, "limiting": "camera", "findings": ["slow"]}
     with server.database.write() as session:
         session.execute(update(PlanRow).where(PlanRow.id == plan["id"]).values(preview=old))

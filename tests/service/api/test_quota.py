@@ -171,6 +171,29 @@ def test_an_import_under_way_counts_once(tmp_path):
         server.close()
 
 
+def test_what_a_job_writes_after_the_folder_was_measured_is_still_promised(tmp_path):
+    """It is not in what was measured, and would be in nothing."""
+    server = api_of(tmp_path, quota_bytes=QUOTA, disk_reserve_bytes=0)
+    services = create_app(server.settings).state.services
+    ledger = JobLedger(server.database)
+    try:
+        with server.database.write() as session:
+            ledger.add(session, JobRequest("j1", "reconstruct", {}, promised=30 * MIB))
+        ledger.start("j1", "test")
+        measured = services.measure()
+        folder = server.data.job("j1").root
+        folder.mkdir(parents=True)
+        (folder / "volume.h5").write_bytes(bytes(30 * MIB))
+        for looked_at in (measured, services.measure()):
+            with services.database.write() as session, pytest.raises(DiskFull):
+                services.require_room(session, 30 * MIB, "the volume", looked_at)
+            with services.database.write() as session:
+                services.require_room(session, 5 * MIB, "the volume", looked_at)
+    finally:
+        services.database.close()
+        server.close()
+
+
 def test_the_folder_is_measured_while_others_write(small, monkeypatch):
     """On SQLite a transaction keeps every other writer waiting, so no walk through the folder belongs into it."""
     server, _, _ = small
