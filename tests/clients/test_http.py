@@ -14,6 +14,7 @@ from support import recordings
 HTTP = Path(__file__).parents[2] / "clients" / "http"
 
 
+@pytest.mark.long
 @pytest.mark.timeout(400)
 @pytest.mark.skipif(shutil.which("curl") is None, reason="needs curl: apt-get install curl")
 def test_the_walk_with_curl_ends_with_volumes_and_their_axes(url, tmp_path):

@@ -62,6 +62,7 @@ def running(folder, **settings):
             service.close()
 
 
+@pytest.mark.long
 @BRIEF
 def test_a_locked_database_and_threads_that_wait_for_it_delay_no_stop_which_is_recorded_when_it_is_free(tmp_path):
     with running(tmp_path) as service:
@@ -84,6 +85,7 @@ def test_a_locked_database_and_threads_that_wait_for_it_delay_no_stop_which_is_r
         assert (shown["by"], shown["reason"], shown["laser"]) == ("local", "smoke", "off")
 
 
+@pytest.mark.long
 @BRIEF
 def test_a_full_disk_delays_no_stop(tmp_path):
     if os.geteuid() or shutil.which("mount") is None:
@@ -104,6 +106,7 @@ def test_a_full_disk_delays_no_stop(tmp_path):
         subprocess.run(["umount", "-l", str(small)], check=True)
 
 
+@pytest.mark.long
 @BRIEF
 def test_a_dead_database_server_delays_no_stop_and_a_key_is_known_without_it(tmp_path, postgres):
     with running(tmp_path, database_url=postgres.database()) as service:

@@ -1,6 +1,7 @@
 """An API whose queue cannot be opened yet, because the data folder is not mounted: it says so and goes on trying."""
 
 import httpx
+import pytest
 
 from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url
@@ -11,6 +12,7 @@ from support.waiting import until
 from .conftest import api_of
 
 
+@pytest.mark.long
 def test_a_queue_that_cannot_be_opened_is_tried_again_and_readiness_says_so(tmp_path):
     data = DataDirectory(tmp_path)
     data.create()

@@ -216,6 +216,7 @@ def test_a_service_that_is_asked_to_end_puts_jobs_back_and_makes_the_scan_safe(t
         assert store.stored > 2, "what was acknowledged is there"
 
 
+@pytest.mark.long
 def test_reconstructions_run_on_the_service_and_on_a_worker_started_elsewhere(tmp_path, postgres, capsys):
     """The two commands on one PostgreSQL: `steradian worker` shares the work of `steradian serve`."""
     begun = time.monotonic()
