@@ -182,7 +182,7 @@ PROBLEMS: Final[Mapping[str, ProblemKind]] = MappingProxyType(
         ),
         "invalid-input": ProblemKind(
             422,
-            "A value is outside its allowed range",
+            "Something in the request is not allowed",
             "One or more fields, parameters or headers are wrong; errors names each with what is allowed.",
             "Correct those that errors names.",
         ),

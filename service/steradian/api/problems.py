@@ -90,7 +90,7 @@ _REFUSALS: dict[str, str] = {
     "413": "The body is too large",
     "415": "The body is not application/json",
     "416": "The file ends before the range",
-    "422": "A value is outside its allowed range",
+    "422": "Something in the request is not allowed",
     "429": "The key is used more often than it may be; Retry-After says when to go on",
     "5XX": "The service failed; the log has more under the request id",
 }
