@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import re
 import time
@@ -21,7 +22,7 @@ from steradian.settings import Settings
 
 _log = logging.getLogger(__name__)
 UPLOADS, STREAMS = "/api/v1/uploads", "/api/v1/events"
-MAX_STREAMS = 200
+MAX_STREAMS, OPENING = 200, 4
 LISTS = frozenset({"/api/v1/masks", "/api/v1/masks/preview", "/api/v1/plans", "/api/v1/plans/preview"})
 """Paths whose bodies may hold numbers for each point of a mask."""
 JSON_BYTES, POINT_BYTES = 2**20, 128
@@ -135,10 +136,14 @@ class _HeadersSent(Exception):
 
 
 class StreamLimit:
-    """Counts event streams before they are accepted; one too many is refused before anything is looked at."""
+    """Counts event streams before they are accepted; one too many is refused before anything is looked at.
+
+    Few open at a time, so that others are served between those of a crowd.
+    """
 
     def __init__(self, app: ASGIApp) -> None:
         self.app, self._open = app, 0
+        self._turns = asyncio.Semaphore(OPENING)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve."""
@@ -147,9 +152,23 @@ class StreamLimit:
         if self._open >= MAX_STREAMS:
             headers, text = {"Retry-After": "5", "Connection": "close"}, f"{MAX_STREAMS} clients listen already"
             return await problem(scope, "refused", text, headers=headers)(scope, receive, send)
+        opened = False
+
+        async def begin(message: Message) -> None:
+            nonlocal opened
+            if not opened:
+                opened = True
+                self._turns.release()
+            await send(message)
+
         self._open += 1
         try:
-            return await self.app(scope, receive, send)
+            await self._turns.acquire()
+            try:
+                return await self.app(scope, receive, begin)
+            finally:
+                if not opened:
+                    self._turns.release()
         finally:
             self._open -= 1
 
