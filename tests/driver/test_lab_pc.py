@@ -12,7 +12,7 @@ from pathlib import Path as File
 import numpy as np
 import pytest
 
-pytest.importorskip("pyvisa_py")
+pytest.importorskip("pyvisa_py", reason="needs PyVISA: pip install './driver[lab]'")
 EXAMPLE = File(__file__).parents[2] / "driver" / "examples" / "lab-pc"
 sys.path.insert(0, str(EXAMPLE))
 
