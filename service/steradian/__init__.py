@@ -6,9 +6,7 @@ loaded when it is first used.
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING
-
+TYPE_CHECKING = False  # not typing's: whoever starts the command line waits for what is read here
 if TYPE_CHECKING:
     from steradian import quality
     from steradian.comparisons import compare_masks
@@ -68,6 +66,8 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
+    import importlib
+
     if name == "quality":
         return importlib.import_module("steradian.quality")
     if name in _HOMES:

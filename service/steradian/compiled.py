@@ -12,19 +12,27 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from filelock import FileLock, Timeout
 from numba import njit
-from numba.core.caching import FunctionCache
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+
+PATIENCE = 120.0
+"""Seconds that a process waits for another one to compile a function, before it does so itself."""
 
 
 def compiled(function: Callable[..., Any], *, fast: bool = True, kept: bool = True) -> Any:
     """Compile a loop at its first call; it then releases the interpreter lock and is kept on disk.
 
+    Of several processes that need it at the same time one compiles it, and the others wait and load what it kept.
+
     Numba keeps it beside the source or in the user's cache; where neither can be written (a read-only container, say)
-    and ``NUMBA_CACHE_DIR`` names no other place, it is compiled once a process.
+    and ``NUMBA_CACHE_DIR`` names no other place, it is compiled once a process. What lies beside the source is found
+    also where ``NUMBA_CACHE_DIR`` names another place, so that an image can bring it along.
 
     Parameters
     ----------
@@ -40,14 +48,62 @@ def compiled(function: Callable[..., Any], *, fast: bool = True, kept: bool = Tr
     made = njit(**options)(function)
     if kept:
         try:
-            made._cache = _Cache(function)  # type: ignore[no-untyped-call]
+            made._cache = _Cache(function)
         except RuntimeError:  # Numba found no place to cache
             pass
     return made
 
 
 class _Cache(FunctionCache):
-    """Numba's cache looks at the function's own file only to see whether it is stale; this one at its whole folder."""
+    """Numba's cache, stale when any file of the function's folder changed, and filled by one process at a time.
+
+    Numba itself looks at the function's own file only, and every process that misses a function compiles it: seconds,
+    times the workers of a service; of two that keep forms of one function at once, one is lost.
+    """
+
+    _turn: FileLock | None = None
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)  # type: ignore[no-untyped-call]
+        beside = Path(function.__code__.co_filename).parent / "__pycache__"
+        self._brought = IndexDataCacheFile(  # type: ignore[no-untyped-call]
+            str(beside), self._impl.filename_base, self._impl.locator.get_source_stamp()
+        )
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        found = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        if found is None:
+            self._take_turn()
+            found = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+            if found is not None:
+                self._end_turn()
+        return found
+
+    def _load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Look where functions are kept, and beside the source."""
+        found = super()._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        if found is None and self._enabled:
+            found = self._brought.load(self._index_key(sig, target_context.codegen()))  # type: ignore[no-untyped-call]
+            found = None if found is None else self._impl.rebuild(target_context, found)
+        return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        try:
+            super().save_overload(sig, data)  # type: ignore[no-untyped-call]
+        finally:
+            self._end_turn()
+
+    def _take_turn(self) -> None:
+        """Wait while another process compiles the function; one that hangs or a folder without locks is not obeyed."""
+        with suppress(Timeout, OSError, NotImplementedError):
+            if self._turn is None:
+                self._impl.locator.ensure_cache_path()
+                self._turn = FileLock(Path(self.cache_path) / f"{self._impl.filename_base}.lock", timeout=PATIENCE)
+            self._turn.acquire()
+
+    def _end_turn(self) -> None:
+        if self._turn is not None:
+            self._turn.release(force=True)
 
     def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
         folder = Path(self._py_func.__code__.co_filename).parent

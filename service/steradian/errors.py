@@ -8,6 +8,7 @@ SteradianError
 ├── DiskFull          the disk cannot hold what is to be written
 ├── ScanFailed        the scanner or its link gave up; what was acknowledged is kept
 │   └── ScanInterrupted   all is well, but the laser may come back only when a person says so
+├── StoreUnavailable  the store of scans and results does not answer; trying again may help
 └── Cancelled         somebody asked for the operation to stop
 
 Every class has a stable ``code`` which the command line, the HTTP problems and the job log share.
@@ -108,6 +109,12 @@ class ScanInterrupted(ScanFailed):
     """The laser went off and was off for too long, or its device without power: only a person brings it back."""
 
     code = "scan-interrupted"
+
+
+class StoreUnavailable(SteradianError):
+    """The store of scans and results does not answer, or does not have something yet; trying again may help."""
+
+    code = "store-unavailable"
 
 
 class Cancelled(SteradianError):

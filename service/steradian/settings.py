@@ -9,9 +9,14 @@ from typing import Any, Literal, Self
 from pydantic import Field, ValidationError
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from steradian.errors import InvalidInput
 from steradian.validation import invalid_input
 
 PREFIX = "STERADIAN_"
+FIRST_SCANNER = "scanner-0"
+"""What the scanner is called where there is one."""
+SECRETS = frozenset({f"{PREFIX}API_KEY", f"{PREFIX}NODE_SECRET"})
+"""Variables that only processes get which answer requests."""
 
 
 class Settings(BaseSettings):
@@ -28,6 +33,11 @@ class Settings(BaseSettings):
         min_length=1,
         description="'simulated', a serial port such as /dev/ttyUSB0, or socket://host:port",
     )
+    scanner_id: str = Field(
+        default=FIRST_SCANNER,
+        pattern=r"^[a-z0-9][a-z0-9-]{0,39}$",
+        description="Name of this node's scanner; each scanner of a service needs its own",
+    )
     simulator_speed: float = Field(
         default=20.0, gt=0, le=10_000, description="How many times faster than real the simulated scanner runs"
     )
@@ -43,10 +53,39 @@ class Settings(BaseSettings):
         pattern=r"^postgres(ql)?(\+psycopg)?://",
         description="PostgreSQL database for metadata and queue, postgresql://…; none: SQLite files in the data folder",
     )
+    store: str | None = Field(
+        default=None,
+        pattern=r"^s3://[a-z0-9][a-z0-9.-]{1,61}[a-z0-9](/[A-Za-z0-9._/-]*)?$",
+        description="S3-compatible store for scans and results, s3://bucket/prefix; none: the data folder",
+    )
+    store_endpoint: str | None = Field(
+        default=None, pattern=r"^https?://[^/@]+/?$", description="Address of a store that is not Amazon's, https://…"
+    )
+    store_cache_bytes: int = Field(
+        default=20 * 2**30, ge=2**20, description="Copies of the store's files on this machine (bytes)"
+    )
+    role: Literal["service", "api", "acquisition"] = Field(
+        default="service", description="What this node is: all of a service, one of its API nodes, or a scanner's node"
+    )
+    node_secret: str | None = Field(
+        default=None,
+        repr=False,
+        min_length=32,
+        pattern=r"^[!-~]+$",
+        description="What the nodes of one service prove themselves with (letters, digits, signs of ASCII)",
+    )
+    address: str | None = Field(
+        default=None,
+        pattern=r"^https?://[^/@]+$",
+        description="Where the other nodes reach this one, http://host:port; none: where it listens",
+    )
     worker_name: str = Field(
         default="worker",
         pattern=r"^[A-Za-z0-9._-]{1,100}$",
         description="Name of this host's workers; each host on one database needs its own",
+    )
+    drain_seconds: float = Field(
+        default=0.0, ge=0, le=86_400, description="How long a worker that is to end may finish its job (s)"
     )
     api_key: str | None = Field(
         default=None, repr=False, min_length=20, description="A key with every scope (at least 20 characters)"
@@ -67,6 +106,9 @@ class Settings(BaseSettings):
     )
     allowed_hosts: str = Field(
         default="", description="Names, beside the loopback's, by which a service without keys may be addressed"
+    )
+    page_scripts: Path | None = Field(
+        default=None, description="Folder with a laboratory's own scripts (.js), which every page runs; none: no such"
     )
     retention_days: float | None = Field(
         default=None, gt=0, description="Days after which finished reconstructions are deleted; none: kept"
@@ -106,7 +148,15 @@ class Settings(BaseSettings):
         if settings.database_url is not None:  # one spelling for every library
             url = "postgresql" + settings.database_url[settings.database_url.index("://") :]
             settings = settings.model_copy(update={"database_url": url})
+        elif settings.store is not None:
+            allowed = "none without STERADIAN_DATABASE_URL: what is in a store, every host must know"
+            raise InvalidInput("store", settings.store, allowed)
         return settings
+
+    @property
+    def has_scanner(self) -> bool:
+        """Whether this node has a scanner, simulated or real."""
+        return self.role != "api"
 
     @property
     def simulated(self) -> bool:
@@ -123,9 +173,14 @@ class Settings(BaseSettings):
         """Whether nobody is let in without a key."""
         return self.require_key or not self.is_local
 
+    @property
+    def follows(self) -> bool:
+        """Whether this node's workers do nothing but images that grow with its scanner's scans."""
+        return self.role == "acquisition" and self.workers > 0
+
     def executor(self, slot: int) -> str:
         """Name of one worker."""
-        return f"{self.worker_name}-{slot}"
+        return f"{self.scanner_id if self.role == 'acquisition' else self.worker_name}-{slot}"
 
     @property
     def threads_per_job(self) -> int:
@@ -133,7 +188,7 @@ class Settings(BaseSettings):
         return max(1, (os.cpu_count() or 1) // max(1, self.workers))
 
     def environment(self, *, keys: bool = True) -> dict[str, str]:
-        """Variables from which a child process reads these same settings; without ``keys`` no API key among them."""
+        """Variables from which a child process reads these same settings; without ``keys`` no :data:`SECRETS`."""
         values = {PREFIX + name.upper(): str(v) for name, v in self.model_dump(mode="json", exclude_none=True).items()}
         whole = os.environ | values
-        return whole if keys else {name: value for name, value in whole.items() if name != f"{PREFIX}API_KEY"}
+        return whole if keys else {name: value for name, value in whole.items() if name not in SECRETS}

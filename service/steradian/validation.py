@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from typing import Annotated, Any, Self
+import re
+from collections.abc import Callable
+from typing import Annotated, Any, Literal, Self
 
 import annotated_types
 import numpy as np
@@ -19,19 +21,59 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    GetCoreSchemaHandler,
     PlainSerializer,
     ValidationError,
     WithJsonSchema,
 )
 from pydantic.fields import FieldInfo
+from pydantic_core import CoreSchema, PydanticKnownError, core_schema
 
 from steradian.errors import InvalidInput
 
 
+def _no_boolean(kind: Literal["int", "float"]) -> Callable[[object], object]:
+    def check(value: object) -> object:
+        if isinstance(value, bool | np.bool_):
+            raise PydanticKnownError("int_type" if kind == "int" else "float_type")
+        return value
+
+    return check
+
+
+_CHECKS = {"int": _no_boolean("int"), "float": _no_boolean("float")}
+
+
+def _refuse_booleans(schema: Any) -> None:
+    """Put a check before each number in a schema that has none yet."""
+    for key, part in list(schema.items() if isinstance(schema, dict) else enumerate(schema)):
+        if key in {"metadata", "serialization"} or not isinstance(part, dict | list):
+            continue
+        kind = part.get("type") if isinstance(part, dict) else None
+        if kind in _CHECKS:
+            schema[key] = core_schema.no_info_before_validator_function(_CHECKS[kind], part)  # type: ignore[arg-type]
+        elif kind != "function-before" or part["function"]["function"] not in _CHECKS.values():  # type: ignore[call-overload]
+            _refuse_booleans(part)
+
+
+_SECRETS = re.compile(r"(?<=://)[^/]*(?=@)|(?<=\?).*")
+"""Where an address may hold a name, password or token."""
+
+
 class Value(BaseModel):
-    """A frozen value; :meth:`create` raises ``InvalidInput`` where plain pydantic raises ``ValidationError``."""
+    """A frozen value; :meth:`create` raises ``InvalidInput`` where plain pydantic raises ``ValidationError``.
+
+    No boolean counts as a number, in whatever field: ``true`` is no aperture of 1 m.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True, allow_inf_nan=False)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Let the numbers of all fields be numbers alone."""
+        schema = handler(source)
+        _refuse_booleans(handler.resolve_ref_schema(schema))
+        return schema
 
     @classmethod
     def create(cls, **fields: Any) -> Self:
@@ -66,7 +108,12 @@ def invalid_input(model: type[BaseModel], error: ValidationError) -> InvalidInpu
     if first["type"] == "extra_forbidden":
         return InvalidInput(field, first["input"], f"no such field; known: {', '.join(model.model_fields)}")
     said = allowed_range(info) if info is not None and len(path) == 1 else ""
-    return InvalidInput(field, first["input"], said or str(cause or first["msg"]))
+    value = first["input"]
+    if info is not None and not info.repr:
+        value = "…"
+    elif isinstance(value, str):
+        value = _SECRETS.sub("…", value)
+    return InvalidInput(field, value, said or str(cause or first["msg"]))
 
 
 def allowed_range(info: FieldInfo) -> str:
@@ -99,6 +146,8 @@ def quantity(unit: str, description: str, **limits: Any) -> Any:
 def _as_float64(value: object) -> NDArray[np.float64]:
     try:
         array = np.array(value, dtype=np.float64, order="C")
+        if not {bool, np.bool_}.isdisjoint(map(type, np.array(value, dtype=object).flat)):
+            raise ValueError("a boolean is no number")
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"not an array of numbers: {error}") from None
     if not array.ndim:

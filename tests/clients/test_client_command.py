@@ -85,7 +85,7 @@ def test_the_emergency_stop_is_one_command(run):
 def test_a_refusal_is_one_line_and_a_status(url):
     """What the service says of it is all that is said, and no traceback."""
     command = [sys.executable, "-m", "steradian_client", "--url", url, "plan", "create", "m0"]
-    ran = subprocess.run(command, capture_output=True, text=True, timeout=100)
+    ran = subprocess.run(command, capture_output=True, text=True, timeout=250)
     assert ran.returncode == 1
     assert re.fullmatch(r"error: .*m0.*\(404 not-found\)\n", ran.stderr)
 

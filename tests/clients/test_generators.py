@@ -35,7 +35,7 @@ def same_as_the_service_says(url, printed):
     """Whether a walk ended with a slice, as the service has it, and a picture."""
     said = json.loads(printed)
     volume = httpx.get(
-        f"{url}/api/v1/reconstructions/{said['job']}/volume?slice=:,16,:", headers={"Accept": "*/*"}, timeout=90
+        f"{url}/api/v1/reconstructions/{said['job']}/volume?slice=:,16,:", headers={"Accept": "*/*"}, timeout=250
     )
     values = np.frombuffer(volume.content[-4 * np.prod([said["shape"][0], said["shape"][2]]) :], np.float32)
     assert np.array(said["slice"]).shape == (said["shape"][0], said["shape"][2])

@@ -35,9 +35,9 @@ def done(service):
     plan = service.plans.create(mask.id, samples=256)
     scanned, reconstructed = [], []
     scan = service.scans.create(plan.id, labels={"of": "the walk"})
-    scan = service.scans.wait(scan, progress=lambda *seen: scanned.append(seen), timeout=60)
+    scan = service.scans.wait(scan, progress=lambda *seen: scanned.append(seen), timeout=250)
     job = service.reconstructions.create(scan.id, modes=32)
-    job = service.reconstructions.wait(job, progress=lambda *seen: reconstructed.append(seen), timeout=100)
+    job = service.reconstructions.wait(job, progress=lambda *seen: reconstructed.append(seen), timeout=250)
     assert scanned[-1] == ("A-lines", mask.count, mask.count)
     assert reconstructed
     return mask, plan, scan, job
@@ -56,6 +56,9 @@ def test_the_whole_walk(service, done, tmp_path):
     assert "reconstruct" in service.reconstructions.log(job.id) or service.reconstructions.attempts(job.id)
     with h5py.File(service.scans.save_file(scan.id, tmp_path / "scan.h5")) as file:
         np.testing.assert_array_equal(service.scans.alines(scan.id, "3:9,::2"), file["alines/samples"][3:9, ::2])
+        told = service.scans.shots(scan.id)
+        np.testing.assert_array_equal(service.scans.latest_aline(scan.id), file["alines/samples"][told.newest])
+    assert service.scans.shots(scan.id, since=told.next).points == []
 
 
 def test_volumes_come_with_their_axes(service, done, tmp_path, monkeypatch):
@@ -90,13 +93,13 @@ def test_arrays_become_a_scan(service):
         sound_speed=1500.0,
         labels={"from": "arrays"},
         progress=lambda *seen: said.append(seen),
-        timeout=100,
+        timeout=250,
     )
     assert scan.labels["from"] == "arrays"
     np.testing.assert_array_equal(service.scans.alines(scan.id), traces)
     assert said[0][0] == "bytes"
     with pytest.raises(JobFailed, match="is neither HDF5"):
-        service.imports.wait(service.imports.create(uploaded(service, b"a,b")), timeout=100)
+        service.imports.wait(service.imports.create(uploaded(service, b"a,b")), timeout=250)
 
 
 def uploaded(service, content):
@@ -111,9 +114,9 @@ def uploaded(service, content):
 @pytest.mark.long
 def test_exports_and_comparisons_are_jobs_with_files(service, done, tmp_path):
     *_, job = done
-    (path,) = service.exports.run("nrrd", tmp_path / "new", reconstruction_id=job.id, timeout=100)
+    (path,) = service.exports.run("nrrd", tmp_path / "new", reconstruction_id=job.id, timeout=250)
     assert path.read_bytes()[:4] == b"NRRD"
-    service.jobs.wait(service.reconstructions.compare(job.id, job.id), timeout=100)
+    service.jobs.wait(service.reconstructions.compare(job.id, job.id), timeout=250)
     (quality,) = service.reconstructions.quality(job.id)
     assert quality.figures["volume_correlation"] == pytest.approx(1.0)
     assert {found.kind for found in service.jobs.list(kind="export")} == {"export"}
@@ -152,7 +155,7 @@ def test_who_is_awaited_gets_the_same(url, done):
             scans = [await service.scans.create(plan.id) for _ in range(2)]
             async with anyio.create_task_group() as group:
                 group.start_soon(follow, scans[1].id, first.id)
-                over = [await service.scans.wait(scan, timeout=100) for scan in scans]
+                over = [await service.scans.wait(scan, timeout=250) for scan in scans]
             assert [scan.state for scan in over] == ["complete", "complete"]
             states = [event.data["state"] for event in seen if event.kind == "scan" and "state" in event.data]
             assert states == ["queued", "arming", "running", "completing", "complete"]
@@ -199,7 +202,7 @@ def test_only_the_holder_of_a_lease_makes_the_laser_fire(service, done):
         scan = service.scans.create(done[1].id, lease=lease)
         assert service.scanners.take_lease("Ada", lease=lease).fence == lease.fence
     assert service.scanners.get().lease is None
-    assert service.scans.wait(scan, timeout=100).fence == lease.fence
+    assert service.scans.wait(scan, timeout=250).fence == lease.fence
 
 
 def test_the_emergency_stop_aborts_and_holds_until_it_is_released(service):
@@ -209,7 +212,7 @@ def test_the_emergency_stop_aborts_and_holds_until_it_is_released(service):
     first = service.scanners.emergency_stop("smoke")
     try:
         with pytest.raises(JobFailed, match="aborted"):
-            service.scans.wait(scan.id, timeout=60)
+            service.scans.wait(scan.id, timeout=250)
         with pytest.raises(Conflict, match="emergency stop"):
             service.scans.create(plan.id)
         second = service.scanners.emergency_stop("more smoke")
@@ -229,7 +232,7 @@ def test_a_scan_that_is_aborted_is_a_failure_to_wait_for(service):
         service.scans.wait(scan, timeout=0.5)
     service.scans.abort(scan.id, "enough")
     with pytest.raises(JobFailed, match="aborted"):
-        service.scans.wait(scan, timeout=60)
+        service.scans.wait(scan, timeout=250)
 
 
 def test_lists_are_read_page_by_page(service, monkeypatch):
@@ -244,7 +247,7 @@ def test_filters_hold_on_every_page(service, monkeypatch):
     """Several values of one filter are all sent, also where the next page is asked for; a misspelt one is refused."""
     plan = service.plans.create(service.masks.grid(aperture=0.01, count=2, interval=1e-3).id, pulse_rate=100)
     made = [service.scans.create(plan.id, labels={"page": "a=b", "number": str(one)}) for one in range(3)]
-    ended = [service.scans.wait(scan, timeout=120).state for scan in made]
+    ended = [service.scans.wait(scan, timeout=250).state for scan in made]
     monkeypatch.setattr("steradian_client.session.PAGE", 1)
     found = service.scans.list(limit=10, state=["queued", *set(ended)], label=["page=a=b", "number"], plan_id=plan.id)
     assert [scan.id for scan in found] == [scan.id for scan in reversed(made)]

@@ -19,6 +19,11 @@ LEFT_OUT = {
     "head": "a HEAD is its GET without the body: for caches and browsers",
 }
 """What the client does not offer, and why."""
+OF_OTHERS = {
+    "/api/v1/session": "a browser's, instead of the key that a program has",
+    "/api/v1/reconstructions/{reconstruction_id}/volume.ome.zarr/{path}": "for readers of Zarr, by its address",
+}
+"""Addresses that it does not know, and why."""
 
 
 def operations():
@@ -27,6 +32,7 @@ def operations():
         (method, re.sub(r"{[^}]*}", "{}", path))
         for path, item in document["paths"].items()
         for method in METHODS & set(item) - set(LEFT_OUT)
+        if path not in OF_OTHERS
     }
 
 

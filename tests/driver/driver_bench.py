@@ -47,7 +47,8 @@ class NotReached(AssertionError):
 class CountingInstrument:
     """Records a pattern that depends on the point alone, and logs every shot and every move of the shutter."""
 
-    def __init__(self) -> None:
+    def __init__(self, **limits: object) -> None:
+        self.limits = limits
         self.open_now, self.stuck, self.key = False, False, True
         self.shutter: list[str] = []
         self.broken: str | None = None
@@ -55,7 +56,7 @@ class CountingInstrument:
         self.on_fire: Callable[[int], None] = lambda now: None
         self.period = 5_000
         self.moving = 700
-        self.samples = 64
+        self.samples, self.beams = 64, 1
         self.make: Callable[[int], np.ndarray] = lambda index: truth(index, self.samples)
         self.closed = True
         self.values = {"power": 1}
@@ -67,10 +68,10 @@ class CountingInstrument:
         self.sweeping: tuple[int, list[int]] | None = None
 
     def capabilities(self):
-        return dict(CAPABILITIES)
+        return {**CAPABILITIES, **self.limits}
 
     def begin(self, sampling: Sampling) -> None:
-        self.samples = sampling.samples
+        self.samples, self.beams = sampling.samples, sampling.beams
         self.period = round(1e9 / sampling.pulse_rate_mhz)
 
     def queue(self, first: int, points, now: int) -> None:
@@ -97,8 +98,9 @@ class CountingInstrument:
             self.last, self.fired = time, self.fired + 1
             self.on_fire(time)
             if self.fired == averages:
-                taken = Interrogation(self.make(index), 0.25, index, time, len(self.log), averages)
-                self.done.append(taken)
+                for beam in range(self.beams):
+                    line = self.make(index * self.beams + beam)
+                    self.done.append(Interrogation(line, 0.25, index, time, len(self.log), averages, beam=beam))
                 self.waiting.popleft()
                 self.settled = None
                 self.aim(time)
@@ -194,9 +196,9 @@ class Line:
 class Bench:
     """Host, device, line and consumer under one virtual clock."""
 
-    def __init__(self, *, ring: int = 32, plan_points: int = 8192, max_payload: int = 8192) -> None:
+    def __init__(self, *, ring: int = 32, plan_points: int = 8192, max_payload: int = 8192, **limits: object) -> None:
         self.clock = VirtualClock()
-        self.instrument = CountingInstrument()
+        self.instrument = CountingInstrument(**limits)
         self.options = {"ring": ring, "plan_points": plan_points, "max_payload": max_payload}
         self.device = self.boot(0xB007)
         self.host = Host(nonce=1)
@@ -255,11 +257,13 @@ class Bench:
         self.host.open(self.clock.now())
         self.until(lambda: self.host.capabilities is not None and self.host.status is not None)
 
-    def upload(self, count: int = 50, *, samples: int = 64, averages: int = 1, rate: float = 200.0) -> Plan:
+    def upload(
+        self, count: int = 50, *, samples: int = 64, averages: int = 1, rate: float = 200.0, beams: int = 1
+    ) -> Plan:
         points = np.zeros(count, POINT)
         points["x"] = np.arange(count) * 1000
         points["averages"] = averages
-        plan = Plan(points, samples, 8000, round(rate * 1e3))
+        plan = Plan(np.repeat(points, beams), samples, 8000, round(rate * 1e3), beams=beams)
         call = self.host.upload(plan, self.clock.now())
         self.until(lambda: call.done and self.device.plan.loaded and self.device.state.name == "READY")
         return plan

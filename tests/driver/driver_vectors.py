@@ -33,6 +33,8 @@ from fabry_perot.wire.messages import (
 
 FOLDER = Path(__file__).parents[2] / "driver" / "vectors"
 SESSION, TAG, PLAN = 0x0102, 7, 0xCAFEF00D
+BEAMS = {"plan": PLAN, "length": 1616, "samples": 1024, "interval_ps": 8000, "pulse_rate_mhz": 50_000, "beams": 16}
+THREE = {"beams": 3, "beam_offsets_nm": [[0, 0], [800_000, 0], [0, 800_000]]}
 
 
 def _aline() -> list[tuple[str, Type, int, bytes]]:
@@ -61,6 +63,8 @@ def right_frames() -> list[dict]:
         ("RSP START", Type.RSP, 0, REPLY_HEAD.pack(6, Operation.START, 0, 5) + pack_body({"laser_shots": 12})),
         ("RSP START, no lease", Type.RSP, 0, REPLY_HEAD.pack(6, Operation.START, Result.NO_LEASE, 4) + pack_body({})),
         ("RSP PLAN_NEW, start out of range", Type.RSP, 0, REPLY_HEAD.pack(4, 3, 2, 2) + pack_body({"field": "start"})),
+        ("REQ PLAN_NEW, 16 beams", Type.REQ, 0, REQUEST_HEAD.pack(4, Operation.PLAN_NEW) + pack_body(BEAMS)),
+        ("RSP PLAN_NEW, too many beams", Type.RSP, 0, REPLY_HEAD.pack(4, 3, 2, 2) + pack_body({"field": "beams"})),
         ("ABORT_ACK", Type.ABORT_ACK, 2, pack(AbortAck(2, 0x12345679, 11))),
         ("FAULT_ACK", Type.FAULT_ACK, 0, pack(Fault(1, 1))),
         ("BUSY", Type.BUSY, 2, b"192.0.2.7:50000"),
@@ -95,8 +99,8 @@ def wrong_frames() -> list[dict]:
     return [{"name": name, "bytes": data} for name, data in named.items()]
 
 
-def _record(name: str, what: str, scene) -> dict:
-    bench = Bench(max_payload=200)
+def _record(name: str, what: str, scene, **limits: object) -> dict:
+    bench = Bench(max_payload=200, **limits)
     steps: list[dict] = []
 
     def note(who: str, epoch: int):
@@ -124,6 +128,11 @@ def _repaired(bench: Bench) -> None:
     bench.run(300)
 
 
+def _together(bench: Bench) -> None:
+    bench.scan(2, samples=200, beams=3)
+    bench.finish()
+
+
 def _refused(bench: Bench) -> None:
     bench.connect()
     bench.upload(5, samples=200)
@@ -146,6 +155,7 @@ def transcripts() -> list[dict]:
     return [
         _record("scan", "HELLO to DONE: five A-lines, each in several frames, stored one by one", _scan),
         _record("repair", "the same, but the fifth ALINE frame is lost and asked for again", _repaired),
+        _record("beams", "two places of a device with three beams: six A-lines of two shots", _together, **THREE),
         _record(
             "refusals",
             "versions 7 to 9; ARM of another session; START without echo; an echo of the future; an emergency stop"

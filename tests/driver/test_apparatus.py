@@ -12,13 +12,14 @@ from driver_bench import Bench
 import fabry_perot
 from fabry_perot.device import Device
 from fabry_perot.errors import Refused
-from fabry_perot.hardware import InstrumentError, Sampling
+from fabry_perot.hardware import InstrumentError, Record, Sampling
 from fabry_perot.hardware.apparatus import FAULT_DIGITISER, FAULT_EXCITATION, FAULT_GALVO, FAULT_GUARD, FAULT_LASER
+from fabry_perot.hardware.averaging import mean
 from fabry_perot.host import Plan
-from fabry_perot.simulator import phantoms
+from fabry_perot.simulator import launch, phantoms
 from fabry_perot.simulator.film import Response
 from fabry_perot.simulator.instrument import PhantomInstrument
-from fabry_perot.wire.codes import FLAG_GATE, AbortLevel, Operation
+from fabry_perot.wire.codes import FLAG_GATE, MISFIRE, AbortLevel, Operation
 from fabry_perot.wire.messages import POINT
 from fabry_perot.wire.states import DeviceState
 
@@ -262,3 +263,32 @@ def test_a_sweep_that_is_cut_short_ends_and_its_hardware_rests(end, monkeypatch)
     with pytest.raises((Refused, fabry_perot.LinkLost), match=reason):
         call.result()
     assert (bench.device.state in (DeviceState.ESTOP, DeviceState.FAULT)) is (end != "new session")
+
+
+def test_a_pulse_whose_energy_is_out_of_range_flags_the_average_that_hides_it():
+    """Four pulses of 1, 1, 0.4 and 1.6 of nominal are 1.0 in the mean."""
+
+    def line(*energies: int) -> int:
+        records = [Record(np.zeros(4, np.int16), 1.0, 0, energy=energy) for energy in energies]
+        return mean(0, records, (8_000, 12_000)).quality
+
+    assert line(10_000, 10_000, 4_000, 16_000) == MISFIRE
+    assert line(8_000, 12_000) == 0
+    assert mean(0, [Record(np.zeros(4, np.int16), 1.0, 0, energy=1)]).quality == 0, "a laser that says no range"
+
+
+def test_a_scanner_flags_pulses_beyond_what_its_laser_says_and_tells_the_host_what_is_nominal():
+    settings = {"energy_jitter": 0.3, "repeat": 0, "speed": 20, "seed": 1}
+    with launch(**settings) as simulator, fabry_perot.connect(simulator.url) as scanner:
+        known = scanner.capabilities
+        assert (known.pulse_energy, known.energy_range) == (pytest.approx(20e-3), (0.5, 1.5))
+        scanner.upload(np.zeros((150, 2)), samples=16, sampling_interval=8e-9, pulse_rate=500.0)
+        scanner.start(scanner.arm())
+        lines = []
+        for batch in scanner.alines():
+            lines += batch
+            scanner.acknowledge(batch[-1])
+    energies = np.array([line.energy for line in lines])
+    flagged = np.array([bool(line.quality & MISFIRE) for line in lines])
+    assert 3 < flagged.sum() < 60
+    np.testing.assert_array_equal(flagged, (energies < 0.5) | (energies > 1.5))

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import contextvars
 import logging
 import os
+import re
 import signal
 import socket
 import threading
@@ -22,6 +24,8 @@ from fabry_perot.simulator import launch
 from fabry_perot.wire import framing
 
 PATIENT = HostTiming(ttl=1_000_000)  # this process may be held up by others
+WORK = contextvars.ContextVar("WORK", default="")
+"""What a program with logs of its own is at."""
 PARAMETERS = {"samples": 64, "sampling_interval": 8e-9, "pulse_rate": 100.0}
 
 
@@ -110,22 +114,24 @@ def test_a_plan_with_a_start_measures_only_the_rest_and_keeps_the_numbers(simula
     assert report.fired == report.stored == 10
 
 
-def test_a_packed_scan_over_a_paced_line_is_the_same_and_faster(tmp_path):
-    with (
-        launch(speed=50, baud=921_600, noise_db=60.0) as paced,
-        fabry_perot.connect(paced.url, timing=PATIENT) as scanner,
-    ):
-        took, lines = {}, {}
-        for encoding in ("int16", "auto"):
-            scanner.upload(where(8), samples=1024, sampling_interval=8e-9, pulse_rate=1000.0, encoding=encoding)
+def test_a_packed_scan_over_a_paced_line_takes_less_than_its_samples_would():
+    """Other work of this machine only makes it longer, so one of several scans has to be that short."""
+    samples, count, baud = 1024, 24, 921_600
+    floor = count * samples * 2 * 10 / baud  # 16 bits each, and ten on the line for eight
+    with launch(speed=2, baud=baud, noise_db=60.0) as paced, fabry_perot.connect(paced.url, timing=PATIENT) as scanner:
+
+        def took(encoding):
+            scanner.upload(where(count), samples=samples, sampling_interval=8e-9, pulse_rate=1000.0, encoding=encoding)
             scanner.start(scanner.arm())
-            lines[encoding] = []
+            lines = []
             for batch in scanner.alines():
-                lines[encoding] += batch
+                lines += batch
                 scanner.acknowledge(batch[-1])
-            took[encoding] = scanner.statistics()["device_time"] * 1e-6 - lines[encoding][0].fire_time_s
-    assert all(line.samples.shape == (1024,) for line in lines["auto"])
-    assert took["auto"] < took["int16"]
+            assert [line.samples.shape for line in lines] == [(samples,)] * count
+            return scanner.statistics()["device_time"] * 1e-6 - lines[0].fire_time_s
+
+        assert took("int16") > floor
+        assert any(took("auto") < floor for _ in range(50))
 
 
 class PortWithModemLines(serial.Serial):
@@ -253,9 +259,15 @@ def test_the_account_of_a_scan_can_be_had_after_the_link_is_lost_for_good():
     assert report.age > 0
 
 
-def test_a_scanner_that_goes_silent_is_logged_once_while_it_is_silent_and_once_when_it_is_back(caplog):
+def test_a_scanner_that_goes_silent_is_logged_once_while_it_is_silent_and_once_when_it_is_back(caplog, monkeypatch):
+    """The driver's thread tells a filter of the program's own logs for what work it was connected."""
+    works = []
+    watch = [lambda record: works.append((record.threadName, WORK.get())) or True]
+    monkeypatch.setattr(caplog.handler, "filters", watch)
+    before = WORK.set("scan 7")
     with caplog.at_level(logging.INFO, "fabry_perot"), launch() as running:
         with fabry_perot.connect(running.url, timing=PATIENT) as scanner:
+            begun, session = re.findall("session [0-9a-f]{4}", caplog.text), scanner._host.session
             caplog.clear()
             os.kill(running.pid, signal.SIGSTOP)
             try:
@@ -266,6 +278,10 @@ def test_a_scanner_that_goes_silent_is_logged_once_while_it_is_silent_and_once_w
             until(lambda: "heard again" in caplog.text)
             assert scanner.state == "linked"
     assert len(silent) == 1, "said once, not at each look"
+    WORK.reset(before)
+    assert begun == [f"session {session:04x}"]
+    assert ("fabry-perot-io", "scan 7") in works
+    assert ("fabry-perot-io", "") not in works
 
 
 def test_a_port_that_is_gone_is_logged_when_it_goes_and_when_it_is_back(caplog):

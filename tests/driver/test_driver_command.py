@@ -30,7 +30,7 @@ def simulator(request):
 def run(*words, cwd, code=0):
     """Run a command; returns standard output, and standard error too when it is to fail."""
     command = [sys.executable, "-m", "fabry_perot", *map(str, words)]
-    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=100)
+    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=250)
     assert done.returncode == code, done.stdout + done.stderr
     assert "Traceback" not in done.stderr
     return done.stdout if code == 0 else done.stdout + done.stderr
@@ -107,7 +107,7 @@ def test_ctrl_c_of_a_scan_turns_the_laser_off_and_keeps_every_shot(tmp_path):
                 assert time.monotonic() < deadline
                 time.sleep(0.02)
             process.send_signal(signal.SIGINT)
-            said, errors = process.communicate(timeout=60)
+            said, errors = process.communicate(timeout=250)
         finally:
             process.kill()
             process.wait()
@@ -126,7 +126,7 @@ def test_monitor_shows_the_frames_of_both_directions(simulator, tmp_path):
     assert "damaged" not in said
     points_of(tmp_path, 5)
     command = [sys.executable, "-m", "fabry_perot", "scan", simulator.url, "points.csv", "--frames"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=100)
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=250)
     for words in ("operation=ARM result=OK", "operation=START", "> PLAN_DATA ", "< ALINE ", "> ALINE_ACK "):
         assert words in done.stderr
     assert done.returncode == 0

@@ -78,3 +78,30 @@ def test_a_host_gates_points_of_a_scanner_that_has_a_gate_and_is_told_of_one_tha
         assert not scanner.capabilities.gate
         with pytest.raises(PlanInvalid, match="no gate input"):
             scanner.upload(where, gated=True, **common)
+
+
+@pytest.mark.parametrize(
+    "renewed", [PERIOD + 30_000, PERIOD + 6 * PULSE + 1], ids=["before its edge", "in its average"]
+)
+def test_a_permission_that_lapsed_is_not_made_up_for_off_the_edge(renewed):
+    """The hardware's timer ran out before, or within, what an edge began; renewed later, it begins at an edge again."""
+    instrument = PhantomInstrument(phantoms.yarn(0), gate=PERIOD, repeat=1)
+    points = np.zeros(2, POINT)
+    points["x"], points["flags"], points["averages"] = [0, 50_000], FLAG_GATE, 5
+    instrument.boot(0)
+    instrument.begin(Sampling(64, 8_000, 500_000))
+    instrument.queue(0, points, 1)
+    instrument.open()
+    instrument.permit(PERIOD - 10_000 if renewed > PERIOD + 10 * PULSE else PERIOD + 2 * PULSE + 1, 1)
+    taken, now = [], 1
+    while now < renewed:
+        taken += instrument.poll(now)
+        now += 1_000
+    assert not taken
+    instrument.permit(1 << 40, renewed)
+    while len(taken) < 2:
+        taken += instrument.poll(now)
+        now += 1_000
+    first = np.array([each.fire_time for each in taken]) - 4 * PULSE
+    assert (first % PERIOD <= PULSE + 2).all(), first
+    assert [(each.point, each.averages) for each in taken] == [(0, 5), (1, 5)]

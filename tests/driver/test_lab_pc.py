@@ -17,13 +17,14 @@ EXAMPLE = File(__file__).parents[2] / "driver" / "examples" / "lab-pc"
 sys.path.insert(0, str(EXAMPLE))
 
 from bench.cards import Cards, DigitiserCard  # noqa: E402
-from bench.table import DELAY, Table, film_place, marks  # noqa: E402
+from bench.table import BEAT, DELAY, EDGES, Table, film_place, marks  # noqa: E402
 from daq_parts import DaqGalvo, GatedPulses, LinesShutter  # noqa: E402
 from ring_digitiser import RingDigitiser  # noqa: E402
 from scpi_laser import ScpiLaser  # noqa: E402
 
 from fabry_perot.hardware import Apparatus, GalvoCalibration, InstrumentError, Path, Sampling  # noqa: E402
 from fabry_perot.hardware.apparatus import FAULT_GALVO, FAULT_LASER  # noqa: E402
+from fabry_perot.wire.codes import FLAG_GATE  # noqa: E402
 from fabry_perot.wire.messages import POINT  # noqa: E402
 
 
@@ -64,7 +65,7 @@ def lab(laser, table) -> Apparatus:
             metres_per_pascal=table.shift,
             delay=DELAY,
         ),
-        excitation=GatedPulses(cards, "Dev1"),
+        excitation=GatedPulses(cards, "Dev1", edges=EDGES),
         shutter=LinesShutter(cards, "Dev1"),
     )
 
@@ -137,6 +138,29 @@ def test_no_pulse_leaves_after_the_permission_though_nobody_calls_again(lab, tab
     assert lab.shots() == fired
     lab.close()
     assert not lab.shutter_open()
+
+
+@pytest.mark.parametrize("renewed", [False, True], ids=["permitted", "permission lapsed and renewed"])
+def test_a_gated_point_is_fired_on_from_an_edge_whatever_becomes_of_the_permission(lab, table, renewed):
+    points = np.zeros(2, POINT)
+    points["averages"], points["wavelength"], points["flags"] = 3, 1_550_000, FLAG_GATE
+    assert lab.capabilities()["gate"]
+    lab.begin(Sampling(64, 8_000, 200_000))
+    lab.queue(0, points, now())
+    lab.open()
+    taken: list = []
+    until(lambda: 0.02 < table.clock() % BEAT < BEAT - 0.1)
+    lab.permit(now() + (1_000 if renewed else 60_000_000), now())
+    until(lambda: taken.extend(lab.poll(now())) or table.train or taken)
+    if renewed:
+        edge = table.next_edge()
+        until(lambda: taken.extend(lab.poll(now())) or table.clock() > edge + 0.03)
+        assert not taken
+        lab.permit(now() + 60_000_000, now())
+    until(lambda: taken.extend(lab.poll(now())) or len(taken) == 2)
+    first = np.array([each.fire_time for each in taken]) * 1e-6 - 2 / 200
+    assert np.abs((first + BEAT / 2) % BEAT - BEAT / 2).max() < 4e-3
+    assert [each.averages for each in taken] == [3, 3]
 
 
 def test_an_open_interlock_keeps_the_shutter_closed_whatever_the_line_says(lab, table):

@@ -37,7 +37,7 @@ def build(folder: Path, source: Path = SOURCE) -> Path:
         pytest.skip("no C compiler: install gcc (or cc, clang) to build driver/examples/minimal-device")
     program = folder / "minimal-device"
     files = [source / name for name in ("wire.c", "device.c", "main.c")]
-    subprocess.run([compiler, "-std=c11", "-O2", "-Wall", "-Wextra", "-o", program, *files], check=True, timeout=120)
+    subprocess.run([compiler, "-std=c11", "-O2", "-Wall", "-Wextra", "-o", program, *files], check=True, timeout=250)
     return program
 
 

@@ -40,7 +40,7 @@ def served(instrument: Apparatus, port: str) -> tuple[threading.Event, threading
         target=partial(fabry_perot.serve, instrument, port, stopping=over.is_set, ready=ready), daemon=True
     )
     thread.start()
-    assert known.wait(30)
+    assert known.wait(250)
     return over, thread, urls[0]
 
 
@@ -122,10 +122,41 @@ print("the end", flush=True)
 @pytest.mark.parametrize("last", ["", "raise RuntimeError('a bug of the application')"])
 def test_a_program_that_ends_without_close_leaves_no_shutter_open(last):
     """The device of this process is what closes it: nobody else is left to have the lease lapse."""
-    done = subprocess.run([sys.executable, "-c", FORGETFUL + last], capture_output=True, text=True, timeout=100)
+    done = subprocess.run([sys.executable, "-c", FORGETFUL + last], capture_output=True, text=True, timeout=250)
     after = done.stdout.partition("the end")[2]
     assert "closed" in after, done.stderr
     assert "halted" in after
+
+
+TOLD = """
+import os, signal, time
+os.kill(os.getpid(), signal.SIGTERM)
+time.sleep(60)
+"""
+WHILE_CONNECTING = FORGETFUL.replace(
+    "scanner = fabry_perot.connect",
+    """
+import os, signal
+limits, instrument.capabilities = instrument.capabilities, lambda: os.kill(os.getpid(), signal.SIGTERM) or limits()
+print("the end", flush=True)
+scanner = fabry_perot.connect""",
+)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a program without telling it")
+@pytest.mark.parametrize("program", [FORGETFUL + TOLD, WHILE_CONNECTING], ids=["in mid-scan", "while it connects"])
+def test_a_program_that_is_told_to_end_leaves_no_shutter_of_its_own_open(program):
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=250)
+    assert "closed" in done.stdout.partition("the end")[2], done
+    assert done.returncode == 128 + signal.SIGTERM
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a program without telling it")
+def test_what_a_program_has_said_of_sigterm_itself_stays():
+    own = "import signal\nsignal.signal(signal.SIGTERM, lambda *_: print('own', flush=True))\n"
+    later = TOLD.replace("time.sleep(60)", "scanner.close()\nprint(signal.getsignal(signal.SIGTERM).__name__)")
+    done = subprocess.run([sys.executable, "-c", own + FORGETFUL + later], capture_output=True, text=True, timeout=250)
+    assert (done.returncode, "own" in done.stdout, done.stdout.splitlines()[-1]) == (0, True, "<lambda>"), done
 
 
 SERVING = """
@@ -159,7 +190,7 @@ def test_a_service_that_is_told_to_end_closes_the_shutter():
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a program without telling it")
 def test_a_service_that_is_told_to_end_before_its_first_turn_closes_the_shutter():
-    program = subprocess.run([sys.executable, "-c", SERVING, "at once"], capture_output=True, text=True, timeout=100)
+    program = subprocess.run([sys.executable, "-c", SERVING, "at once"], capture_output=True, text=True, timeout=250)
     assert "closed" in program.stdout.partition("ready")[2], program.stderr
     assert program.returncode == 128 + signal.SIGTERM
 

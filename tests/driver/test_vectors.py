@@ -50,8 +50,8 @@ def test_the_files_are_what_the_code_makes_today():
     assert list(TALKS.values()) == driver_vectors.transcripts()
 
 
-@pytest.mark.parametrize("name", ["scan", "repair"])
-def test_a_host_that_hears_the_device_of_a_transcript_ends_up_with_its_a_lines(name):
+@pytest.mark.parametrize(("name", "count"), [("scan", 5), ("repair", 5), ("beams", 6)])
+def test_a_host_that_hears_the_device_of_a_transcript_ends_up_with_its_a_lines(name, count):
     host, lines = Host(nonce=1), []
     host.open(0)
     for step in TALKS[name]["steps"]:
@@ -62,7 +62,7 @@ def test_a_host_that_hears_the_device_of_a_transcript_ends_up_with_its_a_lines(n
                 host.expect(int.from_bytes(payload[:4], "little"), 0)
         lines += host.take()
     assert host.device_state is DeviceState.DONE
-    assert [line.number for line in lines] == list(range(5))
+    assert [line.number for line in lines] == list(range(count))
     assert all((line.samples == truth(line.point, 200)).all() for line in lines)
 
 

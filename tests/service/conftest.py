@@ -1,10 +1,11 @@
-"""A PostgreSQL, and how busy the machine is, for what is claimed in seconds."""
+"""A PostgreSQL, an object store, and how busy the machine is, for what is claimed in seconds."""
 
 import time
 
 import pytest
 
 from support.postgres import running_postgres
+from support.seaweed import running_seaweed
 
 
 @pytest.fixture(scope="session")
@@ -12,6 +13,13 @@ def postgres():
     """A server of its own; skipped where the wheel is absent."""
     with running_postgres() as server:
         yield server
+
+
+@pytest.fixture(scope="session")
+def seaweed(tmp_path_factory):
+    """An object store of its own, likewise."""
+    with running_seaweed(tmp_path_factory.mktemp("seaweed")) as store:
+        yield store
 
 
 @pytest.fixture

@@ -27,6 +27,23 @@ from steradian.compiled import compiled
 def factor():
     return {}
 """
+SLOW = """
+import sys
+from steradian.compiled import compiled
+from inner import factor
+
+@compiled
+def slow(x):
+    total = 0.0
+    for i in range(x):
+        total += sum([{}]) * factor()
+    return total
+
+print("ready", flush=True)
+sys.stdin.readline()
+slow(3)
+print(sum(slow.stats.cache_misses.values()) + sum(factor.stats.cache_misses.values()))
+"""
 BEYOND = """
 import sys
 import numpy as np
@@ -78,6 +95,35 @@ def test_a_change_to_a_callee_in_another_file_is_noticed(tmp_path: Path) -> None
     assert found == ["20", "30"]
     again = "from outer import scaled; scaled(10); print(sum(scaled.stats.cache_hits.values()))"
     assert _run(again, tmp_path) == ["1"]
+
+
+def test_what_lies_beside_the_source_is_found_from_any_cache_and_by_the_same_kind_of_processor_only(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "inner.py").write_text(CALLEE.format(2))
+    (tmp_path / "outer.py").write_text(CALLER)
+    program = "from outer import scaled; print(scaled(10), sum(scaled.stats.cache_hits.values()))"
+    assert _run(program, tmp_path, NUMBA_CACHE_DIR="") == ["20 0"]
+    assert list(tmp_path.glob("__pycache__/*.nbc"))
+    assert _run(program, tmp_path) == ["20 1"]
+    assert not list(tmp_path.glob("cache/**/*.nbc"))
+    assert _run(program, tmp_path, NUMBA_CPU_NAME="generic") == ["20 0"]
+    assert list(tmp_path.glob("cache/**/*.nbc"))
+
+
+def test_of_processes_that_need_a_function_at_once_one_compiles_it(tmp_path: Path) -> None:
+    (tmp_path / "inner.py").write_text(CALLEE.format(2))
+    (tmp_path / "slow.py").write_text(SLOW.format(", ".join(f"i ** {power}.5" for power in range(12))))
+    there = {**os.environ, "PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    command, pipes = [sys.executable, "-c", "import slow"], {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    found = [subprocess.Popen(command, env=there, text=True, **pipes) for _ in range(3)]
+    for process in found:
+        assert process.stdout.readline() == "ready\n"
+    for process in found:
+        process.stdin.write("go\n")
+        process.stdin.flush()
+    missed = sorted(int(process.communicate(timeout=250)[0].split()[0]) for process in found)
+    assert missed == [0, 0, 2]
 
 
 def test_where_bounds_are_checked_no_vector_reaches_beyond_its_array(tmp_path: Path) -> None:

@@ -1,9 +1,17 @@
 """``steradian benchmark load`` in small: every kind of client is served, and the page holds what was measured."""
 
-import pytest
+import asyncio
+import subprocess
+import sys
 
-from steradian.benchmarks.load import WEIGHTS, load
+import numpy as np
+import pytest
+from scipy.stats import linregress
+
+from steradian.benchmarks.load import load
 from steradian.benchmarks.load_page import BEGIN, END, write_page
+from steradian.benchmarks.memory import MemoryWatch, _growth
+from steradian.benchmarks.mixed import WEIGHTS
 from steradian.benchmarks.service import running_service
 from steradian.settings import Settings
 
@@ -18,8 +26,11 @@ def test_a_benchmark_finds_the_service_that_it_starts(tmp_path):
 @pytest.mark.timeout(600)
 def test_nothing_is_lost_under_a_small_load(tmp_path):
     rows = load(seconds=10, clients=10, streams=3)
-    kinds = {kind: [row for row in rows if row["case"] == kind] for kind in ("route", "total", "reads", "rude")}
+    kinds = {
+        kind: [row for row in rows if row["case"] == kind] for kind in ("route", "total", "memory", "reads", "rude")
+    }
     (total,) = kinds["total"]
+    assert {row["process"] for row in kinds["memory"]} > {"api", "acquisition", "worker", "simulator", "supervisor"}
     assert (total["server_errors"], total["alines_lost"], total["scan"]) == (0, 0, "complete")
     assert total["events"] > 0
     assert total["jobs_succeeded"] > 0
@@ -37,3 +48,38 @@ def test_nothing_is_lost_under_a_small_load(tmp_path):
     assert text.endswith("after\n")
     assert "old" not in text
     assert all(f"| {row['clients']} |" in text for row in kinds["rude"])
+
+
+def test_growth_is_that_of_a_line_of_least_squares_after_the_first_quarter():
+    """SciPy's slope and its standard error; what caches take at first does not count."""
+    seconds = np.arange(400.0)
+    mib = 200 + 0.05 * seconds + np.random.default_rng(0).normal(0, 2, 400)
+    mib[:100] -= 150
+    told = _growth(list(zip(seconds, mib, strict=True)))
+    line = linregress(seconds[100:] / 60, mib[100:])
+    assert (told["mib_per_minute"], told["error"]) == (pytest.approx(line.slope), pytest.approx(line.stderr))
+    assert told["mib_per_minute"] == pytest.approx(3, abs=4 * told["error"])
+    assert (told["first_mib"], told["last_mib"], told["most_mib"]) == (mib[0], mib[-1], mib.max())
+
+
+def test_memory_is_told_for_each_process_over_time(tmp_path):
+    """One that takes 4 MiB again and again grows, the one above it, which waits for it, hardly does."""
+    grow, start = tmp_path / "steradian.api.py", tmp_path / "start.py"
+    grow.write_text(
+        "import time\nheld = []\nwhile len(held) < 60:\n    held.append(bytearray(b'1' * 2**22)); time.sleep(0.05)\n"
+    )
+    start.write_text(f"import subprocess, sys\nsubprocess.run([sys.executable, {str(grow)!r}])\n")
+    process = subprocess.Popen([sys.executable, str(start)])
+    watch, over = MemoryWatch(process.pid, 0.05), asyncio.Event()
+
+    async def follow():
+        watching = asyncio.create_task(watch.watch(over))
+        await asyncio.to_thread(process.wait)
+        over.set()
+        await watching
+
+    asyncio.run(follow())
+    found = {row["process"]: row for row in watch.rows()}
+    assert found["api"]["most_mib"] > 200
+    assert abs(found["supervisor"]["mib_per_minute"]) < 0.1 * found["api"]["mib_per_minute"]
+    assert len(found["api"]["over_time"]) > 10

@@ -95,18 +95,20 @@ def test_the_whole_walk_an_end_and_a_second_start(tmp_path, start):
     assert len(processes) >= 4, "API, acquisition, simulator, worker"
     assert service.end(signal.SIGINT) == 0
     until(lambda: are_gone(processes))
+    said = service.log.read_text()
 
     # The second start.
     service = start()
     for kind, made in {"masks": mask, "plans": plan, "scans": scan, "reconstructions": reconstruction}.items():
         assert made in service.read(f"/{kind}")["items"]
     done = service.http.get(f"/reconstructions/{queued.json()['id']}", headers=WAIT).json()
-    assert (done["state"], done["attempt"]) == ("succeeded", 1)
+    assert done["state"] == "succeeded"
+    assert done["attempt"] == 1 or "did not end in time and is killed" in said, (done, said)
     assert service.read(f"/scans/{running['id']}")["state"] == "interrupted", "the laser never starts by itself"
     service.http.put(f"/scans/{running['id']}/desired-state", json={"state": "stopped"}).raise_for_status()
     until(lambda: service.read(f"/scans/{running['id']}")["state"] == "partial")
     assert service.read(f"/scans/{running['id']}")["summary"]["stored"] > 0
-    until(lambda: httpx.get(f"{service.url}/readyz", timeout=90).status_code == 200)
+    until(lambda: httpx.get(f"{service.url}/readyz", timeout=250).status_code == 200)
 
     # A child that is killed is started again; a killed supervisor takes every process with it.
     processes = tree_of(service.process.pid)

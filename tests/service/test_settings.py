@@ -22,6 +22,36 @@ def test_a_setting_out_of_range_is_named_with_its_range(field, value, allowed):
         Settings.create(data=Path("here"), **{field: value})
 
 
+def test_a_store_needs_a_database_that_every_host_can_reach():
+    with pytest.raises(InvalidInput, match="store is s3://bucket; allowed: none without STERADIAN_DATABASE_URL"):
+        Settings.create(data=Path("here"), store="s3://bucket")
+    settings = Settings.create(data=Path("here"), store="s3://bucket/some/where", database_url="postgresql://host/rows")
+    assert settings.store == "s3://bucket/some/where"
+
+
+@pytest.mark.parametrize("store", ["https://bucket", "s3://", "s3://Bucket", "s3://key:secret@bucket", "bucket"])
+def test_a_store_is_a_bucket_and_holds_no_key(store):
+    with pytest.raises(InvalidInput, match="store is"):
+        Settings.create(data=Path("here"), store=store, database_url="postgresql://host/rows")
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("api_key", "swordfish"),
+        ("database_url", "mysql://lab:swordfish@host/rows"),
+        ("store", "s3://lab:swordfish@bucket"),
+        ("store_endpoint", "https://lab:swordfish@host"),
+        ("store_endpoint", "ftp://host?token=swordfish"),
+    ],
+)
+def test_what_may_hold_a_secret_is_not_repeated_when_it_is_refused(field, value):
+    """The message ends in terminals, logs and tickets."""
+    with pytest.raises(InvalidInput, match=f"^{field} is .*; allowed: ") as refused:
+        Settings.create(data=Path("here"), **{field: value})
+    assert "swordfish" not in str(refused.value)
+
+
 def test_a_child_process_reads_the_very_same_settings(monkeypatch):
     settings = Settings.create(data=Path("here"), port=1234, scanner="/dev/ttyUSB3", simulator_speed=7.5)
     for name, value in settings.environment().items():

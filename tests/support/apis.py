@@ -1,15 +1,25 @@
 """The API alone: a real process on a data folder, without acquisition and workers."""
 
+import os
 import socket
 import subprocess
 import sys
+import tempfile
+from functools import cache
 
 import httpx
 
 from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url
 from steradian.storage.paths import DataDirectory
+from support.forked import Model
 from support.waiting import until
+
+
+@cache
+def model():
+    """One for all that a process of tests starts."""
+    return Model()
 
 
 class ApiProcess:
@@ -21,16 +31,22 @@ class ApiProcess:
         self.data.create()
         self.database = Database(metadata_url(self.settings))
         self.database.migrate()
+        self._said = tempfile.TemporaryFile()  # a pipe that nobody reads would hold it up
         with socket.create_server(("127.0.0.1", 0)) as listener:
             self.url = f"http://127.0.0.1:{listener.getsockname()[1]}"
-            self.process = subprocess.Popen(
-                [sys.executable, "-m", "steradian.api", str(listener.fileno())],
-                env=self.settings.environment(),
-                stdin=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                pass_fds=[listener.fileno()],
-                preexec_fn=preexec_fn,
-            )
+            self.process = self._start(listener, preexec_fn)
+
+    def _start(self, listener, preexec_fn):
+        if preexec_fn is None:
+            return model().copy(listener, self.settings.environment(), self._said)
+        return subprocess.Popen(
+            [sys.executable, "-m", "steradian.api", str(listener.fileno())],
+            env=self.settings.environment(),
+            stdin=subprocess.PIPE,
+            stderr=self._said,
+            pass_fds=[listener.fileno()],
+            preexec_fn=preexec_fn,
+        )
 
     def wait(self):
         """Wait for its first answer."""
@@ -43,12 +59,17 @@ class ApiProcess:
         except httpx.HTTPError:
             return False
 
+    @property
+    def said(self):
+        """What it has written so far."""
+        return os.pread(self._said.fileno(), os.fstat(self._said.fileno()).st_size, 0).decode()
+
     def close(self):
         self.process.stdin.close()
         try:
-            self.process.wait(60)
+            self.process.wait(250)
         finally:
             self.process.kill()
-            self.log = self.process.stderr.read().decode()
-            self.process.stderr.close()
+            self.log = self.said
+            self._said.close()
             self.database.close()

@@ -41,7 +41,7 @@ class Service:
         self.said = next((line for line in iter(self.process.stdout.readline, "") if " at http" in line), None)
         assert self.said, f"the service did not start: {self.log.read_text()[-4000:]}"
         self.url = re.search(r"http://[^/ ]+", self.said)[0]
-        self.http = httpx.Client(base_url=f"{self.url}/api/v1", timeout=120)
+        self.http = httpx.Client(base_url=f"{self.url}/api/v1", timeout=250)
         return self
 
     def make(self, path, **body):
@@ -79,7 +79,7 @@ class Service:
     def end(self, number=signal.SIGTERM):
         """Send it a signal; returns its exit status."""
         self.process.send_signal(number)
-        code = self.process.wait(60)
+        code = self.process.wait(250)
         self.close()
         return code
 
@@ -88,7 +88,7 @@ class Service:
         if self.process is not None:
             self.process.terminate()
             try:
-                self.process.wait(60)
+                self.process.wait(250)
             finally:
                 self.process.kill()
                 self.process.wait()

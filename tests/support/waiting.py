@@ -3,7 +3,7 @@
 import time
 
 
-def until(condition, seconds=100.0, tell=lambda: ""):
+def until(condition, seconds=250.0, tell=lambda: ""):
     """Wait until a condition holds and return what it gave; ``tell`` says more if it never does."""
     deadline = time.monotonic() + seconds
     while not (found := condition()):

@@ -115,7 +115,7 @@ class Events(Resource[World]):
         Parameters
         ----------
         kind, scan_id
-            Only changes of scans, reconstructions, jobs, batches or scanners; only what concerns one scan.
+            Only changes of scans, reconstructions, revisions, jobs, batches or scanners; only what concerns one scan.
         progress
             Also progress, at most five times a second.
         last_event_id

@@ -122,11 +122,36 @@ class Plan(Answer):
     gate_rate: float = 1.0
     max_sensitivity_loss: float = 0.0
     wavelength_uncertainty: float = 0.0
+    beams: list[list[float]] = Field(default_factory=list)
     preview: dict[str, Any]
 
 
 class Preview(Answer):
     """What a plan would cost: times, bytes and findings, as attributes."""
+
+
+class Design(Answer):
+    """What a mask and its plan would be: points, their order, what they see from a place, and what they cost."""
+
+    mask: MaskPreview
+    positions: list[list[float]]
+    weights: list[float]
+    solid_angles: list[float] | None
+    visible_share: float | None
+    visit: list[int]
+    plan: Preview
+
+
+class PointSpread(Answer):
+    """The image of a tiny ball: a section (x, z) with its peak 1, axes and widths in metres."""
+
+    x: list[float]
+    z: list[float]
+    section: list[list[float]]
+    lateral: float | None
+    axial: float | None
+    true_width: float
+    background: float
 
 
 class Place(Answer):
@@ -147,6 +172,7 @@ class Work(Answer):
     started: datetime | None
     ended: datetime | None
     history: list[dict[str, Any]] = Field(default_factory=list)
+    request_id: str | None = None
 
     @property
     def is_over(self) -> bool:
@@ -164,10 +190,12 @@ class Scan(Work):
 
     plan_id: str
     mask_id: str | None = None
+    scanner_id: str | None = None
     simulated: bool
     desired_state: str | None = None
     reason: str | None = None
     labels: dict[str, str] = Field(default_factory=dict)
+    completes: str | None = None
     fence: int | None = None
     summary: dict[str, Any] | None
 
@@ -183,13 +211,18 @@ class Scan(Work):
 
 
 class Shots(Answer):
-    """Each point's shot, in the order of the mask, frame after frame; columns of equal length."""
+    """Each point's shot, in the order of the mask, frame after frame; columns of equal length.
+
+    ``next`` is what to ask with as ``since``, to be told only what has changed; a service of before tells none.
+    """
 
     points: list[int]
     frames: list[int]
     stored: list[bool]
     shot: list[int]
     quality: list[int]
+    newest: int | None = None
+    next: str | None = None
 
 
 class Coverage(Answer):
@@ -309,6 +342,32 @@ class Upload(Answer):
     id: str
     bytes: int
     sha256: str | None = None
+
+
+class Missing(Answer):
+    """Something that must be said before a file can be imported: a field of the description, and what is allowed."""
+
+    field: str
+    allowed: str
+
+
+class UploadPreview(Answer):
+    """What an import would understand of a file, in SI units; ``None``: it does not say."""
+
+    format: str
+    points: int
+    frames: int
+    samples: int
+    dtype: str
+    sampling_interval: float | None
+    time_zero: float
+    sound_speed: float | None
+    aperture: float | None
+    depth: float | None
+    positions: list[list[float]] | None
+    rows: list[int]
+    traces: list[list[float]]
+    missing: list[Missing]
 
 
 class Lease(Answer):

@@ -56,6 +56,9 @@ PREVIEW_PLAN: Final = Route("POST", f"{V1}/plans/preview")
 READ_PLAN: Final = Route("GET", f"{V1}/plans/{{id}}")
 DELETE_PLAN: Final = Route("DELETE", f"{V1}/plans/{{id}}")
 
+PREVIEW_DESIGN: Final = Route("POST", f"{V1}/designs/preview")
+PREVIEW_POINT_SPREAD: Final = Route("POST", f"{V1}/designs/point-spread")
+
 LIST_SCANNERS: Final = Route("GET", f"{V1}/scanners")
 READ_SCANNER: Final = Route("GET", f"{V1}/scanners/{{id}}")
 TAKE_LEASE: Final = Route("PUT", f"{V1}/scanners/{{id}}/lease")
@@ -74,6 +77,7 @@ RUN_SCAN: Final = Route("PUT", f"{V1}/scans/{{id}}/desired-state", repeatable=Fa
 READ_SCAN_FILE: Final = Route("GET", f"{V1}/scans/{{id}}/file")
 READ_SHOTS: Final = Route("GET", f"{V1}/scans/{{id}}/shots")
 READ_ALINES: Final = Route("GET", f"{V1}/scans/{{id}}/alines")
+READ_LATEST_ALINE: Final = Route("GET", f"{V1}/scans/{{id}}/alines/latest")
 READ_COVERAGE: Final = Route("GET", f"{V1}/scans/{{id}}/coverage")
 
 LIST_RECONSTRUCTIONS: Final = Route("GET", f"{V1}/reconstructions")
@@ -108,6 +112,7 @@ READ_JOB_FILE: Final = Route("GET", f"{V1}/jobs/{{id}}/files/{{name}}")
 
 CREATE_UPLOAD: Final = Route("POST", f"{V1}/uploads")
 READ_UPLOAD: Final = Route("GET", f"{V1}/uploads/{{id}}")
+PREVIEW_UPLOAD: Final = Route("POST", f"{V1}/uploads/{{id}}/preview")
 DELETE_UPLOAD: Final = Route("DELETE", f"{V1}/uploads/{{id}}")
 
 FOLLOW_EVENTS: Final = Route("GET", f"{V1}/events")

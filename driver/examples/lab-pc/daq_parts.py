@@ -92,10 +92,11 @@ class GatedPulses:
 
     Counter 0 makes the triggers while counter 1 lets it: a one-shot as long as is permitted, which the card ends by its
     own clock whatever becomes of this program. Counter 2 counts what the laser says it fired (its sync output).
+    With a terminal ``edges`` it is a :class:`~fabry_perot.hardware.GatedLaser`: counter 0 starts at an edge there.
     """
 
-    def __init__(self, daq: Any, device: str, *, highest_rate: float = 1_000.0) -> None:
-        self._daq, self._device, self._highest = daq, device, highest_rate
+    def __init__(self, daq: Any, device: str, *, highest_rate: float = 1_000.0, edges: str = "") -> None:
+        self._daq, self._device, self._highest, self._edges = daq, device, highest_rate, edges
         self._rate = 50.0
         self._train: Any = None
         self._gate: Any = None
@@ -109,7 +110,7 @@ class GatedPulses:
 
     def limits(self) -> dict[str, Any]:
         """Return its range."""
-        return {"pulse_rate_mhz": [1_000, round(1e3 * self._highest)], "parameters": {}}
+        return {"pulse_rate_mhz": [1_000, round(1e3 * self._highest)], "gate": bool(self._edges), "parameters": {}}
 
     def begin(self, sampling: Sampling) -> None:
         """Set the pulse rate."""
@@ -129,6 +130,16 @@ class GatedPulses:
 
     def fire(self, pulses: int, now: int) -> None:
         """Have counter 0 make so many triggers while counter 1 is high."""
+        self._start(pulses, now)
+
+    def fire_at_gate(self, pulses: int, now: int) -> None:
+        """Have counter 0 do so from the next rising edge on; one that comes while counter 1 is low spends itself.
+
+        Then counter 0 would go on in the middle: the permission's end is followed by :meth:`halt`.
+        """
+        self._start(pulses, now, edges=f"/{self._device}/{self._edges}")
+
+    def _start(self, pulses: int, now: int, edges: str = "") -> None:
         self._synchronise(now)
         self._train = self._over(self._train)
         self._train = self._daq.Task()
@@ -139,6 +150,8 @@ class GatedPulses:
         pause.trig_type = self._daq.constants.TriggerType.DIGITAL_LEVEL
         pause.dig_lvl_src = f"/{self._device}/Ctr1InternalOutput"
         pause.dig_lvl_when = self._daq.constants.Level.LOW
+        if edges:
+            self._train.triggers.start_trigger.cfg_dig_edge_start_trig(edges)
         self._train.start()
 
     def halt(self, now: int) -> None:

@@ -13,7 +13,7 @@ import argparse
 from pathlib import Path
 
 from bench.cards import Cards, DigitiserCard
-from bench.table import DELAY, Table, marks
+from bench.table import DELAY, EDGES, Table, marks
 from daq_parts import DaqGalvo, GatedPulses, LinesShutter
 from ring_digitiser import RingDigitiser
 from scpi_laser import ScpiLaser
@@ -40,7 +40,7 @@ def build(laser: str, galvo: Path, film: Path | None = None) -> Apparatus:
         galvo=mirrors,
         laser=scpi,
         digitiser=digitiser,
-        excitation=GatedPulses(cards, "Dev1"),
+        excitation=GatedPulses(cards, "Dev1", edges=EDGES),
         shutter=LinesShutter(cards, "Dev1"),
         model="lab PC with made-up cards",
         serial="LAB-1",

@@ -376,7 +376,7 @@ static int refuse(struct out *o, int result, const char *field)
 
 static int plan_new(struct device *d, const struct pairs *p, struct out *o)
 {
-    int64_t plan, length, samples, interval, rate, purge = 0, start = 0, encoding = 0, group = 1;
+    int64_t plan, length, samples, interval, rate, purge = 0, start = 0, encoding = 0, group = 1, beams = 1;
     if (!find(p, "plan", &plan) || !find(p, "length", &length) || !find(p, "samples", &samples) ||
         !find(p, "interval_ps", &interval) || !find(p, "pulse_rate_mhz", &rate))
         return MALFORMED;
@@ -384,10 +384,12 @@ static int plan_new(struct device *d, const struct pairs *p, struct out *o)
     find(p, "start", &start);
     find(p, "encoding", &encoding);
     find(p, "group", &group);
+    find(p, "beams", &beams);
     const struct { const char *key; int64_t value, low, high; } ranges[] = {
         {"samples", samples, 16, SAMPLES}, {"interval_ps", interval, 1000, 1000000},
         {"pulse_rate_mhz", rate, 1000, 1000000}, {"plan", plan, 1, 0xFFFFFFFF}, {"length", length, 1, 0xFFFFFFFF},
-        {"start", start, 0, length - 1}, {"encoding", encoding, 0, 0}, {"group", group, 1, 255}};
+        {"start", start, 0, length - 1}, {"encoding", encoding, 0, 0}, {"group", group, 1, 255},
+        {"beams", beams, 1, 1}};
     for (size_t i = 0; i < sizeof ranges / sizeof ranges[0]; i++)
         if (ranges[i].value < ranges[i].low || ranges[i].value > ranges[i].high)
             return refuse(o, OUT_OF_RANGE, ranges[i].key);

@@ -6,7 +6,8 @@ from fabry_perot.conformance.peer import QUIET, Failed, Peer
 from fabry_perot.conformance.running import MANY, ROOM
 from fabry_perot.conformance.scenarios import Asking, scenario
 from fabry_perot.host.aline import check_record
-from fabry_perot.wire.codes import ALL_FRAGMENTS, FLAG_FIDUCIAL, FLAG_GATE, Operation
+from fabry_perot.wire.codes import ALL_FRAGMENTS, FLAG_FIDUCIAL, FLAG_GATE, MOST_BEAMS, Operation
+from fabry_perot.wire.messages import ALineMeta, unpack
 from fabry_perot.wire.states import DeviceState
 
 
@@ -34,6 +35,45 @@ def reach(peer: Peer, ask: Asking) -> None:
     status = peer.plan_status
     peer.need(status is not None and status.plan == peer.plan, "PLAN_STATUS")
     peer.need(status is not None and (status.expected, status.retransmit & 2) == (0, 2), "none taken, bit 1 set")
+
+
+@scenario("limits")
+def beams(peer: Peer, ask: Asking) -> None:
+    """A plan of more beams than there are is refused, one of some of a place's points too; of one it is taken."""
+    has = int(peer.limits["beams"])
+    peer.need(1 <= has <= MOST_BEAMS, f"1 to {MOST_BEAMS} beams")
+    offsets = peer.limits.get("beam_offsets_nm", [[0, 0]])
+    peer.need(len(offsets) == has and offsets[0] == [0, 0], f"where each of {has} beams is, the first at [0, 0]")
+    for count, changes, field in ((2 * has + 2, {"beams": has + 1}, "beams"), (4, {"beams": 0}, "beams")):
+        reply = peer.request(Operation.PLAN_NEW, **peer.plan_new(count, **changes))
+        peer.need((reply.result, reply.body.get("field")) == (2, field), f"result 2 and {field} for {changes}")
+    if has > 1:
+        reply = peer.request(Operation.PLAN_NEW, **peer.plan_new(has + 1, beams=has))
+        peer.need((reply.result, reply.body.get("field")) == (2, "length"), f"result 2 and length for {has + 1} points")
+    peer.succeed(Operation.PLAN_NEW, **peer.plan_new(3, beams=1))
+
+
+@scenario("credit", fires=True)
+def together(peer: Peer, ask: Asking) -> None:
+    """All beams record a place's shots, an A-line each, in their order; a plan may start between them."""
+    has, places = int(peer.limits["beams"]), 3
+    for start in sorted({0, has - 1}):
+        before = peer.status.shots if peer.status else 0
+        peer.upload(places * has, beams=has, start=start)
+        peer.acknowledge(start, ROOM)
+        peer.start()
+        count = places * has - start
+        peer.wait(lambda count=count: len(peer.blobs()) >= count, 10.0)  # type: ignore[misc]
+        blobs = peer.blobs()
+        peer.need(sorted(blobs) == list(range(start, places * has)), f"A-lines {start} … {places * has - 1}")
+        metas = {number: unpack(ALineMeta, blob, tail=True) for number, blob in blobs.items()}
+        fired = [{(metas[n].shot, metas[n].fire_time) for n in metas if n // has == place} for place in range(places)]
+        peer.need(all(len(shots) == 1 for shots in fired), "one shot number and fire time at each place")
+        peer.need(len(set.union(*fired)) == places, "another shot for each place")
+        peer.acknowledge(places * has, ROOM)
+        peer.need(peer.wait(lambda: peer.state is DeviceState.DONE, 2.0), "DONE when all is acknowledged")
+        shots = int(peer.limits["averages"][0]) * places
+        peer.need(peer.status is not None and peer.status.shots - before == shots, f"{shots} shots for {places} places")
 
 
 @scenario("limits")

@@ -243,12 +243,14 @@ class Peer:
             part = points[at : at + each]
             self.send(Type.PLAN_DATA, PLAN_HEAD.pack(self.plan, first + at, len(part)) + part.tobytes())
 
-    def upload(self, count: int) -> None:
+    def upload(self, count: int, *, beams: int = 1, start: int = 0) -> None:
         """Give the device a plan that it takes; what its memory does not hold yet follows while it scans."""
         self.fragments.clear()
         self.again.clear()
-        self.succeed(Operation.PLAN_NEW, **self.plan_new(count))
-        self._uploading, self._offered, self._offered_at = self.points(count), -1, 0
+        asked = {"beams": beams, "start": start} if beams > 1 else {}
+        self.succeed(Operation.PLAN_NEW, **self.plan_new(count, **asked))
+        points = np.repeat(self.points(count // beams), beams)
+        self._uploading, self._offered, self._offered_at = points, -1, 0
         self.need(self.wait(lambda: self.state is DeviceState.READY, 10.0), f"READY, not {self.state.name}")
 
     def _go_on_uploading(self, status: PlanStatus) -> None:

@@ -47,7 +47,8 @@ def _get(device: DeviceBody, body: Body) -> Outcome:
 def _plan_new(device: DeviceBody, body: Body) -> Outcome:
     plan, length, purge = int(body["plan"]), int(body["length"]), bool(body.get("purge", False))
     start, encoding, group = int(body.get("start", 0)), int(body.get("encoding", 0)), int(body.get("group", 1))
-    sampling = Sampling(int(body["samples"]), int(body["interval_ps"]), int(body["pulse_rate_mhz"]))
+    beams = int(body.get("beams", 1))
+    sampling = Sampling(int(body["samples"]), int(body["interval_ps"]), int(body["pulse_rate_mhz"]), beams)
     bounds = device.limits
     for value, name in (
         (sampling.samples, "samples"),
@@ -60,9 +61,12 @@ def _plan_new(device: DeviceBody, body: Body) -> Outcome:
         (plan, "plan", 1, 0xFFFFFFFF),
         (length, "length", 1, 0xFFFFFFFF),
         (start, "start", 0, length - 1),
+        (beams, "beams", 1, min(bounds["beams"], device.ring.capacity, device.plan.capacity)),
     ):
         if not low <= value <= high:
             return Result.OUT_OF_RANGE, {"field": name}
+    if length % beams:
+        return Result.OUT_OF_RANGE, {"field": "length"}
     if encoding not in bounds["encodings"]:
         return Result.OUT_OF_RANGE, {"field": "encoding"}
     if not 1 <= group <= MAX_GROUP:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 
+import numpy as np
+
 from fabry_perot.device.lease import LaserLease
 from fabry_perot.device.planbuffer import PlanBuffer
 from fabry_perot.device.ring import ALineRing
@@ -17,11 +19,14 @@ from fabry_perot.wire.states import RUNNING, DeviceState, Event
 FAULT_RECORD = 9
 """Fault code: a record's figures are beyond what a message holds."""
 AHEAD = 64
-"""Points the hardware has at a time."""
+"""Places the hardware has at a time."""
 
 
 class Scan:
     """Drives the instrument through the plan while the device's state allows it.
+
+    With several beams the points of a plan come as many at a time as there are beams, all at one place: point n is
+    measured by beam n mod beams. The instrument is given the places.
 
     Parameters
     ----------
@@ -50,7 +55,7 @@ class Scan:
         self._before = instrument.shots()
         """The laser's count when the device booted."""
         self._given = 0
-        """Next point to give to the instrument."""
+        """Next point whose place is to be given to the instrument."""
         self._until = -1
         """How long it was last permitted to fire."""
         self.due: int | None = None
@@ -85,10 +90,14 @@ class Scan:
     def _collect(self, now: int) -> None:
         """Take what the instrument has finished into the ring."""
         for taken in self._instrument.poll(now):
+            if taken.beam == 0:
+                self._used += taken.averages
+            point = taken.point * self.sampling.beams + taken.beam
+            if point < self._plan.position:  # the host has this beam's A-line already, and asked for the others
+                continue
             used, data = encode(taken.samples, self.encoding)
-            self._ring.append(taken.point, self._meta(taken) + data, used)
-            self._used += taken.averages
-            self._plan.position = taken.point + 1
+            self._ring.append(point, self._meta(taken) + data, used)
+            self._plan.position = point + 1
         self.shots, self.last_shot = self._instrument.shots() - self._before, self._instrument.last_shot()
 
     def _feed(self, now: int) -> bool:
@@ -97,18 +106,22 @@ class Scan:
         if plan.position >= plan.length:
             self._step(Event.LAST_POINT_FIRED)
             return False
+        beams = self.sampling.beams
+        next_place = beams - self._given % beams  # points until there: fewer, where a plan starts at one in between
         room = self._ring.room - under_way
-        if room <= 0 and not under_way:
+        if room < next_place and not under_way:
             self._change(DeviceState.SCANNING, Event.RING_FULL)
             return False
         self._change(DeviceState.BLOCKED, Event.RING_FREED)
-        count = min(room, AHEAD - under_way, plan.expected - self._given)
+        count = min(room, AHEAD * beams - under_way, plan.expected - self._given)
+        count = (self._given + count) // beams * beams - self._given  # whole places
         if count <= 0:
             if not under_way:
                 self._change(DeviceState.SCANNING, Event.POINTS_SHORT)
             return False
         self._change(DeviceState.STARVED, Event.POINTS_AT_HAND)
-        self._instrument.queue(self._given, plan.points(self._given, count), now)
+        places = plan.points(self._given, count)[np.r_[0, next_place:count:beams]]
+        self._instrument.queue(self._given // beams, places, now)
         self._given += count
         return True
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fabry_perot.hardware.averaging import ANY_ENERGY, mean
 from fabry_perot.hardware.instrument import Instrument, InstrumentError, Interrogation, Sampling
 from fabry_perot.hardware.roles import (
     Digitiser,
@@ -20,7 +21,7 @@ from fabry_perot.hardware.roles import (
     Record,
     Shutter,
 )
-from fabry_perot.wire.codes import FLAG_GATE
+from fabry_perot.wire.codes import FLAG_GATE, MOST_BEAMS
 
 FAULT_GALVO, FAULT_LASER, FAULT_DIGITISER, FAULT_EXCITATION, FAULT_GUARD = 4, 5, 6, 7, 8
 """Fault codes: whose call failed; the last one is shutter, interlock or key."""
@@ -47,6 +48,14 @@ class Apparatus(Instrument):
         The parts; ``laser`` is the interrogation laser.
     model, serial
         Identity, for capabilities.
+    beams
+        (B, 2) where the interrogation beams are beside the first one, which the galvo steers, in nm: the first is
+        (0, 0). All are read through the one interrogation laser, at one wavelength.
+
+    Raises
+    ------
+    ValueError
+        When the pattern of beams is none.
     """
 
     def __init__(
@@ -59,16 +68,20 @@ class Apparatus(Instrument):
         shutter: Shutter,
         model: str = "Fabry-Perot scanner",
         serial: str = "",
+        beams: Sequence[tuple[int, int]] = ((0, 0),),
     ) -> None:
+        if not 1 <= len(beams) <= MOST_BEAMS or tuple(beams[0]) != (0, 0):
+            raise ValueError(f"beams: {len(beams)} of them, the first at {beams[:1]}; 1 to {MOST_BEAMS} from (0, 0) on")
         self.galvo, self.laser, self.digitiser = galvo, laser, digitiser
         self.excitation, self.shutter = excitation, shutter
         self._identity = {"model": model, "serial": serial}
-        self._samples = 0
+        self.pattern = [(int(x), int(y)) for x, y in beams]
+        self._samples, self._beams, (self._least, self._most) = 0, 1, ANY_ENERGY
         self._queue: deque[tuple[int, np.void]] = deque()
         self._block: deque[tuple[int, np.void]] = deque()
-        self._firing = False
-        self._pulses = 0
-        """The laser's count when the present block is complete."""
+        self._firing = self._gated = False
+        self._pulses = self._until = 0
+        """The laser's count when the present block is complete; what was permitted last."""
         self._records: list[Record] = []
         self._done: list[Interrogation] = []
         self._sweep: deque[int] | None = None
@@ -79,11 +92,13 @@ class Apparatus(Instrument):
         laser = self._ask(FAULT_LASER, self.laser.limits)
         excitation = self._ask(FAULT_EXCITATION, self.excitation.limits)
         parameters = {**laser.pop("parameters", {}), **excitation.pop("parameters", {})}
+        self._least, self._most = excitation.get("energy_range", ANY_ENERGY)
         return {
             **self._identity,
             "simulated": False,
             "averages": [1, 1000],
-            "beams": 1,
+            "beams": len(self.pattern),
+            "beam_offsets_nm": [list(beam) for beam in self.pattern],
             "encodings": [0, 1],
             "clock_rate": 1.0,
             "line_rate": 0,
@@ -96,7 +111,7 @@ class Apparatus(Instrument):
 
     def begin(self, sampling: Sampling) -> None:
         """Set up for a plan."""
-        self._samples = sampling.samples
+        self._samples, self._beams = sampling.samples, sampling.beams
         self._queue.clear()
         self._done.clear()
         self._ask(FAULT_DIGITISER, self.digitiser.begin, sampling)
@@ -107,7 +122,10 @@ class Apparatus(Instrument):
         self._queue.extend(enumerate(points, start=first))
 
     def permit(self, until: int, now: int) -> None:
-        """Let pulses leave before ``until``."""
+        """Let pulses leave before ``until``; what an edge began while they might not begins at an edge again."""
+        lapsed, self._until = now >= self._until, until
+        if lapsed and self._firing and self._gated:
+            self._queue.extendleft(reversed(self._break_off(now)))
         self._ask(FAULT_EXCITATION, self.excitation.permit, until, now)
 
     def poll(self, now: int) -> list[Interrogation]:
@@ -129,15 +147,21 @@ class Apparatus(Instrument):
         """Fire no more and forget all points; what was recorded whole is kept for the next poll."""
         self._queue.clear()
         self._sweep = None
+        self._break_off(now)
+
+    def _break_off(self, now: int) -> list[tuple[int, np.void]]:
+        """Fire no more; return the points of the block that were not recorded whole, and forget their records."""
         try:
             self._ask(FAULT_EXCITATION, self.excitation.halt, now)
             if self._firing:
                 self._collect(now)
         finally:
+            unfinished = list(self._block)
             self._block.clear()
             self._records.clear()
             self._firing = False
             self._ask(FAULT_DIGITISER, self.digitiser.disarm)
+        return unfinished
 
     def shots(self) -> int:
         """Return the laser's own count."""
@@ -238,7 +262,8 @@ class Apparatus(Instrument):
         pulses = sum(max(1, int(point["averages"])) for _, point in self._block)
         self._pulses, self._firing = self.shots() + pulses, True
         self._ask(FAULT_DIGITISER, self.digitiser.arm, pulses, now)
-        if int(self._block[0][1]["flags"]) & FLAG_GATE:
+        self._gated = bool(int(self._block[0][1]["flags"]) & FLAG_GATE)
+        if self._gated:
             fire_at_gate = self._ask(FAULT_EXCITATION, getattr, self.excitation, GatedLaser.fire_at_gate.__name__)
             self._ask(FAULT_EXCITATION, fire_at_gate, pulses, now)
         else:
@@ -249,14 +274,16 @@ class Apparatus(Instrument):
         for record in self._ask(FAULT_DIGITISER, self.digitiser.records, now):
             if not self._block:
                 raise InstrumentError(FAULT_DIGITISER, "more records than triggers were armed")
-            if record.samples.shape != (self._samples,):
-                got = f"a record of {record.samples.size} samples, {self._samples} asked for"
-                raise InstrumentError(FAULT_DIGITISER, got)
+            if (samples := record.samples).shape != (self._samples,):
+                raise InstrumentError(FAULT_DIGITISER, f"a record of {samples.size} samples, not {self._samples}")
             index, point = self._block[0]
+            if record.beam != (due := len(self._records) % self._beams):
+                raise InstrumentError(FAULT_DIGITISER, f"a record of beam {record.beam} where beam {due} is due")
             self._records.append(record)
-            if len(self._records) >= max(1, int(point["averages"])):
+            if len(self._records) >= self._beams * max(1, int(point["averages"])):
                 self._block.popleft()
-                self._done.append(mean(index, self._records))
+                beams = (self._records[beam :: self._beams] for beam in range(self._beams))
+                self._done += [mean(index, each, (self._least, self._most)) for each in beams]
                 self._records = []
         if not self._block:
             self._firing = False
@@ -271,29 +298,3 @@ class Apparatus(Instrument):
             raise
         except Exception as error:
             raise InstrumentError(fault, f"{getattr(call, '__qualname__', call)}: {error}") from error
-
-
-def mean(point: int, records: list[Record]) -> Interrogation:
-    """Return the A-line of ``point`` from the records of its shots; quality bits of any of them count."""
-    last, count = records[-1], len(records)
-    samples = records[0].samples
-    if count > 1 or samples.dtype != np.int16:
-        total = np.sum([record.samples for record in records], axis=0, dtype=np.float64)
-        samples = np.clip(np.rint(total / count), -32768, 32767).astype(np.int16)
-    quality = 0
-    for record in records:
-        quality |= record.quality
-    return Interrogation(
-        samples=samples.astype(np.int16, copy=False),
-        scale=last.scale,
-        point=point,
-        fire_time=last.time,
-        shot=last.shot,
-        averages=count,
-        energy=round(sum(record.energy for record in records) / count),
-        wavelength=last.wavelength,
-        dc=round(sum(record.dc for record in records) / count),
-        quality=quality,
-        time_zero=last.time_zero,
-        gain=last.gain,
-    )

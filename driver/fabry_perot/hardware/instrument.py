@@ -35,16 +35,19 @@ class Sampling:
         Sampling interval in ps.
     pulse_rate_mhz
         Pulse rate in mHz.
+    beams
+        Interrogation beams that are recorded at each point: the first so many of the pattern.
     """
 
     samples: int
     interval_ps: int
     pulse_rate_mhz: int
+    beams: int = 1
 
 
 @dataclass(frozen=True, slots=True)
 class Interrogation:
-    """What the hardware took at one point: the mean over its shots.
+    """What the hardware took at one point by one beam: the mean over its shots.
 
     Parameters
     ----------
@@ -53,7 +56,7 @@ class Interrogation:
     scale
         Pressure unit per count.
     point
-        Index of the point in the plan.
+        Index as :meth:`Instrument.queue` counts them.
     fire_time
         Device time of the last shot, in µs.
     shot
@@ -72,6 +75,8 @@ class Interrogation:
         Time of the first sample after the pulse, in 100 ps, as an int32.
     gain
         Gain of the receiver over its usual one, in 0.01 dB; ``scale`` has taken it into account.
+    beam
+        Which of the beams, from 0.
     """
 
     samples: NDArray[np.int16]
@@ -86,6 +91,7 @@ class Interrogation:
     quality: int = 0
     time_zero: int = 0
     gain: int = 0
+    beam: int = 0
 
 
 class Instrument(Protocol):
@@ -109,8 +115,8 @@ class Instrument(Protocol):
     def queue(self, first: int, points: NDArray[np.void], now: int) -> None:
         """Work through more points, from index ``first`` on, behind those given before.
 
-        At each: go there, tune, settle, take as many shots as its averages say. The shutter is opened and closed by
-        others; pulses leave only within :meth:`permit`.
+        At each: go there (the first beam), tune, settle, take as many shots as its averages say, with all beams that
+        ``begin`` was told. The shutter is opened and closed by others; pulses leave only within :meth:`permit`.
         """
         ...
 
@@ -119,7 +125,10 @@ class Instrument(Protocol):
         ...
 
     def poll(self, now: int) -> list[Interrogation]:
-        """Go on with what was started, and return what is finished since the last call, in the order of the points."""
+        """Go on with what was started, and return what is finished since the last call.
+
+        In the order of the points; all beams of a point together, in their order.
+        """
         ...
 
     def next_due(self, now: int) -> int | None:

@@ -64,6 +64,8 @@ class Record:
         Time of the first sample after the pulse, in 100 ps.
     gain
         Gain over the usual one, in 0.01 dB; ``scale`` has taken it into account.
+    beam
+        Which of the interrogation beams it records, from 0.
     """
 
     samples: NDArray[np.generic]
@@ -76,6 +78,7 @@ class Record:
     quality: int = 0
     time_zero: int = 0
     gain: int = 0
+    beam: int = 0
 
 
 class Galvo(Protocol):
@@ -144,7 +147,7 @@ class Digitiser(Protocol):
         ...
 
     def begin(self, sampling: Sampling) -> None:
-        """Set up length and interval of records."""
+        """Set up length and interval of records, and of how many beams."""
         ...
 
     def arm(self, records: int, now: int) -> None:
@@ -152,7 +155,10 @@ class Digitiser(Protocol):
         ...
 
     def records(self, now: int) -> list[Record]:
-        """Return the records finished since the last call, in the order of their triggers."""
+        """Return the records finished since the last call, in the order of their triggers.
+
+        Where there are several beams, each trigger gives a record of each, in their order.
+        """
         ...
 
     def disarm(self) -> None:
@@ -170,7 +176,9 @@ class ExcitationLaser(Protocol):
     def limits(self) -> dict[str, Any]:
         """Return ``pulse_rate_mhz`` [lowest, highest], and ``parameters``, name to [lowest, highest].
 
-        With ``gate``: true, it is a :class:`GatedLaser`.
+        With ``gate``: true, it is a :class:`GatedLaser`. Where a photodiode tells each pulse's energy (a record's
+        ``energy``): ``energy_nj``, what is nominal, and ``energy_range``, [lowest, highest] of it in 10⁻⁴, beyond which
+        a pulse is a misfire.
         """
         ...
 
@@ -215,7 +223,10 @@ class GatedLaser(ExcitationLaser, Protocol):
     """An excitation laser that can wait for something else: a heart, a breath, a stimulus."""
 
     def fire_at_gate(self, pulses: int, now: int) -> None:
-        """Let so many pulses leave from the next edge at the gate input on, as far as they are permitted then."""
+        """Let so many pulses leave from the next edge at the gate input on, as far as they are permitted then.
+
+        A permission that runs out before the last of them is followed by :meth:`halt`, never made up for.
+        """
         ...
 
 

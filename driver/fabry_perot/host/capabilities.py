@@ -5,6 +5,7 @@ The device sends one CBOR map. Ranges are ``[lowest, highest]``:
 - ``model``, ``serial``: text; ``simulated``: bool
 - ``x_nm``, ``y_nm``, ``samples``, ``interval_ps``, ``pulse_rate_mhz``, ``averages``, ``wavelength_pm``: ranges
 - ``adc_bits``, ``beams``: integers; ``encodings``: list of integers
+- ``beam_offsets_nm``: [x, y] of each beam beside the first one, where there are several
 - ``clock_rate``: device seconds per host second, 1 on hardware
 - ``line_rate``: bytes per second the line carries, 0 when nothing paces it
 - ``lease_cap_us``: longest lease granted, in µs
@@ -62,10 +63,16 @@ class Capabilities:
         Encodings of A-lines it can send.
     beams
         Points interrogated at a time.
+    beam_offsets
+        (x, y) of each beam beside the first one, in m; the first is (0, 0).
     tuning_time
         Seconds one step of a wavelength sweep takes.
     gate
         Whether points may wait for an edge at the scanner's gate input.
+    pulse_energy
+        Nominal pulse energy in J, to which an A-line's is relative; 0: not known.
+    energy_range
+        Pulse energies, relative to nominal, beyond which a pulse is a misfire; ``None``: not watched.
     parameters
         What :meth:`fabry_perot.Scanner.set` changes, with its range.
     """
@@ -86,8 +93,11 @@ class Capabilities:
     lease_cap: float
     encodings: tuple[int, ...] = (0,)
     beams: int = 1
+    beam_offsets: tuple[Range, ...] = ((0.0, 0.0),)
     tuning_time: float = 0.0
     gate: bool = False
+    pulse_energy: float = 0.0
+    energy_range: Range | None = None
     parameters: Mapping[str, Range] = field(default_factory=dict)
 
     @classmethod
@@ -99,6 +109,9 @@ class Capabilities:
             return float(low) * unit, float(high) * unit
 
         try:
+            offsets = tuple(span(pair, 1e-9) for pair in data.get("beam_offsets_nm", [[0, 0]]))
+            if len(offsets) != int(data["beams"]) or offsets[0] != (0.0, 0.0):
+                raise ValueError(f"offsets of {len(offsets)} beams of {data['beams']}, the first at {offsets[:1]}")
             return cls(
                 model=str(data["model"]),
                 serial=str(data["serial"]),
@@ -116,8 +129,11 @@ class Capabilities:
                 lease_cap=float(data["lease_cap_us"]) * 1e-6,
                 encodings=tuple(int(value) for value in data["encodings"]),
                 beams=int(data["beams"]),
+                beam_offsets=offsets,
                 tuning_time=float(data.get("tuning_us", 0)) * 1e-6,
                 gate=bool(data.get("gate", False)),
+                pulse_energy=float(data.get("energy_nj", 0)) * 1e-9,
+                energy_range=span(data["energy_range"], 1e-4) if "energy_range" in data else None,
                 parameters={str(name): span(pair) for name, pair in data.get("parameters", {}).items()},
             )
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
@@ -163,6 +179,11 @@ class Capabilities:
         if values.any() and not self.gate:
             raise PlanInvalid("gated", "true", "false: this scanner has no gate input")
         return values
+
+    def check_beams(self, count: int) -> None:
+        """Raise PlanInvalid when the scanner has not so many beams."""
+        if not 1 <= count <= self.beams:
+            raise PlanInvalid("beams", count, f"1 … {self.beams}" if self.beams > 1 else "1, all this scanner has")
 
     def check(
         self,

@@ -20,10 +20,13 @@ class Ledger:
         The laser's counter when the scan began.
     refired
         Points fired, lost with a reboot before they arrived, and therefore fired again.
+    refired_places
+        At how many places they lie: fewer, where several beams record each.
     """
 
     first: int | None = None
     refired: list[int] = field(default_factory=list)
+    refired_places: int = 0
     _boot: int = 0
     _boot_shots: int = 0
     _shots: int = 0
@@ -53,10 +56,14 @@ class Ledger:
         ``wasted`` is the last that was heard of the shots discarded in the boot that ended. Counting begins here in the
         new ``boot``, which has fired nothing yet.
         """
-        totals = np.cumsum(np.maximum(1, plan.points["averages"][self._start :].astype(np.int64)))
+        shots = plan.shots[self._start :].copy()
+        shots[0] = max(1, int(plan.points["averages"][self._start]))  # which may lie between a place's beams
+        totals = np.cumsum(shots)
         fired = laser_shots - self._shots - (wasted - self._wasted_before)
         count = int(np.searchsorted(totals, fired, side="right"))
-        self.refired += range(kept, max(kept, self._start + count))
+        stop = max(kept, self._start + count)
+        self.refired += range(kept, stop)
+        self.refired_places += plan.places(kept, stop)
         self._wasted += laser_shots - self._shots - (int(totals[count - 1]) if count else 0)
         self._boot, self._start, self._shots, self._wasted_before = boot, kept, laser_shots, 0  # twice changes nothing
         self._boot_shots = 0
@@ -95,6 +102,8 @@ class ScanReport:
     age
         Seconds since the device's counters were heard; 0 when it was asked for this report. Shots fired after that, at
         most a lease's worth, are not in it.
+    places
+        How often a place was measured, where several beams record each; ``None``: stored + held + refired.
     """
 
     points: int
@@ -110,6 +119,7 @@ class ScanReport:
     repaired: int
     bad_frames: int
     age: float = 0.0
+    places: int | None = None
 
     def __repr__(self) -> str:
         names = ("held", "wasted", "resumes", "restarts", "reconnects", "repaired", "bad_frames")
@@ -120,5 +130,6 @@ class ScanReport:
 
     @property
     def balanced(self) -> bool:
-        """Whether fired = stored + held + re-fired (+ wasted), counted in shots."""
-        return self.fired == self.averages * (self.stored + self.held + len(self.refired)) + self.wasted
+        """Whether fired = stored + held + re-fired (+ wasted), counted in shots: one for all beams of a place."""
+        places = self.stored + self.held + len(self.refired) if self.places is None else self.places
+        return self.fired == self.averages * places + self.wasted

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import atexit
+import contextvars
+import signal
 import socket
+import sys
 import threading
+from contextlib import suppress
 
 from fabry_perot.device.endpoints import PairEndpoint
 from fabry_perot.device.serving import Service
@@ -19,8 +23,30 @@ READ_WAIT = 0.004
 """Longest wait for bytes in one read, in s."""
 
 
+_OPEN: set[LocalTransport] = set()
+
+
+def _told(*_: object) -> None:
+    """End all devices of this process, and the program, as SIGTERM would, but their shutters closed."""
+    for transport in _OPEN:
+        transport.end()
+    sys.exit(128 + signal.SIGTERM)
+
+
+def _listen() -> None:
+    """Have SIGTERM do so while there is a device, unless the program has said otherwise; from its main thread."""
+    if threading.current_thread() is not threading.main_thread():
+        return
+    if _OPEN and signal.getsignal(signal.SIGTERM) == signal.SIG_DFL:
+        signal.signal(signal.SIGTERM, _told)
+    elif not _OPEN and signal.getsignal(signal.SIGTERM) is _told:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
 class LocalTransport:
     """Bytes to and from a device of this process, which ends with the transport or the program, its shutter closed.
+
+    SIGTERM counts as an end of the program that began it in its main thread, unless that handles the signal itself.
 
     Parameters
     ----------
@@ -42,16 +68,20 @@ class LocalTransport:
         self._end, far = socket.socketpair()
         self._end.settimeout(READ_WAIT)
         self._over = threading.Event()
+        _OPEN.add(self)
         try:
+            _listen()
             service = Service(instrument, PairEndpoint(far), ring=512, plan_points=8192, max_payload=MAX_PAYLOAD)
         except BaseException:
+            with suppress(Exception):
+                instrument.close()
             self._end.close()
             far.close()
-            _HELD.discard(self._held)
+            self._forget()
             raise
-        self._thread = threading.Thread(
-            target=service.run, args=(self._over.is_set,), name="fabry-perot-device", daemon=True
-        )
+        context = contextvars.copy_context()  # as in the thread of the other end
+        work = (service.run, self._over.is_set)
+        self._thread = threading.Thread(target=context.run, args=work, name="fabry-perot-device", daemon=True)
         self._thread.start()
         atexit.register(self.close)
 
@@ -74,11 +104,20 @@ class LocalTransport:
         except OSError as error:
             raise LinkLost(f"the device has ended: {error}") from error
 
+    def end(self) -> None:
+        """Tell the device to end."""
+        self._over.set()
+
     def close(self) -> None:
         """End the device."""
         atexit.unregister(self.close)
-        self._over.set()
+        self.end()
         self._thread.join(10.0)
         self._end.close()
         if not self._thread.is_alive():  # a device that hangs in a call to the hardware still has it
-            _HELD.discard(self._held)
+            self._forget()
+
+    def _forget(self) -> None:
+        _HELD.discard(self._held)
+        _OPEN.discard(self)
+        _listen()

@@ -32,6 +32,8 @@ class Plan:
         How A-lines travel; no part of the plan's identity.
     tag
         Part of the identity and of nothing else: tells uploads of the same points apart.
+    beams
+        Points come as many at a time as there are beams, all of them where the first beam goes.
     """
 
     points: NDArray[np.void]
@@ -40,6 +42,7 @@ class Plan:
     pulse_rate_mhz: int
     encoding: int = 0
     tag: int = 0
+    beams: int = 1
 
     @classmethod
     def from_metres(
@@ -54,26 +57,40 @@ class Plan:
         gated: bool | NDArray[np.bool_] = False,
         encoding: int = 0,
         tag: int = 0,
+        beams: int = 1,
     ) -> Plan:
-        """Return the plan for (M, 2) positions in m; the rest in SI units, ``wavelength``, ``gated`` one or (M,)."""
+        """Return the plan for (M, 2) places in m; the rest in SI units, ``wavelength``, ``gated`` one or (M,)."""
         records = np.zeros(len(points), POINT)
         records["x"], records["y"] = np.rint(points.T * 1e9)
         records["averages"] = averages
         records["wavelength"] = np.rint(np.asarray(wavelength) * 1e12)
         records["flags"] = np.where(gated, FLAG_GATE, 0)
-        return cls(records, samples, round(sampling_interval * 1e12), round(pulse_rate * 1e3), encoding, tag)
+        interval, rate = round(sampling_interval * 1e12), round(pulse_rate * 1e3)
+        return cls(np.repeat(records, beams), samples, interval, rate, encoding, tag, beams)
 
     @cached_property
     def uid(self) -> int:
         """Identity of the content (u32, never 0): equal plans have equal uids."""
         tag = f",{self.tag}" if self.tag else ""
+        tag += f",beams {self.beams}" if self.beams > 1 else ""
         head = f"{self.samples},{self.interval_ps},{self.pulse_rate_mhz}{tag};".encode()
         return crc32c(head + self.points.tobytes()) or 1
 
     @property
     def length(self) -> int:
-        """Number of points."""
+        """Number of points, and so of A-lines."""
         return len(self.points)
+
+    @cached_property
+    def shots(self) -> NDArray[np.int64]:
+        """(M,) shots for each point, which those of a place's first one are for all its beams."""
+        shots = np.maximum(1, self.points["averages"].astype(np.int64))
+        shots[np.arange(self.length) % self.beams > 0] = 0
+        return shots
+
+    def places(self, first: int, stop: int) -> int:
+        """Return at how many places the points from ``first`` and below ``stop`` lie."""
+        return -(-stop // self.beams) - first // self.beams if stop > first else 0
 
     def request(self, *, purge: bool, start: int = 0) -> dict[str, Any]:
         """Return the body of PLAN_NEW for the points from ``start``; ``purge`` gives up A-lines of another plan."""
@@ -87,6 +104,7 @@ class Plan:
             "start": start,
             "encoding": self.encoding,
             "group": MAX_GROUP,
+            **({"beams": self.beams} if self.beams > 1 else {}),
         }
 
     def data(self, first: int, limit: int, payload: int) -> bytes:

@@ -81,6 +81,7 @@ class Scanner(Panel):
         resume: bool = False,
         start: int = 0,
         tag: int = 0,
+        beams: int = 1,
     ) -> None:
         """Upload a plan.
 
@@ -112,6 +113,10 @@ class Scanner(Panel):
             a scan whose scanner and host both went down.
         tag
             Any u32: uploads of the same points with another tag are other plans, for ``resume`` too.
+        beams
+            How many of the scanner's beams record each shot. ``points`` is where the first one goes, the others are at
+            ``capabilities.beam_offsets`` beside it; the A-lines of points[p] are those of *point* p·beams … p·beams +
+            beams − 1, a beam each, and ``start`` counts A-lines.
 
         Raises
         ------
@@ -127,6 +132,7 @@ class Scanner(Panel):
             averages=averages,
             encoding=encoding,
         )
+        self.capabilities.check_beams(beams)
         plan = Plan.from_metres(
             where,
             samples=samples,
@@ -137,6 +143,7 @@ class Scanner(Panel):
             gated=self.capabilities.gated(gated, len(where)),
             encoding=self.capabilities.encoding(encoding),
             tag=tag,
+            beams=beams,
         )
         if not 0 <= start < plan.length:
             raise PlanInvalid("start", start, f"0 … {plan.length - 1}")
@@ -344,8 +351,9 @@ class Scanner(Panel):
         averages, wasted = int(plan.points["averages"].max()), ledger.wasted(device["shots_wasted"])
         stored, held = self._acknowledged - self._first, max(0, device["produced"] - self._acknowledged)
         fired = device["laser_shots"] - first
+        places = plan.places(self._first, self._first + stored + held) + ledger.refired_places
         if age:
-            fired = max(fired, averages * (stored + held + len(ledger.refired)) + wasted)
+            fired = max(fired, averages * places + wasted)
         return ScanReport(
             points=plan.length,
             fired=fired,
@@ -360,6 +368,7 @@ class Scanner(Panel):
             repaired=host.assembly.repairs,
             bad_frames=host.deframer.counters.bad,
             age=age,
+            places=places,
         )
 
     def _counters(self) -> tuple[dict[str, Any], float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextvars
 import logging
 import secrets
 import threading
@@ -60,7 +61,9 @@ class Pump:
         self._stopping = threading.Event()
         self._broken: LinkLost | None = None
         self._silent_since: int | None = None
-        self._thread = threading.Thread(target=self._run, name="fabry-perot-io", daemon=True)
+        self._known = (0, 0)
+        context = contextvars.copy_context()  # so that a filter of the caller's logs knows whose lines these are
+        self._thread = threading.Thread(target=context.run, args=(self._run,), name="fabry-perot-io", daemon=True)
 
     def start(self) -> None:
         """Open the host and start the thread."""
@@ -101,11 +104,19 @@ class Pump:
                 now = self._clock.now()
                 if data:
                     self._host.receive(data, now)
+                    self._note_session()
                     self._changed.notify_all()
                 else:
                     self._host.poll(now)
                 self._note_silence(now)
             self.flush()
+
+    def _note_session(self) -> None:
+        """Log each session by the numbers that the device, and who listens on the line, know it by."""
+        hello = self._host.hello
+        if hello is not None and (hello.boot, hello.session) != self._known:
+            self._known = hello.boot, hello.session
+            _log.info("session %04x with the scanner begins, which has booted as %08x", hello.session, hello.boot)
 
     def _note_silence(self, now: int) -> None:
         """Log when the scanner goes silent, while it is, and when it is back; a session must have begun."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabry_perot.hardware import Apparatus, Interrogation
-from fabry_perot.hardware.apparatus import mean
+from fabry_perot.hardware.averaging import mean
 from fabry_perot.simulator.parts import (
     TUNING_STEP,
     SimulatedDigitiser,
@@ -48,6 +49,8 @@ class PhantomInstrument(Apparatus):
         Time in which the interrogation laser tunes, in µs.
     gate
         Time between edges at the gate input, in µs; 0: there is none.
+    beams
+        (B, 2) where the interrogation beams are beside the first one, in nm.
     settings
         Further ones of :class:`~fabry_perot.simulator.recorder.Recorder`.
     """
@@ -67,6 +70,7 @@ class PhantomInstrument(Apparatus):
         line_rate: int = 0,
         tuning: int = TUNING_STEP,
         gate: int = 0,
+        beams: Sequence[tuple[int, int]] = ((0, 0),),
         **settings: Any,
     ) -> None:
         self.recorder = Recorder(balls, seed=seed, **settings)
@@ -75,11 +79,12 @@ class PhantomInstrument(Apparatus):
         super().__init__(
             galvo=galvo,
             laser=laser,
-            digitiser=SimulatedDigitiser(self.recorder, galvo, laser),
+            digitiser=SimulatedDigitiser(self.recorder, galvo, laser, beams),
             excitation=excitation,
             shutter=shutter,
             model="simulated Fabry-Perot scanner",
             serial=f"SIM-{seed:04d}",
+            beams=beams,
         )
         excitation.trigger = self._trigger
         self._rates = {"clock_rate": clock_rate, "line_rate": line_rate}
@@ -106,7 +111,9 @@ class PhantomInstrument(Apparatus):
     def queue(self, first: int, points: NDArray[np.void], now: int) -> None:
         """Work through more points."""
         super().queue(first, points, now)
-        self._places.extend(zip(points["x"].tolist(), points["y"].tolist(), strict=True))
+        beams = self.pattern[: self._beams]
+        for x, y in zip(points["x"].tolist(), points["y"].tolist(), strict=True):
+            self._places.extend((x + dx, y + dy) for dx, dy in beams)
         self.recorder.expect(list(self._places))
 
     def poll(self, now: int) -> list[Interrogation]:
@@ -127,9 +134,10 @@ class PhantomInstrument(Apparatus):
             return max(self.galvo.rests_at, self.laser.rests_at)
         return now if self._queue else None
 
-    def measure(self, point: np.void, shot: int) -> Interrogation:
-        """Return the A-line that shot number ``shot`` gives at a point, without firing it: a test's truth."""
-        record = self.recorder.record(int(point["x"]), int(point["y"]), self._bias(point), shot)
+    def measure(self, point: np.void, shot: int, beam: int = 0) -> Interrogation:
+        """Return a beam's A-line that shot number ``shot`` gives at a point, without firing it: a test's truth."""
+        dx, dy = self.pattern[beam]
+        record = self.recorder.record(int(point["x"]) + dx, int(point["y"]) + dy, self._bias(point), shot, beam)
         return mean(0, [replace(record, shot=shot)])
 
     def _aim(self, now: int) -> None:

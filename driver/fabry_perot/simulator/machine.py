@@ -6,7 +6,7 @@ import secrets
 
 from fabry_perot.device import Device, DeviceTiming
 from fabry_perot.simulator.instrument import PhantomInstrument
-from fabry_perot.simulator.options import FILMS, Options
+from fabry_perot.simulator.options import FILMS, Options, pattern
 from fabry_perot.simulator.shapes import by_name
 from fabry_perot.wire.framing import MAX_PAYLOAD, UART_PAYLOAD, USB_PAYLOAD
 
@@ -40,6 +40,7 @@ class Machine:
             relief=options.relief,
             tuning=round(1e6 * options.tuning_time),
             gate=round(1e6 / options.gate_rate) if options.gate_rate else 0,
+            beams=pattern(options.beams, options.beam_spacing),
             full_scale=options.full_scale,
             repeat=options.repeat,
         )

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from fabry_perot.simulator.film import RELIEFS, Response
 from fabry_perot.simulator.shapes import NAMES
+from fabry_perot.wire.codes import MOST_BEAMS
 
 FILMS = {
     "ideal": Response(),
@@ -53,6 +54,10 @@ class Options:
         Time in which the interrogation laser tunes, in s.
     gate_rate
         Edges a second at the gate input; 0: there is none.
+    beams
+        The interrogation beams: ``16`` in a row, or ``4x4`` in rows and columns.
+    beam_spacing
+        Between neighbouring beams, in m.
     energy_jitter
         Standard deviation of the pulse energy, relative.
     full_scale
@@ -82,6 +87,8 @@ class Options:
     relief: str = "waves"
     tuning_time: float = 200e-6
     gate_rate: float = 0.0
+    beams: str = "1"
+    beam_spacing: float = 0.8e-3
     energy_jitter: float = 0.01
     full_scale: float = 2.0
     bit_errors: float = 0.0
@@ -123,6 +130,8 @@ def parse(arguments: Sequence[str] | None = None) -> tuple[Options, bool]:
     add("--relief", choices=RELIEFS, default="waves", help="how the film's resonance varies over it")
     add("--tuning-time", type=_positive, default=200e-6, help="time in which the interrogation laser tunes, in s")
     add("--gate-rate", type=float, default=0.0, help="edges a second at the gate input; 0: there is none")
+    add("--beams", type=_beams, default="1", help="interrogation beams: 16 in a row, or 4x4")
+    add("--beam-spacing", type=_positive, default=0.8e-3, help="between neighbouring beams, in m")
     add("--energy-jitter", type=float, default=0.01, help="of the pulse energy, relative")
     add("--full-scale", type=_positive, default=2.0, help="digitiser's range over the strongest signal")
     add("--bit-errors", type=_share, default=0.0, help="probability of each bit to be flipped, both ways")
@@ -134,6 +143,29 @@ def parse(arguments: Sequence[str] | None = None) -> tuple[Options, bool]:
     given = vars(parser.parse_args(arguments))
     exit_with_stdin, link = given.pop("exit_with_stdin"), given.pop("pty")
     return Options(link=link or None, **given), exit_with_stdin
+
+
+def pattern(beams: str, spacing: float) -> list[tuple[int, int]]:
+    """Return (B, 2) where beams are beside the first one, in nm: a row, or columns × rows, ``spacing`` m apart.
+
+    Raises
+    ------
+    ValueError
+        When ``beams`` is neither, or there are more than a scanner may have.
+    """
+    columns, _, rows = beams.partition("x")
+    step, across, along = round(1e9 * spacing), int(columns), int(rows or "1")
+    if not (across >= 1 and along >= 1 and across * along <= MOST_BEAMS):
+        raise ValueError(f"{beams}: 1 to {MOST_BEAMS} beams")
+    return [(step * column, step * row) for row in range(along) for column in range(across)]
+
+
+def _beams(text: str) -> str:
+    try:
+        pattern(text, 1.0)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text}: 1 to {MOST_BEAMS}, in a row (16) or a rectangle (4x4)") from error
+    return text
 
 
 def _positive(text: str) -> float:

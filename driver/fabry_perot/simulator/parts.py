@@ -6,7 +6,7 @@ open: the galvo rests, the shutter is open, interlock and key are closed, and th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -180,8 +180,8 @@ class SimulatedExcitation:
 
     def limits(self) -> dict[str, Any]:
         """Return its range."""
-        parameters = {"excitation_pm": [400_000, 2_000_000]}
-        return {"pulse_rate_mhz": [1_000, 10_000_000], "gate": self._gate > 0, "parameters": parameters}
+        limits = {"pulse_rate_mhz": [1_000, 10_000_000], "energy_nj": 20_000_000, "energy_range": [5_000, 15_000]}
+        return {**limits, "gate": self._gate > 0, "parameters": {"excitation_pm": [400_000, 2_000_000]}}
 
     def begin(self, sampling: Sampling) -> None:
         """Set the pulse rate."""
@@ -251,11 +251,15 @@ class SimulatedDigitiser:
         Knows what a shot records.
     galvo, laser
         Tell where and at which wavelength.
+    pattern
+        Where the beams are beside the first one, in nm.
     """
 
-    def __init__(self, recorder: Recorder, galvo: SimulatedGalvo, laser: SimulatedLaser) -> None:
+    def __init__(
+        self, recorder: Recorder, galvo: SimulatedGalvo, laser: SimulatedLaser, pattern: Sequence[tuple[int, int]]
+    ) -> None:
         self._recorder, self._galvo, self._laser = recorder, galvo, laser
-        self._armed = 0
+        self._pattern, self._armed, self._beams = pattern, 0, 1
         self._taken: list[tuple[int, int, int, int, int, int]] = []
 
     def limits(self) -> dict[str, Any]:
@@ -265,6 +269,7 @@ class SimulatedDigitiser:
     def begin(self, sampling: Sampling) -> None:
         """Set up records."""
         self._recorder.begin(sampling)
+        self._beams = sampling.beams
 
     def arm(self, records: int, now: int) -> None:
         """Take so many triggers."""
@@ -280,8 +285,9 @@ class SimulatedDigitiser:
         """Return what was taken."""
         taken, self._taken = self._taken, []
         return [
-            replace(self._recorder.record(x, y, wavelength, shot), time=time, shot=count)
+            replace(self._recorder.record(x + dx, y + dy, wavelength, shot, beam), time=time, shot=count)
             for x, y, wavelength, shot, time, count in taken
+            for beam, (dx, dy) in enumerate(self._pattern[: self._beams])
         ]
 
     def disarm(self) -> None:

@@ -2,8 +2,10 @@
 
 It is a function of phantom, point, seed and shot number alone, so a test can recompute it: with
 ``rng = numpy.random.default_rng([seed, shot])`` the pulse energy is ``1 + 0.01·rng.standard_normal()`` and the noise
-``rms·rng.standard_normal(N_t, dtype=float32)``, drawn in this order; sums are taken in float64 and divided by
-:attr:`Recorder.scale`; the mean over a point's shots is rounded and clipped to 16 bits. Points lie on whole nanometres.
+``rms·rng.standard_normal(N_t, dtype=float32)``, drawn in this order; the noise of beam b > 0
+comes from a generator of its own, ``default_rng([seed, shot, b])``: beams share the pulse, not the detector. Sums are
+taken in float64 and divided by :attr:`Recorder.scale`; the mean over a point's shots is rounded and clipped to 16 bits.
+Points lie on whole nanometres.
 """
 
 from __future__ import annotations
@@ -111,21 +113,22 @@ class Recorder:
         """Return the DC level in mV."""
         return round(float(self.film.level(x, y, np.array([float(wavelength)]))[0]) * self.power / POWER)
 
-    def record(self, x: int, y: int, wavelength: int, shot: int) -> Record:
-        """Return what shot number ``shot`` records at x, y (nm) with the laser at ``wavelength`` (pm)."""
+    def record(self, x: int, y: int, wavelength: int, shot: int, beam: int = 0) -> Record:
+        """Return what beam ``beam`` at x, y (nm) records of shot ``shot`` with the laser at ``wavelength`` (pm)."""
         if not self._repeat:
-            return self._record(x, y, wavelength, shot)
+            return self._record(x, y, wavelength, shot, beam)
         if len(self._made) < self._repeat:
-            made = self._record(x, y, wavelength, shot)
+            made = self._record(x, y, wavelength, shot, beam)
             self._made.append(replace(made, samples=np.rint(made.samples.astype(np.float64)).astype(np.int16)))
-        return self._made[shot % len(self._made)]
+        return replace(self._made[shot % len(self._made)], beam=beam)
 
-    def _record(self, x: int, y: int, wavelength: int, shot: int) -> Record:
+    def _record(self, x: int, y: int, wavelength: int, shot: int, beam: int) -> Record:
         line = self._line(x, y).astype(np.float64) * (EXCITATION / self.excitation) ** 2
         mistuned = wavelength != self.bias(x, y) and abs(wavelength - self.film.bias(x, y)) > LINEWIDTH / 4
         random = np.random.default_rng([self._seed, shot])
         energy = 1 + self._energy_jitter * random.standard_normal()
         signal = self._signal(line * energy, x, y, wavelength)
+        random = np.random.default_rng([self._seed, shot, beam]) if beam else random
         signal += self.noise_rms * random.standard_normal(len(line), dtype=np.float32).astype(np.float64)
         counts = signal / self.scale
         clipped = np.clip(counts, -FULL_SCALE - 1, FULL_SCALE)
@@ -140,6 +143,7 @@ class Recorder:
             dc=level,
             quality=(SATURATED if saturated else 0) | (MISTUNED if mistuned else 0),
             time_zero=self._time_zero,
+            beam=beam,
         )
 
     def _signal(self, line: NDArray[np.float64], x: int, y: int, wavelength: int) -> NDArray[np.float64]:

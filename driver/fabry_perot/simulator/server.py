@@ -95,13 +95,13 @@ class Server:
         if self._plug_at is not None:
             self._run_unplugged(self._plug_at)
             return
-        data = self.endpoint.read(self._up.allowance(present, CHUNK))
+        data = self.endpoint.read(self._up.allowance(self.time, CHUNK))
         self._up.spend(len(data))
         self.machine.receive(self.up(data, self.time), self.time)
         if not self._out:
-            pulled = self.machine.pull(min(PULL, self._down.allowance(present, PULL)))
+            pulled = self.machine.pull(min(PULL, self._down.allowance(self.time, PULL)))
             self._out = self.down(pulled, self.time)
-        allowed = self._down.allowance(present, len(self._out))
+        allowed = self._down.allowance(self.time, len(self._out))
         if self._out and allowed:
             sent = self.endpoint.write(self._out[:allowed])
             self._out = self._out[sent:]

@@ -21,6 +21,8 @@ MAX_MISSING = 64
 """Longest missing list in one ALINE_ACK."""
 MAX_GROUP = 255
 """Most A-lines in one frame."""
+MOST_BEAMS = 64
+"""Most interrogation beams of a scanner."""
 FLAG_RETUNE, FLAG_MONITOR, FLAG_FIDUCIAL, FLAG_GATE = 1, 2, 4, 8
 """Bits of a point's ``flags``."""
 

@@ -12,9 +12,10 @@ import uvicorn
 
 from steradian.api.app import create_app
 from steradian.api.connections import Door, GuardedConfig, places
+from steradian.api.middleware import StreamsInTurn
+from steradian.logs import configure_logging
 from steradian.runtime.heartbeat import Heartbeat
 from steradian.runtime.lifeline import end_with_stdin
-from steradian.runtime.logs import configure_logging
 from steradian.settings import Settings
 from steradian.storage.paths import DataDirectory
 
@@ -27,7 +28,7 @@ def main(descriptor: int) -> None:
     settings = Settings.create()
     configure_logging(settings, "api")
     config = GuardedConfig(
-        create_app(settings),
+        StreamsInTurn(create_app(settings)),
         Door(places(settings.max_connections), settings.client_timeout),
         log_config=None,
         access_log=False,

@@ -12,6 +12,7 @@ from steradian.api import (
     batches,
     contract,
     deletion,
+    designs,
     documentation,
     events,
     health,
@@ -28,6 +29,7 @@ from steradian.api import (
     scan_data,
     scanners,
     scans,
+    sessions,
     storage,
     uploads,
 )
@@ -38,10 +40,11 @@ from steradian.api.services import Services
 from steradian.api.stamps import Stamps
 from steradian.api.together import Together
 from steradian.settings import Settings
+from steradian.web.pages import make_router
 
 RESOURCES = (
-    events, root, masks, plans, scanners, scans, scan_data, reconstructions, results, quality, batches, uploads, jobs,
-    deletion, storage,
+    events, root, masks, plans, designs, scanners, scans, scan_data, reconstructions, results, quality, batches,
+    uploads, jobs, deletion, storage, sessions,
 )  # fmt: skip
 """In the order in which a request is compared with their routes; streams are opened by many at once."""
 
@@ -82,8 +85,9 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_middleware(Observe, metrics=app.state.metrics)
     app.add_middleware(RequestId)
     problems.install(app)
-    for module in (*RESOURCES, health, metrics, documentation, problem_pages):
-        app.include_router(module.router)
-        app.state.routes += module.router.routes
+    routers = [module.router for module in (*RESOURCES, health, metrics, documentation, problem_pages)]
+    for router in (*routers, make_router(__version__, settings.page_scripts)):
+        app.include_router(router)
+        app.state.routes += router.routes
     contract.describe(app)
     return app

@@ -9,11 +9,12 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 from fastapi import Request
 from fastapi.responses import Response, StreamingResponse
+from numpy.typing import NDArray
 from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
 from werkzeug.datastructures import MIMEAccept
@@ -110,7 +111,12 @@ class Selection:
             else:
                 start, stop, step = (int(number) if number else None for number in found.group(2, 3, 4))
                 index.append(slice(*slice(start, stop, step).indices(size)))
-        return cls(tuple(index), tuple(len(range(*s.indices(10**12))) for s in index if isinstance(s, slice)))
+        return cls.of(tuple(index))
+
+    @classmethod
+    def of(cls, index: tuple[slice | int, ...]) -> Selection:
+        """Return the one of these indices, none of them negative."""
+        return cls(index, tuple(len(range(*s.indices(10**12))) for s in index if isinstance(s, slice)))
 
     @property
     def count(self) -> int:
@@ -118,10 +124,85 @@ class Selection:
         return math.prod(self.shape)
 
 
+class Source(Protocol):
+    """An array that can be read in parts.
+
+    Attributes
+    ----------
+    shape, dtype
+        As NumPy has them.
+    """
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of elements along each axis."""
+        ...
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of an element."""
+        ...
+
+    def pieces(self, index: tuple[slice | int, ...]) -> Iterator[NDArray[Any]]:
+        """Read a part of it, divided along the first axis."""
+        ...
+
+
+class Whole:
+    """Values that are in memory."""
+
+    def __init__(self, values: NDArray[Any]) -> None:
+        self._values, self.shape, self.dtype = values, values.shape, values.dtype
+
+    def pieces(self, index: tuple[slice | int, ...]) -> Iterator[NDArray[Any]]:
+        """Give a part at once."""
+        yield self._values[index]
+
+
+class Dataset:
+    """A dataset of an HDF5 file of our own, also one that somebody writes to.
+
+    Raises
+    ------
+    DamagedFile
+        When the file cannot be read.
+    """
+
+    def __init__(self, path: Path, name: str) -> None:
+        self._path, self._name = path, name
+        try:
+            with open_to_read(path) as file:
+                self.shape: tuple[int, ...] = file[name].shape
+                self.dtype: np.dtype[Any] = file[name].dtype
+        except (OSError, KeyError) as error:
+            raise DamagedFile(f"{path.name} cannot be read: {error}") from error
+
+    def pieces(self, index: tuple[slice | int, ...]) -> Iterator[NDArray[Any]]:
+        """Read piece by piece along the first axis, so that no request holds a whole scan."""
+        first, *others = index
+        with open_to_read(self._path) as file:
+            if isinstance(first, int):
+                yield np.asarray(file[self._name][index])
+                return
+            rows = range(*first.indices(self.shape[0]))
+            count = len(rows) * math.prod(len(range(*at.indices(10**12))) for at in others if isinstance(at, slice))
+            step = max(1, PIECE_BYTES * len(rows) // max(1, count * self.dtype.itemsize))
+            for at in range(0, len(rows), step):
+                piece = rows[at : at + step]
+                yield np.asarray(file[self._name][(slice(piece.start, piece.stop, piece.step), *others)])
+
+
 def respond(
-    path: Path, dataset: str, chosen: str | None, kind: str, *, limit: int, headers: dict[str, str] | None = None
+    source: Source,
+    selection: Selection,
+    kind: str,
+    *,
+    limit: int,
+    headers: dict[str, str] | None = None,
+    more: dict[str, Any] | None = None,
+    field: str = "slice",
 ) -> Response:
-    """Answer with a slice of a dataset of an HDF5 file of our own.
+    """Answer with a part of an array.
 
     Parameters
     ----------
@@ -129,38 +210,34 @@ def respond(
         :data:`NPY`, :data:`RAW` or :data:`JSON`.
     limit
         Most bytes.
+    more
+        What JSON says besides.
+    field
+        The parameter to change where the part is too large.
 
     Raises
     ------
     InvalidInput
-        When the slice is wrong or too large.
-    DamagedFile
-        When the file cannot be read.
+        When the part is too large.
     """
-    try:
-        with open_to_read(path) as file:
-            shape, dtype = file[dataset].shape, file[dataset].dtype
-    except (OSError, KeyError) as error:
-        raise DamagedFile(f"{path.name} cannot be read: {error}") from error
-    selection = Selection.parse(chosen, shape)
+    shape, dtype = selection.shape, source.dtype
     size = selection.count * dtype.itemsize
     if kind == JSON and selection.count > MAX_JSON_VALUES:
-        raise InvalidInput("slice", chosen or ":", f"at most {MAX_JSON_VALUES} values as JSON; {NPY} has no such limit")
+        allowed = f"at most {MAX_JSON_VALUES} values as JSON; {NPY} has no such limit"
+        raise InvalidInput(field, " × ".join(map(str, shape)), allowed)
     if size > limit:
-        raise InvalidInput("slice", chosen or ":", f"at most {limit} bytes, not {size}")
-    about = (headers or {}) | {"X-Shape": ",".join(map(str, selection.shape)), "X-Dtype": dtype.str}
+        raise InvalidInput(field, " × ".join(map(str, shape)), f"at most {limit} bytes, not {size}")
+    about = (headers or {}) | {"X-Shape": ",".join(map(str, shape)), "X-Dtype": dtype.str}
+    pieces = source.pieces(selection.index) if selection.count else iter(())
     if kind == JSON:
-        with open_to_read(path) as file:
-            values = np.asarray(file[dataset][selection.index])
-        body = {
-            "shape": selection.shape,
-            "dtype": dtype.str,
-            "values": nulls(values),
-        }
+        values = np.concatenate([np.atleast_1d(piece).ravel() for piece in pieces] or [np.empty(0, dtype)])
+        body = {"shape": shape, "dtype": dtype.str, "values": nulls(values.reshape(shape))} | (more or {})
         return Response(json.dumps(body), media_type=JSON, headers=about)
-    head = _npy_header(dtype, selection.shape) if kind == NPY else b""
+    head = _npy_header(dtype, shape) if kind == NPY else b""
+    if size <= PIECE_BYTES:  # as one piece: each of a stream changes threads
+        return Response(b"".join(_bytes(head, pieces)), media_type=kind, headers=about)
     about["Content-Length"] = str(len(head) + size)
-    return StreamingResponse(_pieces(path, dataset, head, selection, dtype), media_type=kind, headers=about)
+    return StreamingResponse(_bytes(head, pieces), media_type=kind, headers=about)
 
 
 def _npy_header(dtype: np.dtype[Any], shape: tuple[int, ...]) -> bytes:
@@ -170,19 +247,8 @@ def _npy_header(dtype: np.dtype[Any], shape: tuple[int, ...]) -> bytes:
     return header.getvalue()
 
 
-def _pieces(path: Path, dataset: str, head: bytes, selection: Selection, dtype: np.dtype[Any]) -> Iterator[bytes]:
-    """Read piece by piece along the first axis, so that no request holds a whole volume."""
+def _bytes(head: bytes, pieces: Iterator[NDArray[Any]]) -> Iterator[bytes]:
     if head:
         yield head
-    first, *others = selection.index
-    if not selection.count:
-        return
-    with open_to_read(path) as file:
-        if isinstance(first, int):
-            yield np.ascontiguousarray(file[dataset][selection.index]).tobytes()
-            return
-        rows = range(*first.indices(file[dataset].shape[0]))
-        step = max(1, PIECE_BYTES * len(rows) // (selection.count * dtype.itemsize))
-        for at in range(0, len(rows), step):
-            piece = rows[at : at + step]
-            yield np.ascontiguousarray(file[dataset][(slice(piece.start, piece.stop, piece.step), *others)]).tobytes()
+    for piece in pieces:
+        yield np.ascontiguousarray(piece).tobytes()

@@ -42,7 +42,7 @@ class JsonRequest(Request):
 
 def _parse(body: bytes) -> Any:
     try:
-        text = body.decode("utf-8", "replace")
+        text = body.decode()
         found = json.loads(text, object_pairs_hook=_object)
         if "\\u" in text:
             _check_texts(found)

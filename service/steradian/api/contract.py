@@ -11,6 +11,7 @@ from typing import Any, Final
 from fastapi import FastAPI
 from fastapi.routing import APIRoute
 
+from steradian.api import cookies
 from steradian.api.arrays import NPY, RAW
 from steradian.api.links import add_links
 from steradian.api.problems import RESPONSES, Problem
@@ -20,6 +21,7 @@ TAGS: Final = [
     {"name": "service", "description": "What this service is, its limits, and where everything begins"},
     {"name": "masks", "description": "Where to sense: arrangements of points on the film"},
     {"name": "plans", "description": "In what order and how fast a mask is measured, and what that costs"},
+    {"name": "designs", "description": "Masks and plans that are only thought about: nothing is stored"},
     {"name": "scanners", "description": "The scanner, its lease, and the emergency stop"},
     {"name": "scans", "description": "Runs of plans and the A-lines that they measured"},
     {"name": "reconstructions", "description": "Volumes made of scans, their projections and quality"},
@@ -33,6 +35,12 @@ SECURITY: Final = {
         "type": "http",
         "scheme": "bearer",
         "description": "An API key (`steradian key create`). Not needed on a service that only its own machine reaches",
+    },
+    "session": {
+        "type": "apiKey",
+        "in": "cookie",
+        "name": cookies.NAME,
+        "description": f"A browser's session (POST /session); what changes something brings {cookies.TOKEN}, too",
     },
     "ticket": {
         "type": "apiKey",
@@ -49,8 +57,9 @@ CONFLICTS: Final = frozenset(
         *("mask_delete", "plan_delete", "upload_delete"),
         *("reconstruction_change", "reconstruction_create", "reconstruction_delete"),
         *("reconstruction_desired_state_set", "reconstruction_mip_read", "reconstruction_quality_create"),
-        *("reconstruction_revision_read", "reconstruction_volume_read"),
+        *("reconstruction_revision_read", "reconstruction_volume_read", "reconstruction_zarr_read"),
         *("scan_create", "scan_delete", "scan_desired_state_set", "scan_file_read"),
+        "scan_latest_aline_read",
     }
 )
 """Operations that a state of things can stand against."""
@@ -70,12 +79,19 @@ HEADERS: Final[dict[str, tuple[str, str]]] = {
         "sha-256=:47DEQpj8HBSa+/TImW+5JA==:",
     ),
     "Retry-After": ("Seconds after which it may be tried again", "1"),
+    "Set-Cookie": ("The session's cookie", f"{cookies.NAME}=…; HttpOnly; Path=/api/v1; SameSite=strict"),
     "Vary": ("Headers of the request that choose the representation", "Accept"),
     "WWW-Authenticate": ("How to prove oneself", 'Bearer realm="steradian"'),
     "X-Axes": ("Names of the array's axes", "x,y,z"),
     "X-Dtype": ("Type of the values as NumPy writes it", "<f4"),
+    "X-Level": ("How many times the values are halved along each axis", "0"),
+    "X-Origin": ("Place of the first value along each axis of the answer (m; s along time)", "-0.00678,-0.00678,0"),
     "X-Request-ID": ("Identifier of the request, in the service's log too", "01jz0000000000000000000000"),
+    "X-Row": ("Place of the A-line among all of the scan, frame after frame", "612"),
+    "X-Scale": ("Pressure unit of the scanner that a count stands for", "0.000244"),
     "X-Shape": ("Shape of the array", "226,226,512"),
+    "X-Spacing": ("Distance of values along each axis of the answer (m; s along time)", "6e-05,6e-05,1.2e-05"),
+    "X-Window": ("Of uint8: the values that are 0 and 255", "0,1.5"),
 }
 """Headers of answers, each with an example."""
 _HAVE_PROBLEM: Final = frozenset(("HTTPValidationError", "ValidationError"))
@@ -127,7 +143,7 @@ def _complete_operation(path: str, method: str, operation: dict[str, Any]) -> No
     for parameter in operation.get("parameters", ()):
         _take_null_out(parameter["schema"])
     guarded = any(path == root or path.startswith(f"{root}/") for root in GUARDED)
-    ways: list[dict[str, list[str]]] = [{}, {"key": []}] if guarded else []
+    ways: list[dict[str, list[str]]] = [{}, {"key": []}, {"session": []}] if guarded else []
     operation["security"] = [*ways, {"ticket": []}] if name == "events_follow" else ways
     if "If-None-Match" in sent:
         answers["304"] = {"description": "The one you have is still right"}
@@ -175,6 +191,8 @@ def _headers(operation: dict[str, Any], method: str, status: str, sent: set[str]
     content = operation["responses"][status].get("content", {})
     if sent & {"If-Match", "If-None-Match"}:
         yield "ETag"
+    if operation["operationId"] in ("session_create", "session_delete"):
+        yield "Set-Cookie"
     if "Prefer" in sent:
         yield "Preference-Applied"
     if "Idempotency-Key" in sent:
@@ -194,6 +212,10 @@ def _headers(operation: dict[str, Any], method: str, status: str, sent: set[str]
         yield "Vary"
     if {NPY, RAW} <= set(content):
         yield from ("X-Axes", "X-Dtype", "X-Shape")
+    if operation["operationId"] == "scan_latest_aline_read":
+        yield from ("X-Origin", "X-Row", "X-Scale", "X-Spacing")
+    if "max_size" in sent:
+        yield from ("X-Level", "X-Origin", "X-Spacing", "X-Window")
 
 
 def _take_null_out(schema: dict[str, Any]) -> None:
@@ -210,7 +232,8 @@ def _tidy_schema(part: dict[str, Any], schemas: dict[str, Any]) -> None:
         part["x-unit"] = part.pop("unit")
     if "prefixItems" in part:
         parts = part.pop("prefixItems")
-        part["items"] = parts[0] if all(one == parts[0] for one in parts) else {"anyOf": parts}
+        kinds = [one for place, one in enumerate(parts) if one not in parts[:place]]
+        part["items"] = kinds[0] if len(kinds) == 1 else {"anyOf": kinds}
     told = part.get("discriminator")
     if isinstance(told, dict) and "mapping" in told:
         for reference in told["mapping"].values():

@@ -6,12 +6,11 @@ import importlib.util
 from pathlib import Path
 from typing import Any, Final
 
-from fastapi import APIRouter, Request
-from fastapi.responses import FileResponse, HTMLResponse, JSONResponse, RedirectResponse, Response
+from fastapi import APIRouter
+from fastapi.responses import FileResponse, HTMLResponse, Response
 
 from steradian.api.conditions import ConditionsNeeded, etag_of_file
 from steradian.api.headers import POLICY
-from steradian.api.security import V1
 from steradian.errors import NotFound
 
 router = APIRouter(include_in_schema=False)
@@ -29,14 +28,6 @@ _PAGE: Final = """<!doctype html><html lang="en"><head><meta charset="utf-8"><ti
 <body><div id="docs"></div><noscript>For machines: <a href="/openapi.json">openapi.json</a></noscript></body></html>
 """
 _FILES: Final = {"swagger-ui-bundle.js": "text/javascript", "swagger-ui.css": "text/css", "favicon.png": "image/png"}
-
-
-@router.get("/")
-def read_start(request: Request) -> Response:
-    """Point to the documentation: a browser is led there, anybody else is told where it is."""
-    if "text/html" in request.headers.get("accept", ""):
-        return RedirectResponse("/docs")
-    return JSONResponse({"name": "steradian", "docs": "/docs", "openapi": "/openapi.json", "api": V1})
 
 
 @router.get("/docs")

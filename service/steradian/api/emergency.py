@@ -8,17 +8,19 @@ import threading
 import time
 from collections.abc import Callable
 
-from steradian.security.keys import KeyStore
 from steradian.storage.emergency import Deed, EmergencyLatch, Press
-from steradian.storage.scanners import SCANNER_ID, EmergencyStopped, ScannerRepository
+from steradian.storage.scanners import EmergencyStopped, ScannerRepository
+from steradian.storage.tables import ScannerRow
 
 PATIENCE = 1.0
 """Seconds for which the acquisition's answer is waited for; a lease ends within them."""
 RECORDING = 0.2
 """Seconds for which an answer waits until the stop stands in the database, too."""
+ERRANDS = 100
+"""Presses of other nodes that are kept in mind."""
 LOOK = 0.005
 EVERY = 1.0
-"""Seconds between two looks at what is to be recorded, and at the keys."""
+"""Seconds between two looks at what is to be recorded."""
 _log = logging.getLogger(__name__)
 
 
@@ -29,13 +31,14 @@ class EmergencyDesk:
     ----------
     latch
         The stop.
-    scanner, keys
-        In the database: where it is recorded, and whose keys are kept in mind for a press without it.
+    scanner
+        Where it is recorded in the database, and where another node may have recorded it.
     """
 
-    def __init__(self, latch: EmergencyLatch, scanner: ScannerRepository, keys: KeyStore) -> None:
-        self._latch, self._scanner, self._keys = latch, scanner, keys
+    def __init__(self, latch: EmergencyLatch, scanner: ScannerRepository) -> None:
+        self._latch, self._scanner = latch, scanner
         self._recorded = ""
+        self._errands: dict[str, Press] = {}
         self._order = threading.Lock()
         """Between the record of a press and a release: what is in the database last is what happened last."""
         self._pressed, self._over = threading.Event(), threading.Event()
@@ -62,15 +65,26 @@ class EmergencyDesk:
         """Whether a press stands in the database."""
         return self._recorded == press.number
 
-    async def press(self, who: str, reason: str | None) -> tuple[Press, Deed | None]:
-        """Press the stop and wait a moment for what the acquisition says to it."""
-        press = self._latch.press(who, reason)
+    async def press(self, who: str, reason: str | None, errand: str | None = None) -> tuple[Press, Deed | None]:
+        """Press the stop and wait a moment for what the acquisition says to it.
+
+        Parameters
+        ----------
+        errand
+            Which press of another node this is, however often it comes: one that was released is not pressed again.
+        """
+        press = (self._errands.get(errand) if errand else None) or self._latch.press(who, reason)
+        if errand:
+            self._errands[errand] = press
+            if len(self._errands) > ERRANDS:
+                del self._errands[next(iter(self._errands))]
         self._pressed.set()
-        await _until(lambda: self.deed(press) is not None, PATIENCE)
-        await _until(lambda: self.is_recorded(press), RECORDING)
+        await until(lambda: self.deed(press) is not None, PATIENCE)
+        self._pressed.set()  # what came of it is noted at once, too: other nodes know it from the database
+        await until(lambda: self.is_recorded(press), RECORDING)
         return press, self.deed(press)
 
-    def release(self, who: str, number: str | None = None) -> None:
+    def release(self, who: str, number: str | None = None, reason: str | None = None) -> None:
         """Release the stop, in the latch and then in the database.
 
         Parameters
@@ -79,6 +93,8 @@ class EmergencyDesk:
             Who releases it.
         number
             The press to release; without it the one that stands now.
+        reason
+            Why it may be released, for the log of events.
 
         Raises
         ------
@@ -86,7 +102,7 @@ class EmergencyDesk:
             When another press stands than ``number``, or came meanwhile.
         """
         with self._order:
-            press = self.standing
+            press = self._known(self._scanner.get(self._scanner.id))
             if press is not None and number is not None and press.number != number:
                 raise EmergencyStopped(
                     f"{press.who} pressed the emergency stop since; look again before you release it"
@@ -95,43 +111,45 @@ class EmergencyDesk:
                 self._latch.release(press.number)
             if (later := self.standing) is not None:
                 raise EmergencyStopped(f"{later.who} pressed the emergency stop while it was released")
-            self._scanner.release_stop(who)
+            self._scanner.release_stop(who, reason)
 
     def _run(self) -> None:
-        try:
-            self._take_over()
-        except Exception:
-            _log.exception("whether the emergency stop is recorded cannot be read; the latch holds")
         while not self._over.is_set():
             try:
                 if self._pressed.is_set():
                     self._pressed.clear()
                     self._latch.make_durable()
-                self._keys.remember()
                 self._record()
             except Exception as error:
-                _log.warning("the emergency stop or the keys cannot be looked at in the database: %s", error)
+                _log.warning("the emergency stop cannot be looked at in the database, the latch holds: %s", error)
                 self._over.wait(EVERY / 4)
             self._pressed.wait(EVERY)
 
-    def _take_over(self) -> None:
-        """Have the latch say what the database says: a folder whose latch was lost stays stopped."""
-        row, press = self._scanner.get(SCANNER_ID), self.standing
-        if row.stopped_at is None:
-            return
-        if press is None:
-            press = self._latch.press(row.stopped_by or "", row.stop_reason)
-        self._recorded = press.number
-
     def _record(self) -> None:
+        """Have latch and database say the same: what either says is pressed is pressed."""
         with self._order:
-            press = self.standing
-            if press is not None and press.number and press.number != self._recorded:
-                self._scanner.stop(press.who, press.reason)
+            row = self._scanner.get(self._scanner.id)
+            press = self._known(row)
+            if press is None or not press.number:
+                return
+            if press.number != self._recorded:
+                if row.stop_number != press.number:
+                    row = self._scanner.stop(press.who, press.reason, press.number)
                 self._recorded = press.number
+            deed = self.deed(press)
+            if deed is not None and (row.stop_number, row.stop_laser) != (deed.number, deed.laser):
+                self._scanner.note_deed(deed.number, deed.laser, deed.seconds)
+
+    def _known(self, row: ScannerRow) -> Press | None:
+        """Return the press that stands; one that only the database knows, by another node or a lost latch, is made."""
+        press = self.standing
+        if row.stopped_at is not None and press is None:
+            press = self._latch.press(row.stopped_by or "", row.stop_reason)
+        return press
 
 
-async def _until(condition: Callable[[], bool], seconds: float) -> None:
+async def until(condition: Callable[[], bool], seconds: float) -> None:
+    """Wait until a condition holds, or so many seconds."""
     deadline = time.monotonic() + seconds
     while not condition() and time.monotonic() < deadline:  # noqa: ASYNC110 - another process or thread answers
         await asyncio.sleep(LOOK)

@@ -61,7 +61,8 @@ class Filter:
 
 async def _filter(
     kind: Annotated[
-        Literal["scan", "reconstruction", "job", "batch", "scanner"] | None, Query(description="Only this kind")
+        Literal["scan", "reconstruction", "revision", "job", "batch", "scanner"] | None,
+        Query(description="Only this kind"),
     ] = None,
     scan_id: Annotated[str | None, Query(max_length=64, description="Only what concerns this scan")] = None,
     progress: Annotated[bool, Query(description="Also progress, at most five times a second")] = True,
@@ -148,13 +149,13 @@ def create_ticket(services: ServicesNeeded, who: Who) -> TicketView:
 async def follow_events(
     services: ServicesNeeded, who: Who, feed: Annotated[Feed, Depends(_feed)], wanted: Wanted
 ) -> EventStream:
-    """Follow changes of state (events named scan, reconstruction, job, batch, scanner) and progress.
+    """Follow changes of state (events named scan, reconstruction, job, batch, scanner), revisions and progress.
 
     Changes carry ids; a client that sends the last one it saw as Last-Event-ID gets every later one exactly once, or
     one ``reset`` event when the log does not go back so far: then read the resources again. An id alone says that
     what happened up to it does not pass the filter. Progress carries no id and is not kept. A batch tells how its jobs
     stand whenever one of them moves on, a job when its priority is changed; with each such event, places in the queue
-    may be others.
+    may be others. A revision is a newer image of a scan that is followed: its id is the reconstruction's.
     """
     return EventStream(_frames(services, who, feed, wanted))
 
@@ -166,7 +167,7 @@ async def _frames(services: Services, who: Principal, feed: Feed, wanted: Filter
     name, place = "ready" if problem is None else "reset", f"{bounds.epoch}.{cursor}"
     yield format_sse_event(event=name, id=place, data_str=json.dumps(about), retry=RETRY_MS)
     told: dict[str, Progress] = {}
-    spoke = time.monotonic()
+    began = spoke = time.monotonic()
     async with aclosing(feed.listen(progress=wanted.with_progress)) as changes:
         async for _ in changes:
             if services.keys.is_revoked(who):
@@ -179,7 +180,7 @@ async def _frames(services: Services, who: Principal, feed: Feed, wanted: Filter
                     yield b"".join(event.frame for event in passing)  # at once: a client may have missed days
             if cursor > said:  # a client that comes back need not be told what it did not want to hear
                 frames.append(format_sse_event(id=f"{bounds.epoch}.{cursor}"))
-            for progress in feed.progress.values() if wanted.with_progress else ():
+            for progress in feed.progress(since=began) if wanted.with_progress else ():
                 if told.get(progress.id) != progress and wanted.wants(progress):
                     told[progress.id] = progress
                     frames.append(progress.frame)

@@ -10,7 +10,7 @@ import json
 import logging
 import time
 from collections import deque
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncGenerator, Iterable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -74,16 +74,21 @@ class Feed:
         self._task: asyncio.Task[None] | None = None
         self._listeners = self._watchers = 0
         """Who listens at all, and who wants progress too."""
+        self._joined = False
+        """Whether somebody began to listen since progress was last looked for."""
         self._events: deque[Event] = deque(maxlen=KEPT)
         self._bounds: Looks[None, Bounds] = Looks(lambda _: {None: services.log.bounds()})
         self._since = self.last = 0
-        self.progress: dict[str, Progress] = {}
+        self._progress: dict[str, Progress] = {}
+        self._looked = float("-inf")
+        """When progress was last looked for, by the monotonic clock."""
         self._stages: dict[str, tuple[str | None, float, int]] = {}
 
     async def listen(self, *, progress: bool = True) -> AsyncGenerator[None, None]:
         """Yield whenever there may be an event or, unless that does not matter, progress, and now and then anyway."""
         self._listeners += 1
         self._watchers += progress
+        self._joined |= progress
         if self._task is None:
             self._task = asyncio.create_task(self._look())
         try:
@@ -98,7 +103,10 @@ class Feed:
             if not self._listeners and self._task is not None:
                 self._task.cancel()
                 self._task = None
-                self.progress = {}  # the next listener would be told of it as if it were new
+
+    def progress(self, since: float) -> Iterable[Progress]:
+        """Tell how far all is, unless that was read before a time: some of it may have been over by then."""
+        return self._progress.values() if self._looked >= since else ()
 
     async def bounds(self) -> Bounds:
         """Tell where the log begins and ends; those who ask in the same moment share a look at it."""
@@ -113,7 +121,6 @@ class Feed:
         return [event for event in self._events if event.sequence > sequence]
 
     async def _look(self) -> None:
-        looked = float("-inf")
         self._events.clear()
         self._since, self.last, epoch = 0, -1, ""
         while True:
@@ -124,15 +131,16 @@ class Feed:
                     epoch = bounds.epoch
                 rows = await run_in_threadpool(self._services.log.after, self.last, KEPT)
                 news = [Event(row, epoch) for row in rows]
-                before = self.progress
-                if self._watchers and time.monotonic() - looked >= PROGRESS:
-                    looked = time.monotonic()
-                    self.progress = await run_in_threadpool(self._find_progress)
+                before, joined = self._progress, False
+                if self._watchers and time.monotonic() - self._looked >= PROGRESS:
+                    looked, joined, self._joined = time.monotonic(), self._joined, False
+                    self._progress = await run_in_threadpool(self._find_progress)
+                    self._looked = looked
                 self._take(news)
                 if news or is_first:
                     self._changed.set()
                     self._changed = asyncio.Event()
-                if news or is_first or self.progress != before:
+                if news or is_first or joined or self._progress != before:
                     self._moved.set()
                     self._moved = asyncio.Event()
             except DBAPIError as error:

@@ -8,14 +8,18 @@ from __future__ import annotations
 import base64
 import hashlib
 import re
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
-from fastapi.responses import FileResponse
+from fastapi.responses import FileResponse, StreamingResponse
 from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.types import Message, Receive, Scope, Send
+
+from steradian.errors import NotFound
+from steradian.storage.arrays import Arrays
 
 RANGED: Final[dict[str, Any]] = {
     "parameters": [
@@ -40,7 +44,16 @@ RANGED: Final[dict[str, Any]] = {
     ]
 }
 """What an operation declares that answers with a :class:`RangedFile`."""
+PIECE = 2**18
 _WANTED = re.compile(r"(?:^|,)\s*sha-256\s*=\s*[1-9]")
+
+
+def find(arrays: Arrays, name: str, what: str, identifier: str) -> Path:
+    """Return the file of something that is kept; raises :class:`NotFound` in the words of who asked for it."""
+    try:
+        return arrays.open(name)
+    except NotFound:
+        raise NotFound(what, identifier) from None
 
 
 class RangedFile(FileResponse):
@@ -65,6 +78,21 @@ class RangedFile(FileResponse):
         if _WANTED.search(Headers(scope=scope).get("want-repr-digest", "")):
             self.headers["Repr-Digest"] = f"sha-256=:{await run_in_threadpool(_sha256, Path(self.path))}:"
         await super().__call__(scope, receive, checked)
+
+
+def log_as_text(paths: Iterable[Path]) -> StreamingResponse:
+    """Send what stands in logs, one after another; they may be of any size and grow meanwhile."""
+    logs = [(path, path.stat().st_size) for path in paths]
+    headers = {"Content-Length": str(sum(size for _, size in logs))}
+    return StreamingResponse(_pieces(logs), headers=headers, media_type="text/plain; charset=utf-8")
+
+
+def _pieces(logs: Iterable[tuple[Path, int]]) -> Iterator[bytes]:
+    for path, size in logs:
+        with path.open("rb") as file:
+            while piece := file.read(min(PIECE, size)):
+                size -= len(piece)
+                yield piece
 
 
 def _sha256(path: Path) -> str:

@@ -31,10 +31,12 @@ class Finding(BaseModel):
     detail: str = Field(examples=["depth is -0.001; allowed: > 0, at most 1 (m)"])
 
 
-def header_or_body(error: InvalidInput) -> Finding:
+def finding_of(error: InvalidInput, request: Request) -> Finding:
     """Describe one of our own exceptions; fields named like headers are headers."""
-    if error.field[:1].isupper():
-        return Finding(place="header", pointer=error.field, allowed=error.allowed, detail=str(error))
+    named: Literal["header", "query"] | None = "header" if error.field[:1].isupper() else None
+    named = "query" if error.field in request.query_params else named
+    if named:
+        return Finding(place=named, pointer=error.field, allowed=error.allowed, detail=str(error))
     return Finding(place="body", pointer=_pointer(error.field), allowed=error.allowed, detail=str(error))
 
 
@@ -46,8 +48,8 @@ def findings_of(request: Request, errors: Sequence[Mapping[str, Any]], body: obj
 
 def _finding(error: Mapping[str, Any], body: object, annotation: object) -> Finding:
     place, *path = [str(part) for part in error["loc"]]
-    if place == "body" and path and isinstance(body, dict) and path[0] not in body and path[0] in body.values():
-        del path[0]  # the tag that told a union's members apart
+    if place == "body":
+        path = _without_tags(path, body)
     cause = error.get("ctx", {}).get("error")
     if isinstance(cause, InvalidInput):
         pointer = "/".join([*path, cause.field.replace(".", "/")])
@@ -80,6 +82,18 @@ def _finding(error: Mapping[str, Any], body: object, annotation: object) -> Find
         allowed=allowed,
         detail=detail,
     )
+
+
+def _without_tags(path: list[str], body: object) -> list[str]:
+    """Leave out the tags that told the members of unions apart: no field is called so."""
+    found, here = [], body
+    for part in path:
+        if isinstance(here, dict):
+            if part not in here and part in [here.get(tag) for tag in _TAGS]:
+                continue
+            here = here.get(part)
+        found.append(part)
+    return found
 
 
 def _limit(error: Mapping[str, Any]) -> str:

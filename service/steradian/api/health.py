@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import time
 
@@ -56,10 +55,12 @@ def read_readiness(services: ServicesNeeded, response: Response) -> Readiness:
 
 
 def _checks(services: Services, now: float) -> dict[str, bool]:
-    processes = ["acquisition", *(services.settings.executor(slot) for slot in range(services.settings.workers))]
+    settings = services.settings
+    processes = ["acquisition"] if settings.has_scanner else []
+    processes += [settings.executor(slot) for slot in range(settings.workers)] if settings.has_scanner else []
     return {
         "database": _answers(services),
-        "store": _is_mounted(services) and os.access(services.data.root / "scans", os.W_OK),
+        "store": _is_mounted(services) and services.arrays.answers(),
         "disk": shutil.disk_usage(services.data.root).free > MIN_FREE_BYTES,
         "queue": services.queue_is_open,
         **{name: is_alive(services.data.heartbeat(name), now) for name in processes},
@@ -68,8 +69,10 @@ def _checks(services: Services, now: float) -> dict[str, bool]:
 
 def _is_mounted(services: Services) -> bool:
     """Whether the data folder is there; where nothing is mounted lies an empty one."""
+    if services.settings.role != "service":
+        return True
     try:
-        check(services.database, services.data)
+        check(services.database, services.data)  # with a store, too: what is measured lies there at first
     except InvalidInput:
         return False
     except SQLAlchemyError:

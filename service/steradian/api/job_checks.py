@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from steradian.api.problems import NotReady
@@ -16,7 +15,11 @@ from steradian.jobs.requests import (
     SoundSpeedRequest,
     WorkRequest,
 )
+from steradian.reconstructions.levels import stored_bytes
 from steradian.reconstructions.parameters import DEFAULT_SPACING, ReconstructionParameters
+from steradian.storage.arrays import result_name, scan_name, upload_name
+from steradian.storage.disk import scan_bytes
+from steradian.storage.job_directory import VOLUME
 from steradian.storage.states import SETTLED_SCAN_STATES, ReconstructionState
 from steradian.storage.tables import ScanRow
 
@@ -42,11 +45,11 @@ def check_reconstruction(services: Services, wanted: ReconstructionRequest) -> S
 def room_of(services: Services, scan: ScanRow, wanted: ReconstructionRequest) -> int:
     """Return how many bytes a reconstruction may write.
 
-    It leaves its values and three projections (float32); one that follows a scan holds the last image beside the one
-    that it writes.
+    It leaves its values, their coarser copies and three projections (float32); one that follows a scan holds the last
+    image beside the one that it writes.
     """
     across, deep = _shape(services, scan, wanted.parameters)
-    return 4 * (across**2 * deep + across**2 + 2 * across * deep) * (2 if wanted.follow else 1)
+    return stored_bytes((across, across, deep)) * (2 if wanted.follow else 1)
 
 
 def check_parts(services: Services, scan: ScanRow, wanted: ReconstructionRequest) -> None:
@@ -75,16 +78,13 @@ def check_work(services: Services, wanted: WorkRequest) -> int:
         case QualityRequest():
             _check_pair(services, wanted)
         case ExportRequest(scan_id=str(scan_id)):
-            _measured(services, scan_id)
-            return services.data.scan_file(scan_id).stat().st_size
+            scan, found = _measured(services, scan_id), services.arrays.stat(scan_name(scan_id))
+            return scan_bytes(services.plans.get(scan.plan_id)) if found is None else found.size
         case ExportRequest(reconstruction_id=str(reconstruction_id)):
-            return existing_volume(services, reconstruction_id, "reconstruction_id").stat().st_size
+            return existing_volume(services, reconstruction_id, "reconstruction_id")
         case ImportRequest():
             uploads = [wanted.upload_id] + ([] if wanted.companion_id is None else [wanted.companion_id])
-            for identifier in uploads:
-                if not services.data.upload(identifier).is_file():
-                    raise NotFound("upload", identifier)
-            return sum(services.data.upload(identifier).stat().st_size for identifier in uploads)
+            return sum(_size(services, upload_name(identifier), "upload", identifier) for identifier in uploads)
         case _:
             raise AssertionError(f"no check of {wanted!r}")
     return 0
@@ -95,8 +95,8 @@ def frames_of(plan: dict[str, Any]) -> list[float]:
     return [value for value in plan.get("excitation") or (0.0,) for _ in range(plan.get("frames", 1))]
 
 
-def existing_volume(services: Services, reconstruction_id: str, field: str) -> Path:
-    """Find the volume that a reconstruction left.
+def existing_volume(services: Services, reconstruction_id: str, field: str) -> int:
+    """Return how many bytes the volume has that a reconstruction left.
 
     Raises
     ------
@@ -111,17 +111,23 @@ def existing_volume(services: Services, reconstruction_id: str, field: str) -> P
         raise NotReady(f"{field} {reconstruction_id} is {job.state}; its volume can be used when it has succeeded")
     if job.state is not ReconstructionState.SUCCEEDED:
         raise Conflict(f"{field} {reconstruction_id} has {job.state} and left no volume")
-    path = services.data.job(reconstruction_id).volume
-    if not path.is_file():
-        raise NotFound("volume of", reconstruction_id)
-    if path.stat().st_size > 2 * services.settings.max_volume_bytes:
+    size = _size(services, result_name(reconstruction_id, VOLUME), "volume of", reconstruction_id)
+    if size > 2 * services.settings.max_volume_bytes:
         raise InvalidInput(field, reconstruction_id, f"a volume of at most {services.settings.max_volume_bytes} bytes")
-    return path
+    return size
+
+
+def _size(services: Services, name: str, what: str, identifier: str) -> int:
+    found = services.arrays.stat(name)
+    if found is None:
+        raise NotFound(what, identifier)
+    return found.size
 
 
 def _check_alines(services: Services, scan: ScanRow) -> None:
     """Refuse a scan without A-lines; raises :class:`Conflict`."""
-    if not services.data.scan_file(scan.id).is_file() or not (scan.summary or {}).get("stored", scan.done):
+    is_there = services.nodes.is_elsewhere(scan.scanner_id) or services.arrays.stat(scan_name(scan.id)) is not None
+    if not is_there or not (scan.summary or {}).get("stored", scan.done):
         raise Conflict(f"scan {scan.id} is {scan.state} and holds no A-lines")
 
 

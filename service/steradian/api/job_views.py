@@ -8,7 +8,7 @@ from typing import Any, Self
 from pydantic import BaseModel, Field
 
 from steradian.api.reports import HistoryView, Result, result_of
-from steradian.api.views import BASE, ErrorView, ProgressView, QueueView
+from steradian.api.views import BASE, ErrorView, ProgressView, QueueView, RequestId
 from steradian.jobs.forecast import Forecast
 from steradian.jobs.kinds import resource_of
 from steradian.jobs.model import JobStatus
@@ -29,6 +29,7 @@ class JobView(BaseModel):
     attempt: int = Field(description="1 for the first start, 0 before it")
     progress: ProgressView
     error: ErrorView | None
+    request_id: RequestId
     result: Result | None = Field(description="What it found, when it has succeeded; which of these, its kind says")
     files: list[str] = Field(description="Names of the files it left, behind links.files", examples=[["volume.nii.gz"]])
     created: datetime | None
@@ -54,6 +55,7 @@ class JobView(BaseModel):
             attempt=job.attempt,
             progress=ProgressView(stage=job.stage, done=job.done, total=job.total),
             error=ErrorView(code=job.error_code, detail=job.error or "") if job.error_code else None,
+            request_id=job.request_id,
             result=result_of(job.kind, result),
             files=[str(name) for name in job.result.get("files", [])],
             created=job.created,

@@ -12,7 +12,7 @@ from starlette.concurrency import run_in_threadpool
 from steradian.api.choices import JobKind, JobStates, OfBatch, OfScan
 from steradian.api.conditions import ChangeConditionsNeeded, ConditionsNeeded, etag_of, etag_of_file
 from steradian.api.dependencies import Before, Limit, OptionalKey, ServicesNeeded, Wait, Who, link_next, replay
-from steradian.api.files import RANGED, RangedFile
+from steradian.api.files import RANGED, RangedFile, find, log_as_text
 from steradian.api.identifiers import FILE_NAME, JOB_ID
 from steradian.api.job_checks import check_work
 from steradian.api.job_views import JobView
@@ -26,7 +26,9 @@ from steradian.jobs.ledger import to_status
 from steradian.jobs.requests import EXAMPLES, WorkRequest, job_of
 from steradian.security.keys import Principal
 from steradian.storage import filters
+from steradian.storage.arrays import result_name
 from steradian.storage.idempotency import Answer, Key
+from steradian.storage.job_directory import LOG
 from steradian.storage.repository import new_id
 from steradian.storage.states import ReconstructionState
 
@@ -148,9 +150,7 @@ def read_job_attempts(services: ServicesNeeded, job_id: JOB_ID) -> AttemptsView:
 def read_job_log(services: ServicesNeeded, job_id: JOB_ID) -> Response:
     """Show the log of all attempts; empty before the first."""
     services.ledger.get(job_id)
-    path = services.data.job(job_id).log
-    text = path.read_bytes() if path.is_file() else b""
-    return Response(text, media_type="text/plain; charset=utf-8")
+    return log_of(services, job_id)
 
 
 @router.get(
@@ -169,13 +169,19 @@ async def read_job_file(
     view = await _view(services, job_id, wait)
     if not view.is_over:
         raise NotReady(f"job {job_id} is {view.state}; its files can be had when it has succeeded")
-    path = services.data.job(job_id).root / name
-    known = view.state is ReconstructionState.SUCCEEDED and name in view.files
-    if not known or not await run_in_threadpool(path.is_file):
+    if view.state is not ReconstructionState.SUCCEEDED or name not in view.files:
         raise NotFound(f"file of job {job_id}", name)
+    kept = result_name(job_id, name)
+    path = await run_in_threadpool(find, services.arrays, kept, f"file of job {job_id}", name)
     etag = etag_of_file(path)
     conditions.tag(etag)
     return RangedFile(path, media_type="application/octet-stream", filename=name, headers={"ETag": etag})
+
+
+def log_of(services: Services, job_id: str) -> Response:
+    """Answer with what all starts of a job wrote."""
+    names = services.arrays.names(result_name(job_id, LOG))
+    return log_as_text([services.arrays.open(name) for name in names])
 
 
 async def _view(services: Services, job_id: str, wait: Wait) -> JobView:

@@ -49,7 +49,7 @@ async def create_mask(
     arrangement: Annotated[Arrangement, Body(openapi_examples=_EXAMPLES)],
 ) -> MaskView:
     """Keep a mask; the same parameters always give the same id."""
-    _check_size(arrangement, services.settings.max_mask_points)
+    check_size(arrangement, services.settings.max_mask_points)
     if arrangement.expected_count > SMALL:
         columns = await services.workshop.work(_build, arrangement)
     else:
@@ -74,9 +74,9 @@ async def preview_mask(
 ) -> Response:
     """Work out points and figures of a mask, or draw it, storing nothing."""
     kind = negotiate(request, (JSON, PNG))
-    _check_size(arrangement, services.settings.max_mask_points)
+    check_size(arrangement, services.settings.max_mask_points)
     if kind == PNG:
-        async with services.drawing:
+        async with services.previewing:
             body = await services.workshop.work(_picture, arrangement)
     else:
         body = await services.workshop.work(_promises, arrangement)
@@ -158,10 +158,10 @@ def _promises(arrangement: Arrangement) -> bytes:
 
 
 def _picture(arrangement: Arrangement) -> bytes:
-    from steradian.drawing.page import png
+    from steradian.drawing.painting import paint
     from steradian.masks.picture import mask_page
 
-    return png(mask_page(arrangement.build(), with_point_spread=False))
+    return paint(mask_page(arrangement.build(), with_point_spread=False)).png()
 
 
 def _draw(mask: Mask, path: Path) -> None:
@@ -192,8 +192,8 @@ def _written(mask: Mask, kind: str) -> bytes | str:
     ).model_dump_json()
 
 
-def _check_size(arrangement: Arrangement, limit: int) -> None:
-    """Refuse a mask that is too large before it is built."""
+def check_size(arrangement: Arrangement, limit: int) -> None:
+    """Refuse a mask that is too large before it is built; raises :class:`InvalidInput`."""
     expected = arrangement.expected_count
     if expected > limit:
         decisive = ("count", "positions", "indices", "points_of_interest", "spacing", "interval")

@@ -13,7 +13,7 @@ from prometheus_client.registry import Collector
 from steradian import __version__
 from steradian.api.security import GuardedRoute
 from steradian.api.services import Services
-from steradian.runtime.heartbeat import is_alive
+from steradian.runtime.heartbeat import gpu_of, is_alive
 from steradian.storage.states import ReconstructionState, ScanState
 
 router = APIRouter(tags=["health"], route_class=GuardedRoute)
@@ -67,10 +67,17 @@ class _Present(Collector):
         alive = GaugeMetricFamily(
             "steradian_process_alive", "Whether a process shows signs of life", labels=["process"]
         )
+        gpus = GaugeMetricFamily("steradian_gpu", "GPU that a worker uses", labels=["process", "gpu"])
         for process in sorted(path.stem for path in services.data.heartbeat("x").parent.glob("*.json")):
             if process not in {"owner", "service"}:
-                alive.add_metric([process], is_alive(services.data.heartbeat(process), time.time()))
+                sign = services.data.heartbeat(process)
+                alive.add_metric([process], is_alive(sign, time.time()))
+                if (gpu := gpu_of(sign)) is not None:
+                    gpus.add_metric([process, gpu], 1)
         yield alive
+        yield gpus
+        free = services.disk.free
+        yield GaugeMetricFamily("steradian_disk_free_bytes", "Free on the disk of the data folder", value=free)
         yield GaugeMetricFamily("steradian_events_last", "Number of the last event", value=services.log.bounds().last)
 
 

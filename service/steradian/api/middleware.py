@@ -17,13 +17,16 @@ from steradian.api.headers import complete
 from steradian.api.metrics import Metrics
 from steradian.api.problems import CODE_OF, problem
 from steradian.api.security import EMERGENCY_STOP
-from steradian.runtime.logs import request_id
+from steradian.logs import request_id
 from steradian.settings import Settings
 
 _log = logging.getLogger(__name__)
 UPLOADS, STREAMS = "/api/v1/uploads", "/api/v1/events"
-MAX_STREAMS, OPENING = 200, 4
-LISTS = frozenset({"/api/v1/masks", "/api/v1/masks/preview", "/api/v1/plans", "/api/v1/plans/preview"})
+MAX_STREAMS, AT_ONCE = 200, 4
+LISTS = frozenset(
+    f"/api/v1/{name}"
+    for name in ("masks", "masks/preview", "plans", "plans/preview", "designs/preview", "designs/point-spread")
+)
 """Paths whose bodies may hold numbers for each point of a mask."""
 JSON_BYTES, POINT_BYTES = 2**20, 128
 """Largest body of any other path, and what those bodies may have more for each point (indented, with all digits)."""
@@ -63,7 +66,11 @@ class RequestId:
 
 
 class Observe:
-    """Counts each request and writes a line about it; neither holds its query, where a ticket may stand."""
+    """Counts each request and writes a line about it; neither holds its query, where a ticket may stand.
+
+    A line about something that was made, deleted or wished begins a story that other processes go on with: it is
+    written at the level INFO, all others at DEBUG.
+    """
 
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
         self.app, self._metrics = app, metrics
@@ -73,13 +80,14 @@ class Observe:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        begun, status = time.monotonic(), 500
+        begun, status, made = time.monotonic(), 500, ""
         answered = begun
 
         async def seen(message: Message) -> None:
-            nonlocal status, answered
+            nonlocal status, answered, made
             if message["type"] == "http.response.start":
                 status, answered = message["status"], time.monotonic()
+                made = Headers(scope=message).get("location", "")
             await send(message)
 
         try:
@@ -91,8 +99,16 @@ class Observe:
             self._metrics.count(method, route, status, seconds)
             principal = getattr(scope["state"].get("principal"), "name", "")
             about = {"method": scope["method"], "path": scope["path"], "status": status, "who": principal}
-            text = f"{scope['method']} {scope['path']} {status} {1e3 * seconds:.1f} ms"
-            _log.debug("%s", text, extra=about | {"milliseconds": round(1e3 * seconds, 1)})
+            text = f"{scope['method']} {scope['path']} {status} {1e3 * seconds:.1f} ms{made and f': {made}'}"
+            level = logging.INFO if status < 300 and (made or _is_wish(scope)) else logging.DEBUG
+            more = {"milliseconds": round(1e3 * seconds, 1)} | ({"location": made} if made else {})
+            _log.log(level, "%s", text, extra=about | more)
+
+
+def _is_wish(scope: Scope) -> bool:
+    """Whether a request makes nothing, but something of what is there is to end or to go on."""
+    path = scope["path"]
+    return scope["method"] == "DELETE" or path.endswith("/desired-state") or bool(EMERGENCY_STOP.fullmatch(path))
 
 
 class OnlyText:
@@ -135,15 +151,43 @@ class _HeadersSent(Exception):
     """There is nothing more to send."""
 
 
-class StreamLimit:
-    """Counts event streams before they are accepted; one too many is refused before anything is looked at.
+class StreamsInTurn:
+    """Lets few event streams be opened or refused at a time, so that others are served between those of a crowd.
 
-    Few open at a time, so that others are served between those of a crowd.
+    It stands before everything else, as what a crowd costs before it waits here, it costs whoever comes with it.
     """
 
     def __init__(self, app: ASGIApp) -> None:
+        self.app, self._turns = app, asyncio.Semaphore(AT_ONCE)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve."""
+        if scope["type"] != "http" or scope["path"] != STREAMS:
+            return await self.app(scope, receive, send)
+        await self._turns.acquire()
+        has_turn = True
+
+        def pass_on() -> None:
+            nonlocal has_turn
+            if has_turn:
+                has_turn = False
+                asyncio.get_running_loop().call_soon(self._turns.release)  # not at once: a refusal waits for nothing
+
+        async def begin(message: Message) -> None:
+            pass_on()
+            await send(message)
+
+        try:
+            await self.app(scope, receive, begin)
+        finally:
+            pass_on()
+
+
+class StreamLimit:
+    """Counts event streams before they are accepted; one too many is refused before anything is looked at."""
+
+    def __init__(self, app: ASGIApp) -> None:
         self.app, self._open = app, 0
-        self._turns = asyncio.Semaphore(OPENING)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve."""
@@ -152,23 +196,9 @@ class StreamLimit:
         if self._open >= MAX_STREAMS:
             headers, text = {"Retry-After": "5", "Connection": "close"}, f"{MAX_STREAMS} clients listen already"
             return await problem(scope, "refused", text, headers=headers)(scope, receive, send)
-        opened = False
-
-        async def begin(message: Message) -> None:
-            nonlocal opened
-            if not opened:
-                opened = True
-                self._turns.release()
-            await send(message)
-
         self._open += 1
         try:
-            await self._turns.acquire()
-            try:
-                return await self.app(scope, receive, begin)
-            finally:
-                if not opened:
-                    self._turns.release()
+            await self.app(scope, receive, send)
         finally:
             self._open -= 1
 

@@ -18,9 +18,10 @@ from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.api.views import Listing, PlanView
 from steradian.errors import InvalidInput
-from steradian.masks import Mask
+from steradian.masks import Mask, beams_mask
 from steradian.plans import Fringe, Link, Motion, ScannerLimits, ScanPlan, Tuning, TuningMap, VisitOrder
 from steradian.storage import filters
+from steradian.storage.masks import to_columns as mask_columns
 from steradian.storage.plans import to_columns
 from steradian.validation import FloatArray, Value
 
@@ -35,19 +36,9 @@ def _same_as(name: str) -> Any:
     return ScanPlan.model_fields[name]
 
 
-class PlanRequest(Value):
-    """A plan: a mask and how to measure it."""
+class Measuring(Value):
+    """How to measure a mask."""
 
-    model_config = ConfigDict(
-        json_schema_extra={
-            "examples": [
-                {"mask_id": "m0123456789abcdef01234567", "pulse_rate": 50},
-                {"mask_id": "m0123456789abcdef01234567", "frames": 2, "excitation": [7.5e-7, 8.5e-7]},
-            ]
-        }
-    )
-
-    mask_id: str = Field(min_length=1, max_length=64, description="Identifier of the mask")
     pulse_rate: float = _same_as("pulse_rate")
     averages: int = _same_as("averages")
     samples: int = _same_as("samples")
@@ -61,6 +52,10 @@ class PlanRequest(Value):
     wavelength_uncertainty: float = _same_as("wavelength_uncertainty")
     max_sensitivity_loss: float = _same_as("max_sensitivity_loss")
     fringe: Fringe = Fringe()
+    beams: tuple[tuple[float, float], ...] = _same_as("beams")
+    places: int | None = Field(
+        default=None, ge=1, description="Places the beams are brought to; none: the mask's points over the beams"
+    )
     frames: int = _same_as("frames")
     excitation: tuple[float, ...] = _same_as("excitation")
     gate: Literal["none", "frame", "point"] = _same_as("gate")
@@ -70,8 +65,35 @@ class PlanRequest(Value):
     tuning: Tuning = Tuning()
     link: Link = Link()
 
+    def plan(self, mask: Mask) -> ScanPlan:
+        """Make the plan that measures a mask so; raises :class:`InvalidInput`."""
+        fields = {name: getattr(self, name) for name in Measuring.model_fields if name not in ("tuning_map", "places")}
+        if self.beams:
+            if self.wavelengths is not None:
+                raise InvalidInput(
+                    "wavelengths", f"{self.wavelengths.size} of them", "a tuning_map, with several beams"
+                )
+            mask = beams_mask(mask, self.beams, places=self.places)
+        if self.tuning_map is not None:
+            if self.wavelengths is not None:
+                raise InvalidInput("wavelengths", f"{self.wavelengths.size} of them", "none beside tuning_map")
+            fields |= self.tuning_map.fields(mask)
+        return ScanPlan.create(mask=mask, **fields)
 
-_OF_THE_PLAN = tuple(name for name in PlanRequest.model_fields if name not in ("mask_id", "tuning_map"))
+
+class PlanRequest(Measuring):
+    """A plan: a mask and how to measure it."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {"mask_id": "m0123456789abcdef01234567", "pulse_rate": 50},
+                {"mask_id": "m0123456789abcdef01234567", "frames": 2, "excitation": [7.5e-7, 8.5e-7]},
+            ]
+        }
+    )
+
+    mask_id: str = Field(min_length=1, max_length=64, description="Identifier of the mask")
 
 
 @router.post(
@@ -81,8 +103,13 @@ _OF_THE_PLAN = tuple(name for name in PlanRequest.model_fields if name not in ("
     responses={200: {"model": PlanView, "description": "The same plan exists already"}},
 )
 async def create_plan(services: ServicesNeeded, response: Response, wanted: PlanRequest) -> PlanView:
-    """Keep a plan; the same body always gives the same id."""
-    columns = await _worked_out(services, wanted)
+    """Keep a plan; the same body always gives the same id.
+
+    With several ``beams`` the plan's mask is another one, which is kept, too: the points that the beams measure.
+    """
+    columns, covered = await _worked_out(services, wanted)
+    if covered is not None:
+        await run_in_threadpool(services.masks.put_columns, covered)
     row, is_new = await run_in_threadpool(services.plans.put_columns, columns)
     view = PlanView.of(row)
     response.status_code = 201 if is_new else 200
@@ -101,10 +128,10 @@ async def preview_plan(services: ServicesNeeded, request: Request, wanted: PlanR
     body: bytes | str
     if (kind := negotiate(request, (JSON, PNG))) == PNG:
         mask = await run_in_threadpool(services.masks.load, wanted.mask_id)
-        async with services.drawing:
+        async with services.previewing:
             body = await services.workshop.work(_picture, mask, wanted)
     else:
-        body = PreviewView.model_validate((await _worked_out(services, wanted))["preview"]).model_dump_json()
+        body = PreviewView.model_validate((await _worked_out(services, wanted))[0]["preview"]).model_dump_json()
     return Response(body, media_type=kind, headers={"Vary": "Accept"})
 
 
@@ -131,29 +158,21 @@ def read_plan(services: ServicesNeeded, plan_id: PLAN_ID, conditions: Conditions
     return PlanView.of(row)
 
 
-async def _worked_out(services: Services, wanted: PlanRequest) -> dict[str, Any]:
-    """Return the columns of a plan's row; an order that is searched for is searched beside the API."""
-    mask = await run_in_threadpool(services.masks.load, wanted.mask_id)
-    if wanted.order in SEARCHED:
+async def _worked_out(services: Services, wanted: PlanRequest) -> tuple[dict[str, Any], dict[str, Any] | None]:
+    """Return the columns of a plan's row, and of its mask's if that is new; what takes long is done beside the API."""
+    if wanted.order in SEARCHED or wanted.beams:
+        mask = await run_in_threadpool(services.masks.load, wanted.mask_id)
         return await services.workshop.work(_build, mask, wanted)
-    return await run_in_threadpool(_build, mask, wanted)
+    return await run_in_threadpool(lambda: _build(services.masks.load(wanted.mask_id), wanted))
 
 
-def _build(mask: Mask, wanted: PlanRequest) -> dict[str, Any]:
-    return to_columns(_plan(mask, wanted))
+def _build(mask: Mask, wanted: PlanRequest) -> tuple[dict[str, Any], dict[str, Any] | None]:
+    plan = wanted.plan(mask)
+    return to_columns(plan), mask_columns(plan.mask) if plan.beams else None
 
 
 def _picture(mask: Mask, wanted: PlanRequest) -> bytes:
-    from steradian.drawing.page import png
+    from steradian.drawing.painting import paint
     from steradian.plans.picture import plan_page
 
-    return png(plan_page(_plan(mask, wanted)))
-
-
-def _plan(mask: Mask, wanted: PlanRequest) -> ScanPlan:
-    fields = {name: getattr(wanted, name) for name in _OF_THE_PLAN}
-    if wanted.tuning_map is not None:
-        if wanted.wavelengths is not None:
-            raise InvalidInput("wavelengths", f"{wanted.wavelengths.size} of them", "none beside tuning_map")
-        fields |= wanted.tuning_map.fields(mask)
-    return ScanPlan.create(mask=mask, **fields)
+    return paint(plan_page(wanted.plan(mask))).png()

@@ -54,15 +54,23 @@ PROBLEMS: Final[Mapping[str, ProblemKind]] = MappingProxyType(
         "unauthorized": ProblemKind(
             401,
             "A valid key is needed",
-            "No key was sent, or one that is unknown, revoked or expired, or a ticket that was used already.",
-            "Send Authorization: Bearer KEY; steradian key create makes one. A ticket is had anew by POST /tickets.",
+            "No key was sent, or one that is unknown, revoked or expired, or a ticket that was used already,"
+            " or the session is over.",
+            "Send Authorization: Bearer KEY; steradian key create makes one. A ticket is had anew by POST /tickets,"
+            " a session by POST /session.",
         ),
         "forbidden": ProblemKind(
             403,
             "The caller may not do this",
-            "The key lacks the scope, or a request without a key was addressed to another host's name or made by a"
-            " page of another origin.",
+            "The key lacks the scope, or one without a key was addressed to another host or made by another's page.",
             "Use a key with the scope that detail names; steradian key create --scope gives one.",
+        ),
+        "cross-site": ProblemKind(
+            403,
+            "No page of this service made the request",
+            "It brings a session's cookie, which a browser adds to what any page has it ask, but not what a page of"
+            " this service would: its origin, and the token in X-CSRF-Token where it changes something.",
+            "GET /session tells the token; a program sends a key instead of the cookie.",
         ),
         "not-found": ProblemKind(
             404,
@@ -105,8 +113,7 @@ PROBLEMS: Final[Mapping[str, ProblemKind]] = MappingProxyType(
             409,
             "Another operator holds the scanner",
             "Somebody has the scanner's lease, so nobody else may have the laser fire.",
-            "Wait until it is returned or has run out (GET /scanners), or send the number of your own lease as"
-            " Scanner-Lease.",
+            "Wait until it is returned or has run out (GET /scanners), or send your own lease's number: Scanner-Lease.",
         ),
         "emergency-stopped": ProblemKind(
             409,
@@ -225,6 +232,20 @@ PROBLEMS: Final[Mapping[str, ProblemKind]] = MappingProxyType(
             "Try again after Retry-After; /readyz tells when it is open.",
             retryable=True,
         ),
+        "store-unavailable": ProblemKind(
+            503,
+            "The store does not answer",
+            "The object store that keeps scans and results cannot be reached now, or does not have this one yet.",
+            "Try again after Retry-After; /readyz tells when it is back.",
+            retryable=True,
+        ),
+        "node-unavailable": ProblemKind(
+            503,
+            "The scanner's node does not answer",
+            "What is asked for is with the node of a scanner, which cannot be reached now.",
+            "Try again after Retry-After. The emergency stop goes on trying by itself.",
+            retryable=True,
+        ),
         "database-unavailable": ProblemKind(
             503,
             "The database does not answer",
@@ -248,8 +269,7 @@ PROBLEMS: Final[Mapping[str, ProblemKind]] = MappingProxyType(
         "disk-full": ProblemKind(
             507,
             "The disk has no room for it",
-            "What is asked for does not fit beside what waits and runs; the problem tells what is needed, there and"
-            " promised to others.",
+            "It does not fit beside what waits and runs; the problem tells what is needed, there and promised.",
             "Delete what is not needed any more, cancel what waits, or ask for a smaller volume.",
         ),
     }

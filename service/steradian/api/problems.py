@@ -21,7 +21,7 @@ from starlette.routing import Match
 from starlette.types import Scope
 
 from steradian.api.conditions import NotModified
-from steradian.api.findings import Finding, findings_of, header_or_body
+from steradian.api.findings import Finding, finding_of, findings_of
 from steradian.api.headers import NOT_KEPT, SAFE
 from steradian.api.problem_kinds import PROBLEMS, address_of
 from steradian.errors import Conflict, DiskFull, InvalidInput, SteradianError
@@ -154,7 +154,7 @@ async def _ours(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, SteradianError)  # noqa: S101 - installed for it only
     if error.code not in PROBLEMS:
         return await _unexpected(request, error)
-    errors = [header_or_body(error)] if isinstance(error, InvalidInput) else []
+    errors = [finding_of(error, request)] if isinstance(error, InvalidInput) else []
     headers = {"Retry-After": str(getattr(error, "retry_after", 1))} if PROBLEMS[error.code].retryable else {}
     more: dict[str, Any] = {}
     if isinstance(error, DiskFull):

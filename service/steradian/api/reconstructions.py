@@ -90,9 +90,9 @@ async def create_reconstruction(
     identifier = answer.location.rpartition("/")[2]
     if not wait.seconds or answer.replayed:
         return replay(answer)
-    view = await view_of(services, identifier, wait)
-    status = 201 if is_over(view) else 202
-    return replay(Answer(status, answer.location, view.model_dump_json()))
+    row, job = await look(services, identifier, wait)
+    body = ReconstructionView.of(row, job).model_dump_json()
+    return replay(Answer(201 if job.is_over else 202, answer.location, body))
 
 
 @router.get("", summary="Reconstructions, newest first")
@@ -121,7 +121,7 @@ async def read_reconstruction(
     services: ServicesNeeded, reconstruction_id: RECONSTRUCTION_ID, wait: Wait, conditions: ConditionsNeeded
 ) -> ReconstructionView:
     """Show a reconstruction."""
-    row, job = await _look(services, reconstruction_id, wait)
+    row, job = await look(services, reconstruction_id, wait)
     view = ReconstructionView.of(row, job, await run_in_threadpool(services.forecast, job))
     conditions.tag(etag_of(reconstruction_id, job.revision, view))
     return view
@@ -159,21 +159,13 @@ def read_reconstruction_attempts(services: ServicesNeeded, reconstruction_id: RE
     return AttemptsView.of(services.ledger.status(reconstruction_id))
 
 
-async def view_of(services: Services, identifier: str, wait: Wait) -> ReconstructionView:
-    """Show a reconstruction, held until it is over where the client waits."""
-    return ReconstructionView.of(*await _look(services, identifier, wait))
+async def look(services: Services, identifier: str, wait: Wait) -> tuple[ReconstructionRow, JobStatus]:
+    """Read a reconstruction and its job, held until that is over where the client waits."""
 
-
-async def _look(services: Services, identifier: str, wait: Wait) -> tuple[ReconstructionRow, JobStatus]:
-    def look() -> tuple[ReconstructionRow, JobStatus]:
+    def read() -> tuple[ReconstructionRow, JobStatus]:
         return services.reconstructions.get(identifier), services.ledger.status(identifier)
 
-    return await wait.until(look, lambda seen: seen[1].is_over)
-
-
-def is_over(view: ReconstructionView) -> bool:
-    """Whether nothing of it will change any more."""
-    return JobStatus(view.id, view.state).is_over
+    return await wait.until(read, lambda seen: seen[1].is_over)
 
 
 def note_reconstruction(

@@ -98,6 +98,12 @@ class PreviewView(Figures):
         " the uncertainty of the best ones",
         examples=[{"max": 0.1, "mean": 0.03, "expected": 0.04}],
     )
+    beams: int = Field(default=1, description="How many interrogation beams record each shot")
+    displacement: dict[str, float] = Field(
+        default_factory=dict,
+        description="How far the points of the mask asked for are from the nearest one measured (m): median, largest",
+        examples=[{"median": 1e-4, "largest": 7e-4}],
+    )
     bytes: int | None = Field(default=None, description="Size of the A-lines' samples")
     findings: list[RemarkView] | None = None
 
@@ -121,6 +127,9 @@ class UnevennessView(Figures):
     left_out: dict[str, int] = Field(default_factory=dict, description="A-lines not used, by flag")
     energy: list[float] | None = Field(default=None, description="Least and greatest pulse energy, relative to nominal")
     time_zero_s: list[float] | None = Field(default=None, description="Earliest and latest time zero (s)")
+    sensitivity: list[float] | None = Field(
+        default=None, description="Least and greatest share of the film's sensitivity divided by; null: by none"
+    )
 
 
 class ReportView(Figures):
@@ -140,6 +149,7 @@ class ReportView(Figures):
     missing: dict[str, Any] | None = Field(default=None, description="What a partly measured scan lacks")
     fit: FitView | None = None
     shots: UnevennessView | None = None
+    device: str | None = Field(default=None, description="What computed: cpu, or the GPU's name", examples=["cpu"])
     near_field_m: float | None = Field(default=None, description="Depth from which on the pictures show it (m)")
     scale_percentile: float | None = None
     scale_ends: dict[str, float] | None = Field(default=None, description="Value at the end of each picture's scale")

@@ -2,24 +2,34 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query, Request, Response
+from fastapi import Path as Path_
 from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
-from steradian.api.arrays import ARRAY_ANSWER, JSON, NPY, PICTURE, PNG, RAW, negotiate, respond
+from steradian.api.arrays import JSON, NPY, PICTURE, PNG, RAW, negotiate
 from steradian.api.conditions import ConditionsNeeded, etag_of_file
 from steradian.api.dependencies import ServicesNeeded, Wait
+from steradian.api.files import find
 from steradian.api.identifiers import RECONSTRUCTION_ID
+from steradian.api.jobs import log_of
+from steradian.api.nodes import Elsewhere
 from steradian.api.problems import NotReady
-from steradian.api.reconstructions import is_over, view_of
+from steradian.api.reconstructions import look
 from steradian.api.reports import ImageView
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
-from steradian.errors import Conflict, NotFound
+from steradian.api.volume_parts import ProjectionWish, VolumeWish, projection_as_numbers, volume_as_numbers
+from steradian.api.volumes import VOXELS, DataType, Level, MaxSize, Part, Slab, WindowText
+from steradian.errors import Conflict, InvalidInput, NotFound
 from steradian.jobs.kinds import LIVE
+from steradian.jobs.model import JobStatus
+from steradian.reconstructions.stored_volume import stored_volume
+from steradian.reconstructions.zarr_hierarchy import member
+from steradian.storage.arrays import result_name
+from steradian.storage.job_directory import REVISION, VOLUME
 from steradian.storage.states import ReconstructionState
 
 router = APIRouter(prefix=f"{V1}/reconstructions", tags=["reconstructions"], route_class=GuardedRoute)
@@ -42,37 +52,50 @@ class RevisionView(BaseModel):
     seconds: dict[str, float] = Field(description="What it cost", examples=[{"total": 0.2}])
 
 
-Slice = Annotated[
-    str | None,
-    Query(max_length=100, description="x, y and z, numpy syntax; the axes of the answer", examples=["10:20,::2,5"]),
-]
-
-
 @router.get(
     "/{reconstruction_id}/mip",
-    summary="A maximum-intensity projection as PNG",
+    summary="A maximum-intensity projection as PNG or numbers",
     response_class=Response,
-    responses={200: {"content": PICTURE}},
+    responses={200: {**VOXELS, "content": PICTURE | VOXELS["content"]}},
 )
 async def read_reconstruction_mip(
     services: ServicesNeeded,
+    request: Request,
     reconstruction_id: RECONSTRUCTION_ID,
     wait: Wait,
     conditions: ConditionsNeeded,
     axis: Annotated[
-        Literal["x", "y", "z", "depth"], Query(description="Along which axis; depth: along z, coloured by depth")
+        Literal["x", "y", "z", "depth"],
+        Query(description="Along which axis; depth: along z, coloured by depth, or as numbers the depth in metres"),
     ] = "z",
+    slab: Slab = None,
+    max_size: MaxSize = None,
+    dtype: DataType = None,
+    window: WindowText = None,
 ) -> Response:
-    """Show the projection along an axis, with scales in millimetres; the newest revision's while one is followed."""
+    """Show the projection along an axis, the newest revision's while one is followed.
+
+    A picture has scales in millimetres. Numbers are of all depths; each is the brightest of those that it covers.
+    """
+    kind = negotiate(request, (PNG, NPY, RAW, JSON))
     if not await run_in_threadpool(_is_followed, services, reconstruction_id):
         await _succeeded(services, reconstruction_id, wait)
-    path = await _existing(services.data.job(reconstruction_id).mip(axis), f"MIP along {axis} of", reconstruction_id)
+    if kind != PNG:
+        wish = ProjectionWish(axis, slab, max_size, dtype, window)
+        return await run_in_threadpool(
+            projection_as_numbers, services.arrays, reconstruction_id, kind, conditions, wish
+        )
+    for name, given in {"slab": slab, "max_size": max_size, "dtype": dtype, "window": window}.items():
+        if given is not None:
+            raise InvalidInput(name, given, f"nothing for a picture; numbers come with Accept: {RAW}, {NPY} or {JSON}")
 
     def read() -> Response:
+        name = result_name(reconstruction_id, f"mip-{axis}.png")
+        path = find(services.arrays, name, f"MIP along {axis} of", reconstruction_id)
         with path.open("rb") as file:  # one version of it, though the next revision may replace it now
             etag = etag_of_file(path, file.fileno())
-            conditions.tag(etag)
-            return Response(file.read(), media_type=PNG, headers={"ETag": etag})
+            conditions.tag(etag, vary="Accept")
+            return Response(file.read(), media_type=PNG, headers={"ETag": etag, "Vary": "Accept"})
 
     return await run_in_threadpool(read)
 
@@ -86,14 +109,16 @@ async def read_reconstruction_revision(
 ) -> RevisionView:
     """Show number, coverage and quality of the image that /mip shows; the last one is the full reconstruction."""
     await run_in_threadpool(services.reconstructions.get, reconstruction_id)
-    path = services.data.job(reconstruction_id).revision
-    if not await run_in_threadpool(path.is_file):
+    name = result_name(reconstruction_id, REVISION)
+    if not await run_in_threadpool(services.arrays.stat, name):
         job = await run_in_threadpool(services.ledger.status, reconstruction_id)
         if job.kind == LIVE and not job.is_over:
+            await run_in_threadpool(_send_on, services, job)
             raise NotReady(f"reconstruction {reconstruction_id} is {job.state} and has no revision yet", retry_after=2)
         raise NotFound("revision of", reconstruction_id)
 
     def read() -> RevisionView:
+        path = find(services.arrays, name, "revision of", reconstruction_id)
         with path.open("rb") as file:
             conditions.tag(etag_of_file(path, file.fileno()))
             return RevisionView.model_validate_json(file.read())
@@ -103,9 +128,9 @@ async def read_reconstruction_revision(
 
 @router.get(
     "/{reconstruction_id}/volume",
-    summary="The volume, or a slice of it",
+    summary="The volume, or a slice of it, at full resolution or coarser",
     response_class=Response,
-    responses={200: ARRAY_ANSWER},
+    responses={200: VOXELS},
 )
 async def read_reconstruction_volume(
     services: ServicesNeeded,
@@ -113,19 +138,53 @@ async def read_reconstruction_volume(
     reconstruction_id: RECONSTRUCTION_ID,
     wait: Wait,
     conditions: ConditionsNeeded,
-    slice: Slice = None,
+    slice: Part = None,
+    level: Level = None,
+    max_size: MaxSize = None,
+    dtype: DataType = None,
+    window: WindowText = None,
 ) -> Response:
-    """Download the values, float32 [x, y, z], as npy, raw bytes (X-Shape, X-Dtype) or JSON."""
+    """Download the values, float32 [x, y, z], as npy, raw bytes or JSON; headers tell shape, type and axes."""
     kind = negotiate(request, (NPY, RAW, JSON))
     await _succeeded(services, reconstruction_id, wait)
-    path = await _existing(services.data.job(reconstruction_id).volume, "volume of", reconstruction_id)
-    etag = etag_of_file(path, kind=kind)
-    conditions.tag(etag, vary="Accept")
-    headers = {"ETag": etag, "X-Axes": "x,y,z", "Vary": "Accept"}
-    if kind == NPY:
-        headers["Content-Disposition"] = f'attachment; filename="{reconstruction_id}.npy"'
     limit = services.settings.max_volume_bytes
-    return await run_in_threadpool(respond, path, "values", slice, kind, limit=limit, headers=headers)
+
+    def read() -> Response:
+        find(services.arrays, result_name(reconstruction_id, VOLUME), "volume of", reconstruction_id)
+        wish = VolumeWish(slice, level, max_size, dtype, window)
+        return volume_as_numbers(services.arrays, reconstruction_id, kind, conditions, wish, limit)
+
+    return await run_in_threadpool(read)
+
+
+@router.get(
+    "/{reconstruction_id}/volume.ome.zarr/{path:path}",
+    summary="The volume as OME-Zarr, for programs that open one by its address",
+    response_class=Response,
+    responses={200: {"content": {RAW: {"schema": {"type": "string", "format": "binary"}}}}},
+)
+async def read_reconstruction_zarr(
+    services: ServicesNeeded,
+    reconstruction_id: RECONSTRUCTION_ID,
+    path: Annotated[
+        str, Path_(max_length=60, description="Member of the hierarchy: metadata or a chunk", examples=["0/c/0/0/0"])
+    ],
+    wait: Wait,
+    conditions: ConditionsNeeded,
+) -> Response:
+    """Give zarr.json of the group, LEVEL/zarr.json, or a chunk LEVEL/c/Z/Y/X (version 0.5; axes z, y, x; float32)."""
+    await _succeeded(services, reconstruction_id, wait)
+
+    def read() -> Response:
+        file = find(services.arrays, result_name(reconstruction_id, VOLUME), "volume of", reconstruction_id)
+        etag = etag_of_file(file)
+        conditions.tag(etag)
+        found = member(stored_volume(file, etag), path)
+        if found is None:
+            raise NotFound(f"member of the hierarchy of {reconstruction_id}", path)
+        return Response(found, media_type=RAW, headers={"ETag": etag})
+
+    return await run_in_threadpool(read)
 
 
 @router.get(
@@ -138,29 +197,33 @@ async def read_reconstruction_volume(
 def read_reconstruction_log(services: ServicesNeeded, reconstruction_id: RECONSTRUCTION_ID) -> Response:
     """Show the same as GET /jobs/{id}/log, which is the address for every kind of job."""
     services.reconstructions.get(reconstruction_id)
-    path = services.data.job(reconstruction_id).log
-    text = path.read_bytes() if path.is_file() else b""
-    return Response(text, media_type="text/plain; charset=utf-8")
+    return log_of(services, reconstruction_id)
 
 
 async def _succeeded(services: Services, identifier: str, wait: Wait) -> None:
     """Refuse when the job has no result, with the reason."""
-    view = await view_of(services, identifier, wait)
-    if view.state is ReconstructionState.SUCCEEDED:
+    _, job = await look(services, identifier, wait)
+    if job.state is ReconstructionState.SUCCEEDED:
         return
-    if not is_over(view):
-        raise NotReady(f"reconstruction {identifier} is {view.state}; its result can be had when it has succeeded")
-    why = f": {view.error.detail}" if view.error else ""
-    raise Conflict(f"reconstruction {identifier} has {view.state} and left no result{why}")
+    if not job.is_over:
+        raise NotReady(f"reconstruction {identifier} is {job.state}; its result can be had when it has succeeded")
+    why = f": {job.error or ''}" if job.error_code else ""
+    raise Conflict(f"reconstruction {identifier} has {job.state} and left no result{why}")
 
 
 def _is_followed(services: Services, identifier: str) -> bool:
     """Whether there are pictures of a job that is not over."""
     job = services.ledger.status(identifier)
-    return job.kind == LIVE and not job.is_over and services.data.job(identifier).revision.is_file()
+    if job.kind != LIVE or job.is_over:
+        return False
+    if services.arrays.stat(result_name(identifier, REVISION)) is not None:
+        return True
+    _send_on(services, job)
+    return False
 
 
-async def _existing(path: Path, what: str, identifier: str) -> Path:
-    if not await run_in_threadpool(path.is_file):
-        raise NotFound(what, identifier)
-    return path
+def _send_on(services: Services, job: JobStatus) -> None:
+    """Leave what is asked of an image that grows on its scanner's node to that one."""
+    scanner_id = services.scans.get(job.payload["scan_id"]).scanner_id
+    if scanner_id is not None and services.nodes.is_elsewhere(scanner_id) and services.scanner.get(scanner_id).follows:
+        raise Elsewhere(scanner_id)

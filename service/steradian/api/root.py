@@ -37,7 +37,7 @@ _FORMATS = {
     "points": [JSON, CSV, NPY],
     "alines": [NPY, RAW, JSON],
     "volume": [NPY, RAW, JSON],
-    "mip": ["image/png"],
+    "mip": ["image/png", NPY, RAW, JSON],
     "picture": ["image/png"],
     "export": list(SUFFIXES),
 }
@@ -50,7 +50,7 @@ def read_root(services: ServicesNeeded) -> RootView:
     settings = services.settings
     return RootView(
         version=__version__,
-        mode="simulated" if settings.simulated else "real",
+        mode="simulated" if services.nodes.are_simulated else "real",
         limits={
             "mask_points": settings.max_mask_points,
             "body_bytes": settings.max_upload_bytes,
@@ -67,6 +67,7 @@ def read_root(services: ServicesNeeded) -> RootView:
                 for name in ("masks", "plans", "scanners", "scans", "reconstructions", "batches", "jobs")
             },
             "storage": f"{BASE}/storage",
+            "session": f"{BASE}/session",
             "events": f"{BASE}/events",
             "openapi": "/openapi.json",
             "docs": "/docs",

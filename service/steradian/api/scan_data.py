@@ -5,29 +5,34 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Final, Self
 
 import h5py
 import numpy as np
 from fastapi import APIRouter, Query, Request, Response
+from numpy.typing import NDArray
 from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
-from steradian.api.arrays import ARRAY_ANSWER, JSON, NPY, RAW, Selection, negotiate, respond
+from steradian.api.arrays import ARRAY_ANSWER, JSON, NPY, RAW, ArrayView, Dataset, Selection, Whole, negotiate, respond
 from steradian.api.conditions import ConditionsNeeded, etag_of_file
 from steradian.api.dependencies import ServicesNeeded, Wait
-from steradian.api.files import RANGED, RangedFile
+from steradian.api.files import RANGED, RangedFile, find
 from steradian.api.identifiers import SCAN_ID
+from steradian.api.nodes import Elsewhere
 from steradian.api.problems import NotReady
 from steradian.api.scans import is_settled
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.errors import DamagedFile, NotFound
-from steradian.plain import nulls
+from steradian.plain import nulls, plain
 from steradian.scans import schema
 from steradian.scans.locking import open_to_read
+from steradian.scans.newest import newest_row
 from steradian.scans.rows import RowTable
+from steradian.storage.arrays import scan_name
 
+_FLAGS: Final = {"saturated": 1, "mistuned": 2, "misfired": 4, "partial": 8}
 router = APIRouter(prefix=f"{V1}/scans", tags=["scans"], route_class=GuardedRoute)
 
 Points = Annotated[
@@ -38,6 +43,57 @@ Slice = Annotated[
     str | None,
     Query(max_length=60, description="Points and samples (axes of the answer), numpy syntax", examples=["0:10,::2"]),
 ]
+Since = Annotated[
+    str | None,
+    Query(
+        max_length=60,
+        description="The next of an earlier answer: only what has changed since; all, where that is not known any more",
+        examples=["6f1d0c2a.7"],
+    ),
+]
+
+
+class FlagsView(BaseModel):
+    """Stored A-lines with each of the scanner's quality flags; one may have several."""
+
+    saturated: int
+    mistuned: int
+    misfired: int
+    partial: int = Field(description="Averaged over fewer shots than planned")
+
+    @classmethod
+    def of(cls, quality: NDArray[np.uint32]) -> Self:
+        """Count the flags of stored A-lines."""
+        return cls(**{name: int((quality & bit != 0).sum()) for name, bit in _FLAGS.items()})
+
+
+class CoverageView(BaseModel):
+    """How much of the mask is measured."""
+
+    points: int = Field(description="A-lines that the scan is to have, of all frames")
+    frames: int
+    stored: int
+    missing: int
+    flagged: int = Field(description="Stored A-lines with a quality flag")
+    flags: FlagsView
+    fired: int = Field(description="Shots that the scanner fired")
+    area_fraction: float = Field(description="Share of the aperture that the stored points stand for, over all frames")
+
+    @classmethod
+    def of(cls, file: h5py.File, stored: NDArray[np.bool_], quality: NDArray[np.uint32]) -> Self:
+        """Count what an open scan file holds."""
+        weights, good = file["mask/weights"][:], quality[stored]
+        frames = stored.reshape(-1, len(weights))
+        return cls(
+            points=stored.size,
+            frames=len(frames),
+            stored=len(good),
+            missing=stored.size - len(good),
+            flagged=int((good != 0).sum()),
+            flags=FlagsView.of(good),
+            fired=int(file["fired"][()]),
+            area_fraction=float((frames @ weights).sum() / (len(frames) * weights.sum())),
+        )
 
 
 class ShotsView(BaseModel):
@@ -54,18 +110,22 @@ class ShotsView(BaseModel):
     time_zero: list[float | None] = Field(description="s from the laser pulse to the first sample")
     level: list[float | None] = Field(description="DC level of the interferometer in V")
     gain: list[float | None] = Field(description="Gain of the receiver in dB over its usual one")
+    coverage: CoverageView = Field(description="Counts of all points, also where only some are listed")
+    newest: int | None = Field(description="The A-line stored last, as a place in the array of A-lines; null: none")
+    next: str = Field(description="Send it as since, and only what has changed after this answer is listed")
 
 
-class CoverageView(BaseModel):
-    """How much of the mask is measured."""
+class LatestView(ArrayView):
+    """The A-line that was stored last."""
 
-    points: int = Field(description="A-lines that the scan is to have, of all frames")
-    frames: int
-    stored: int
-    missing: int
-    flagged: int = Field(description="Stored A-lines with a quality flag")
-    fired: int = Field(description="Shots that the scanner fired")
-    area_fraction: float = Field(description="Share of the aperture that the stored points stand for, over all frames")
+    row: int = Field(description="Its place in the array of A-lines: point of the mask, frame after frame")
+    point: int = Field(description="Index into the mask")
+    frame: int
+    shot: int = Field(description="Number of the laser shot")
+    quality: int = Field(description="Flags of the scanner; 0 is good")
+    time_zero: float | None = Field(description="s from the laser pulse to the first sample")
+    sampling_interval: float = Field(description="s")
+    scale: float | None = Field(description="Pressure unit of the scanner that a count stands for")
 
 
 @router.get(
@@ -91,26 +151,41 @@ async def read_scan_file(
 
 
 @router.get("/{scan_id}/shots", summary="What became of each shot")
-def read_scan_shots(services: ServicesNeeded, scan_id: SCAN_ID, points: Points = None) -> ShotsView:
-    """Show status, shot number, time, energy and quality of each point, also while the scan runs."""
+def read_scan_shots(
+    services: ServicesNeeded, scan_id: SCAN_ID, points: Points = None, since: Since = None
+) -> ShotsView:
+    """Show status, shot number, time, energy and quality of each point, also while the scan runs.
+
+    Who follows a scan sends ``next`` of each answer as ``since`` of the next request and is told only what has changed,
+    A-lines that were measured again or do not count any more among it.
+    """
     with _opened(services, scan_id) as file:
+        marks = np.stack([file["alines/crc32c"][:], file["alines/status"][:]], axis=1)
+        newest = newest_row(file)
         columns, mask = RowTable.of_file(file).columns, len(file["mask/weights"])
+        coverage = CoverageView.of(file, columns["status"] == schema.STORED, columns["quality"])
     count = len(columns["status"])
     chosen = Selection.parse(points, (count,), "points").index[0]
-    rows = slice(chosen, chosen + 1) if isinstance(chosen, int) else chosen
-    places = np.arange(*rows.indices(count))
+    wanted = np.zeros(count, bool)
+    wanted[chosen] = True
+    changed, following = services.shot_looks.compare(scan_id, marks, since)
+    rows = np.flatnonzero(wanted & changed)
+    told = {name: values[rows] for name, values in columns.items()}
     return ShotsView(
-        points=(places % mask).tolist(),
-        frames=(places // mask).tolist(),
-        stored=(columns["status"][rows] == schema.STORED).tolist(),
-        shot=columns["shot"][rows].tolist(),
-        fire_time=nulls(columns["fire_time_s"][rows]),
-        energy=nulls(columns["energy"][rows]),
-        quality=columns["quality"][rows].tolist(),
-        averages=columns["averages"][rows].tolist(),
-        time_zero=nulls(columns["time_zero_s"][rows]),
-        level=nulls(columns["dc_v"][rows]),
-        gain=nulls(columns["gain_db"][rows]),
+        points=(rows % mask).tolist(),
+        frames=(rows // mask).tolist(),
+        stored=(told["status"] == schema.STORED).tolist(),
+        shot=told["shot"].tolist(),
+        fire_time=nulls(told["fire_time_s"]),
+        energy=nulls(told["energy"]),
+        quality=told["quality"].tolist(),
+        averages=told["averages"].tolist(),
+        time_zero=nulls(told["time_zero_s"]),
+        level=nulls(told["dc_v"]),
+        gain=nulls(told["gain_db"]),
+        coverage=coverage,
+        newest=newest,
+        next=following,
     )
 
 
@@ -130,33 +205,57 @@ def read_scan_alines(
     if is_settled(services.scans.get(scan_id)):
         headers["ETag"] = etag_of_file(path, kind=kind)
         conditions.tag(headers["ETag"], vary="Accept")
-    return respond(path, "alines/samples", slice, kind, limit=services.settings.max_volume_bytes, headers=headers)
+    alines = Dataset(path, "alines/samples")
+    selection = Selection.parse(slice, alines.shape)
+    return respond(alines, selection, kind, limit=services.settings.max_volume_bytes, headers=headers)
+
+
+@router.get(
+    "/{scan_id}/alines/latest",
+    summary="The A-line stored last",
+    response_class=Response,
+    responses={200: {**ARRAY_ANSWER, "model": LatestView}},
+)
+def read_scan_latest_aline(
+    services: ServicesNeeded, request: Request, scan_id: SCAN_ID, conditions: ConditionsNeeded
+) -> Response:
+    """Read the newest A-line (samples) in digitiser counts; headers, or JSON, tell which it is and its axis in s."""
+    kind = negotiate(request, (NPY, RAW, JSON))
+    with _opened(services, scan_id) as file:
+        row = newest_row(file)
+        if row is None:
+            raise NotReady(f"scan {scan_id} has no A-line yet")
+        one = RowTable.of_file(file, slice(row, row + 1)).columns
+        interval, mask = float(file["plan"].attrs["sampling_interval_s"]), len(file["mask/weights"])
+        samples = Whole(file["alines/samples"][row])
+    zero, scale = float(one["time_zero_s"][0]), float(one["scale"][0])
+    more: dict[str, Any] = {"row": row, "point": row % mask, "frame": row // mask, "shot": int(one["shot"][0])}
+    more |= {"quality": int(one["quality"][0]), "time_zero": zero, "sampling_interval": interval, "scale": scale}
+    etag = f'"{scan_id}-{row}-{one["crc32c"][0]:08x}-{kind.rpartition("/")[2]}"'
+    conditions.tag(etag, vary="Accept")
+    headers = {"ETag": etag, "Vary": "Accept", "X-Axes": "time", "X-Row": str(row), "X-Scale": f"{scale:.9g}"}
+    headers |= {"X-Origin": f"{zero:.9g}", "X-Spacing": f"{interval:.9g}"}
+    limit = services.settings.max_volume_bytes
+    return respond(samples, Selection.parse(None, samples.shape), kind, limit=limit, headers=headers, more=plain(more))
 
 
 @router.get("/{scan_id}/coverage", summary="How much of the mask is measured")
 def read_scan_coverage(services: ServicesNeeded, scan_id: SCAN_ID) -> CoverageView:
     """Count points and the area they stand for, also while the scan runs."""
     with _opened(services, scan_id) as file:  # two columns of twelve: this is asked for again and again
-        status, weights = file["alines/status"][:], file["mask/weights"][:]
-        quality, fired = file["alines/quality"][:], int(file["fired"][()])
-    stored = (status == schema.STORED).reshape(-1, len(weights))
-    return CoverageView(
-        points=stored.size,
-        frames=len(stored),
-        stored=int(stored.sum()),
-        missing=int((~stored).sum()),
-        flagged=int((stored.ravel() & (quality != 0)).sum()),
-        fired=fired,
-        area_fraction=float((stored @ weights).sum() / (len(stored) * weights.sum())),
-    )
+        status, quality = file["alines/status"][:], file["alines/quality"][:]
+        return CoverageView.of(file, status == schema.STORED, quality)
 
 
 def _file(services: Services, scan_id: str) -> Path:
-    services.scans.get(scan_id)
-    path = services.data.scan_file(scan_id)
-    if not path.is_file():
-        raise NotFound("file of scan", scan_id)
-    return path
+    """Find the file; one that is not kept yet its scanner's node has."""
+    scan = services.scans.get(scan_id)
+    try:
+        return find(services.arrays, scan_name(scan_id), "file of scan", scan_id)
+    except NotFound:
+        if scan.scanner_id is None or not services.nodes.is_elsewhere(scan.scanner_id):
+            raise
+        raise Elsewhere(scan.scanner_id) from None
 
 
 @contextmanager

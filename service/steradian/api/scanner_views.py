@@ -23,6 +23,7 @@ class LeaseView(BaseModel):
 
 
 Laser = Literal["off", "idle", "unconfirmed"]
+Gate = Literal["open", "closed", "unknown"]
 
 
 class EmergencyView(BaseModel):
@@ -51,6 +52,21 @@ class EmergencyView(BaseModel):
             recorded=recorded,
         )
 
+    @classmethod
+    def of_row(cls, row: ScannerRow) -> Self | None:
+        """Show the press that stands, of another node's scanner, as the database knows it."""
+        if row.stopped_at is None:
+            return None
+        return cls(
+            number=row.stop_number or "",
+            at=row.stopped_at,
+            by=row.stopped_by or "",
+            reason=row.stop_reason,
+            laser=cast(Laser, row.stop_laser or "unconfirmed"),
+            seconds=row.stop_seconds,
+            recorded=True,
+        )
+
 
 class EmergencyAnswer(BaseModel):
     """What came of pressing the emergency stop."""
@@ -67,6 +83,9 @@ class ScannerView(BaseModel):
     simulated: bool
     connection: str = Field(description="unknown, connected or disconnected", examples=["connected"])
     state: str = Field(description="idle or scanning", examples=["idle"])
+    interlock: Gate = Field(description="As the scanner reads it; unknown while no scan has it connected")
+    key: Literal["on", "off", "unknown"] = Field(description="The key switch, likewise")
+    shutter: Gate = Field(description="Of the excitation laser, likewise")
     since: datetime = Field(description="When connection or state changed last")
     last_error: str | None
     lease: LeaseView | None
@@ -86,6 +105,9 @@ class ScannerView(BaseModel):
             simulated=row.simulated,
             connection=row.connection,
             state=row.state,
+            interlock=cast(Gate, row.interlock),
+            key=cast(Literal["on", "off", "unknown"], row.key_switch),
+            shutter=cast(Gate, row.shutter),
             since=row.since,
             last_error=row.last_error,
             lease=lease,

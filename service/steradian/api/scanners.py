@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Body, Header, Query, Response
+from fastapi import APIRouter, Body, Header, Query, Request, Response
 from pydantic import ConfigDict, Field
 
 from steradian.api.conditions import ConditionsNeeded, etag_of
 from steradian.api.dependencies import ServicesNeeded, Who
 from steradian.api.identifiers import SCANNER_ID
+from steradian.api.nodes import ERRAND, Elsewhere, came_from_a_node
 from steradian.api.scanner_views import EmergencyAnswer, EmergencyView, ScannerView
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.api.views import Listing
 from steradian.errors import NotFound
 from steradian.security.keys import Scope
-from steradian.storage.scanners import SCANNER_ID as SCANNER
 from steradian.storage.tables import ScannerRow
 from steradian.validation import Value
 
@@ -75,21 +75,22 @@ def take_scanner_lease(
     The lease belongs to the key: only requests with the same key and the lease's number make the laser fire. Two
     clients of one key, and all of a service without keys, are told apart by ``holder`` or that number.
     """
-    services.scanner.get(scanner_id)
-    return _view(services, services.scanner.lease(wanted.holder, wanted.seconds, wanted.note, who.name, lease))
+    (scanner := services.scanner.of(scanner_id)).get(scanner_id)
+    return _view(services, scanner.lease(wanted.holder, wanted.seconds, wanted.note, who.name, lease))
 
 
 @router.delete("/{scanner_id}/lease", status_code=204, summary="Give a scanner back")
 def return_scanner_lease(services: ServicesNeeded, who: Who, scanner_id: SCANNER_ID, lease: Number) -> Response:
     """End the lease; nothing happens when there is none. An admin may end another's."""
-    services.scanner.get(scanner_id)
-    services.scanner.release(lease, who.name, whoever=who.may(Scope.ADMIN))
+    (scanner := services.scanner.of(scanner_id)).get(scanner_id)
+    scanner.release(lease, who.name, whoever=who.may(Scope.ADMIN))
     return Response(status_code=204)
 
 
 @router.post("/{scanner_id}/emergency-stop", status_code=202, summary="Stop the scanner now")
 async def press_emergency_stop(
     services: ServicesNeeded,
+    request: Request,
     who: Who,
     scanner_id: SCANNER_ID,
     wanted: Annotated[StopRequest | None, Body()] = None,
@@ -99,10 +100,15 @@ async def press_emergency_stop(
     It needs no database: what cannot be recorded now is recorded later. The answer comes when the scanner has
     confirmed it, or after a second. No other scan begins until the stop is released, whatever is started anew.
     """
-    if scanner_id != SCANNER:
+    if not services.nodes.knows(scanner_id):
         raise NotFound("scanner", scanner_id)
-    press, deed = await services.emergency.press(who.name, wanted.reason if wanted else None)
-    shown = EmergencyView.of(press, deed, recorded=services.emergency.is_recorded(press))
+    reason = wanted.reason if wanted else None
+    if (desk := services.desk_of(scanner_id)) is None:
+        services.nodes.refuse_rounds(request, scanner_id)
+        return await services.courier.press(scanner_id, who, reason)
+    errand = request.headers.get(ERRAND) if came_from_a_node(request) else None
+    press, deed = await desk.press(who.name, reason, errand)
+    shown = EmergencyView.of(press, deed, recorded=desk.is_recorded(press))
     here = f"{V1}/scanners/{scanner_id}"
     return EmergencyAnswer(id=scanner_id, emergency_stop=shown, links={"scanner": here})
 
@@ -115,15 +121,19 @@ def release_emergency_stop(
     number: Annotated[
         str | None, Query(max_length=40, description="Release this press only; refused when there was another since")
     ] = None,
+    reason: Annotated[str | None, Query(max_length=500, description="Why it may be released; in its event")] = None,
 ) -> ScannerView:
     """Allow scans again; none begins by itself."""
     services.scanner.get(scanner_id)
-    services.emergency.release(who.name, number)
+    if (desk := services.desk_of(scanner_id)) is None:
+        raise Elsewhere(scanner_id)
+    desk.release(who.name, number, reason)
     return _view(services, services.scanner.get(scanner_id))
 
 
 def _view(services: Services, row: ScannerRow) -> ScannerView:
-    press, stop = services.emergency.standing, None
-    if press is not None:
-        stop = EmergencyView.of(press, services.emergency.deed(press), recorded=services.emergency.is_recorded(press))
+    stop, desk = EmergencyView.of_row(row), services.desk_of(row.id)
+    if desk is not None:  # the latch may be ahead of the database
+        press = desk.standing
+        stop = EmergencyView.of(press, desk.deed(press), recorded=desk.is_recorded(press)) if press else None
     return ScannerView.of(row, held=services.scanner.is_held(row), stop=stop)

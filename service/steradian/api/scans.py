@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Request, Response
 from pydantic import ConfigDict, Field, StringConstraints
@@ -17,13 +17,14 @@ from steradian.api.scanners import Lease
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.api.views import Listing, ScanView
+from steradian.errors import Conflict, InvalidInput
 from steradian.security.keys import Principal
 from steradian.storage import filters
 from steradian.storage.disk import scan_bytes
 from steradian.storage.idempotency import Answer
 from steradian.storage.scanners import EmergencyStopped
-from steradian.storage.states import SETTLED_SCAN_STATES, DesiredScanState
-from steradian.storage.tables import ScanRow
+from steradian.storage.states import SETTLED_SCAN_STATES, DesiredScanState, is_terminal
+from steradian.storage.tables import PlanRow, ScannerRow, ScanRow
 from steradian.validation import Value
 
 router = APIRouter(prefix=f"{V1}/scans", tags=["scans"], route_class=GuardedRoute)
@@ -40,7 +41,17 @@ class ScanRequest(Value):
     )
 
     plan_id: str = Field(min_length=1, max_length=64, description="Identifier of the plan")
+    scanner_id: str | None = Field(
+        default=None, min_length=1, max_length=40, description="Who is to run it; need not be said where there is one"
+    )
     labels: dict[Name, Text] = Field(default_factory=dict, max_length=50, description="Texts of your own")
+    completes: str | None = Field(
+        default=None,
+        min_length=1,
+        max_length=64,
+        description="A scan of the same plan that is over: the new one begins with its A-lines and measures what is"
+        " missing, if film and scanner prove to be as they were; the earlier one stays as it is",
+    )
 
 
 class ScanChange(Value):
@@ -76,10 +87,10 @@ async def create_scan(
     """Queue a scan. A request repeated with the same Idempotency-Key never fires twice: it gets the first answer."""
 
     def make(session: Session) -> Answer:
-        fence = _admit(services, session, lease, who)
+        fence = _admit(services, session, lease, who, scanner.id)
         services.require_room(session, scan_bytes(plan), "the scan", measured, for_scan=True)
-        simulated = services.settings.simulated
-        row = services.scans.add(session, plan, simulated=simulated, labels=wanted.labels, fence=fence, who=who.name)
+        about: dict[str, Any] = {"labels": wanted.labels, "fence": fence, "who": who.name, "scanner_id": scanner.id}
+        row = services.scans.add(session, plan, simulated=scanner.simulated, completes=wanted.completes, **about)
         session.flush()
         view = ScanView.of(row)
         return Answer(201, view.links["self"], view.model_dump_json())
@@ -87,6 +98,9 @@ async def create_scan(
     answer = await run_in_threadpool(services.answers.kept, key)
     if answer is None:
         plan = await run_in_threadpool(services.plans.get, wanted.plan_id)
+        scanner = await run_in_threadpool(_scanner_for, services, wanted.scanner_id)
+        if wanted.completes is not None:
+            await run_in_threadpool(_require_completable, services, wanted.completes, plan)
         measured = await run_in_threadpool(services.measure)
         answer = await run_in_threadpool(services.answers.once, key, make)
     response = replay(answer)
@@ -157,11 +171,25 @@ def set_scan_desired_state(
         wanted.reason,
         who.name,
         revision,
-        admit=lambda session: _admit(services, session, lease, who),
+        admit=lambda session, row: _admit(services, session, lease, who, row.scanner_id or services.scanner.id),
     )
     view = ScanView.of(row)
     conditions.tag(etag_of(row.id, row.revision, view))
     return view
+
+
+def _require_completable(services: Services, scan_id: str, plan: PlanRow) -> None:
+    """Refuse a scan that cannot be completed by another one of a plan."""
+    row = services.scans.get(scan_id)
+    if row.plan_id != plan.id:
+        raise InvalidInput("plan_id", plan.id, f"{row.plan_id}, the plan of the scan that is to be completed")
+    if not is_terminal(row.state):
+        raise Conflict(f"scan {scan_id} is {row.state}: it may go on itself, and can be completed when it is over")
+    held = row.summary or {}
+    if not held.get("stored"):
+        raise Conflict(f"scan {scan_id} holds no A-line to begin with; scan its plan")
+    if held["stored"] == held.get("points"):
+        raise Conflict(f"scan {scan_id} misses nothing")
 
 
 def is_settled(row: ScanRow) -> bool:
@@ -169,8 +197,19 @@ def is_settled(row: ScanRow) -> bool:
     return row.state in SETTLED_SCAN_STATES
 
 
-def _admit(services: Services, session: Session, lease: int | None, who: Principal) -> int:
+def _scanner_for(services: Services, wanted: str | None) -> ScannerRow:
+    """Find the scanner that is to run a scan: the one that there is, if nobody says which."""
+    if wanted is not None or services.settings.role == "service":
+        return services.scanner.get(wanted or services.scanner.id)
+    rows = services.scanner.rows()
+    if len(rows) > 1:
+        raise InvalidInput("scanner_id", wanted, f"one of {', '.join(row.id for row in rows)}")
+    return rows[0] if rows else services.scanner.get(services.scanner.id)
+
+
+def _admit(services: Services, session: Session, lease: int | None, who: Principal, scanner_id: str) -> int:
     """Return the lease's number under which somebody may have the laser fire; see :meth:`ScannerRepository.admit`."""
-    if services.emergency.standing is not None:
+    desk = services.desk_of(scanner_id)
+    if desk is not None and desk.standing is not None:
         raise EmergencyStopped("the emergency stop is pressed; release it first")
-    return services.scanner.admit(session, lease, who.name)
+    return services.scanner.of(scanner_id).admit(session, lease, who.name)

@@ -23,10 +23,13 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from steradian.api.bodies import JsonRequest
 from steradian.api.choices import refuse_unknown
+from steradian.api.cookies import check_page, secret_in
+from steradian.api.nodes import Elsewhere, principal_of
 from steradian.api.problems import database_problem, problem
 from steradian.security.keys import Forbidden, KeyStore, Principal, Unauthorized
 from steradian.security.keys import Scope as Need
 from steradian.security.rates import Rate, TooOften
+from steradian.security.sessions import SeenSession, SessionStore
 from steradian.settings import Settings
 
 V1: Final = "/api/v1"
@@ -46,6 +49,8 @@ SCOPES: Final[dict[tuple[str, str], Need | None]] = {
     ("GET", f"{V1}/masks/{{mask_id}}/picture"): Need.READ,
     ("POST", f"{V1}/plans"): Need.PLAN,
     ("POST", f"{V1}/plans/preview"): Need.PLAN,
+    ("POST", f"{V1}/designs/preview"): Need.PLAN,
+    ("POST", f"{V1}/designs/point-spread"): Need.PLAN,
     ("GET", f"{V1}/plans"): Need.READ,
     ("GET", f"{V1}/plans/{{plan_id}}"): Need.READ,
     ("DELETE", f"{V1}/plans/{{plan_id}}"): Need.PLAN,
@@ -64,6 +69,7 @@ SCOPES: Final[dict[tuple[str, str], Need | None]] = {
     ("GET", f"{V1}/scans/{{scan_id}}/file"): Need.READ,
     ("GET", f"{V1}/scans/{{scan_id}}/shots"): Need.READ,
     ("GET", f"{V1}/scans/{{scan_id}}/alines"): Need.READ,
+    ("GET", f"{V1}/scans/{{scan_id}}/alines/latest"): Need.READ,
     ("GET", f"{V1}/scans/{{scan_id}}/coverage"): Need.READ,
     ("POST", f"{V1}/reconstructions"): Need.RECONSTRUCT,
     ("GET", f"{V1}/reconstructions"): Need.READ,
@@ -75,6 +81,7 @@ SCOPES: Final[dict[tuple[str, str], Need | None]] = {
     ("GET", f"{V1}/reconstructions/{{reconstruction_id}}/log"): Need.READ,
     ("GET", f"{V1}/reconstructions/{{reconstruction_id}}/mip"): Need.READ,
     ("GET", f"{V1}/reconstructions/{{reconstruction_id}}/volume"): Need.READ,
+    ("GET", f"{V1}/reconstructions/{{reconstruction_id}}/volume.ome.zarr/{{path}}"): Need.READ,
     ("POST", f"{V1}/batches"): Need.RECONSTRUCT,
     ("GET", f"{V1}/batches"): Need.READ,
     ("GET", f"{V1}/batches/{{batch_id}}"): Need.READ,
@@ -85,6 +92,7 @@ SCOPES: Final[dict[tuple[str, str], Need | None]] = {
     ("GET", f"{V1}/reconstructions/{{reconstruction_id}}/revision"): Need.READ,
     ("POST", f"{V1}/uploads"): Need.RECONSTRUCT,
     ("GET", f"{V1}/uploads/{{upload_id}}"): Need.READ,
+    ("POST", f"{V1}/uploads/{{upload_id}}/preview"): Need.RECONSTRUCT,
     ("DELETE", f"{V1}/uploads/{{upload_id}}"): Need.RECONSTRUCT,
     ("POST", f"{V1}/jobs"): Need.RECONSTRUCT,
     ("GET", f"{V1}/jobs"): Need.READ,
@@ -95,6 +103,9 @@ SCOPES: Final[dict[tuple[str, str], Need | None]] = {
     ("GET", f"{V1}/jobs/{{job_id}}/attempts"): Need.READ,
     ("GET", f"{V1}/jobs/{{job_id}}/log"): Need.READ,
     ("GET", f"{V1}/jobs/{{job_id}}/files/{{name}}"): Need.READ,
+    ("POST", f"{V1}/session"): ANYONE,
+    ("GET", f"{V1}/session"): ANYONE,
+    ("DELETE", f"{V1}/session"): ANYONE,
     ("POST", f"{V1}/tickets"): Need.READ,
     ("GET", f"{V1}/events"): Need.READ,
     ("GET", "/metrics"): Need.READ,
@@ -118,6 +129,7 @@ CHANGE: Final = 5.0
 class _Keeper(Protocol):
     settings: Settings
     keys: KeyStore
+    sessions: SessionStore
 
 
 class Authenticate:
@@ -129,7 +141,8 @@ class Authenticate:
     """
 
     def __init__(self, app: ASGIApp, keeper: _Keeper) -> None:
-        self.app, self._settings, self._keys = app, keeper.settings, keeper.keys
+        self.app, self._settings = app, keeper.settings
+        self._keys, self._sessions = keeper.keys, keeper.sessions
         per_second, failed = keeper.settings.requests_per_second, keeper.settings.failed_keys_per_minute
         self._asked, self._failed = Rate(per_second, AT_ONCE * per_second), Rate(failed / 60, failed)
         self._hosts = {name.strip() for name in keeper.settings.allowed_hosts.split(",") if name.strip()}
@@ -139,7 +152,8 @@ class Authenticate:
         if scope["type"] == "http":
             try:
                 scope["state"]["principal"] = principal = await self._principal(scope)
-                if principal is not None and principal is not LOCAL and not _is_stop(scope):
+                counts = not (_is_stop(scope) or scope["state"].get("forwarded"))
+                if principal is not None and principal is not LOCAL and counts:
                     self._asked.take(principal.name, CHANGE if scope["method"] in UNSAFE else 1.0)
             except Unauthorized as error:
                 headers = {"WWW-Authenticate": 'Bearer realm="steradian"', "Connection": "close"}
@@ -162,6 +176,9 @@ class Authenticate:
         given = headers.get("authorization", "")
         if not any(path == root or path.startswith(f"{root}/") for root in GUARDED):
             return None
+        if (asking := principal_of(headers, self._settings.node_secret)) is not None:
+            scope["state"]["forwarded"] = True
+            return asking
         if given:
             kind, _, key = given.partition(" ")
             if kind.lower() != "bearer":
@@ -172,6 +189,10 @@ class Authenticate:
         if path == f"{V1}/events" and (ticket := parse_qs(scope["query_string"].decode("latin-1")).get("ticket")):
             scope["state"]["ticket"] = ticket[0]
             return await self._prove(scope, self._keys.see_ticket, ticket[0])
+        if (secret := secret_in(headers)) and (seen := await self._recognise(scope, secret)):
+            check_page(seen, headers, changes=scope["method"] in UNSAFE)
+            scope["state"]["session"] = seen
+            return seen.principal
         if self._settings.needs_key:
             raise Unauthorized("a key is needed: Authorization: Bearer …")
         if _is_forwarded(headers):
@@ -192,6 +213,15 @@ class Authenticate:
             with suppress(TooOften):
                 self._failed.take(address)
             raise
+
+    async def _recognise(self, scope: Scope, secret: str) -> SeenSession | None:
+        """Tell whose session it is; ``None`` when it is over, and the request counts as one without."""
+        with suppress(Unauthorized):
+            if _is_stop(scope):
+                with suppress(Unauthorized):
+                    return self._sessions.recall(secret)
+            return await run_in_threadpool(self._sessions.check, secret)
+        return None
 
     def _check_origin(self, method: str, headers: Headers) -> None:
         hosts = headers.getlist("host")
@@ -254,6 +284,8 @@ class GuardedRoute(APIRoute):
                 if checked.refusal is not None:
                     raise checked.refusal from None
                 raise
+            except Elsewhere as error:
+                return await request.app.state.services.nodes.forward(checked, error.scanner_id)  # type: ignore[no-any-return]
             if applied := getattr(request.state, "preference_applied", None):
                 answer.headers["Preference-Applied"] = applied
             return answer

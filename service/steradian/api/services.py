@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import logging
 import threading
 import time
@@ -10,27 +11,32 @@ from dataclasses import replace
 from datetime import timedelta
 from typing import TYPE_CHECKING
 
-from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from steradian.api.couriers import StopCourier
 from steradian.api.emergency import EmergencyDesk
 from steradian.api.looks import Looks
+from steradian.api.memory import Memory
+from steradian.api.nodes import Nodes
+from steradian.api.shot_looks import ShotLooks
+from steradian.api.tidying import tidy
 from steradian.api.workshop import Workshop
-from steradian.drafts import remove, sweep
 from steradian.jobs.forecast import Forecast, forecast
-from steradian.jobs.kinds import resource_of
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import JobRequest, JobStatus, QueueUnavailable
 from steradian.security.keys import KeyStore
+from steradian.security.sessions import SessionStore
 from steradian.settings import Settings
+from steradian.storage.advisory import Hold, SessionLock
 from steradian.storage.database import Database, metadata_url, take_turns
-from steradian.storage.deletion import Deletion, remove_files, waiting_import
-from steradian.storage.dependence import Resource, hold_needs, needed
-from steradian.storage.disk import ROOM_LOCK, Arrivals, Disk, Measured, importing_job_id, promised, written
+from steradian.storage.deletion import Deletion, remove_files
+from steradian.storage.dependence import hold_needs
+from steradian.storage.disk import ROOM_LOCK, Arrivals, Disk, Measured, promised, written
 from steradian.storage.emergency import EmergencyLatch
 from steradian.storage.events import EventLog
 from steradian.storage.idempotency import Answers
 from steradian.storage.masks import MaskRepository
+from steradian.storage.object_store import arrays_of
 from steradian.storage.paths import DataDirectory
 from steradian.storage.plans import PlanRepository
 from steradian.storage.reconstructions import BatchRepository, ReconstructionRepository
@@ -38,7 +44,7 @@ from steradian.storage.repository import Clock, utc_now
 from steradian.storage.scanners import ScannerRepository
 from steradian.storage.scans import ScanRepository
 from steradian.storage.states import is_terminal
-from steradian.storage.tables import JobRow, ScanRow
+from steradian.storage.tables import JobRow
 from steradian.storage.usage import usage
 
 if TYPE_CHECKING:
@@ -46,9 +52,10 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 QUEUE_PATIENCE = 30.0
-UPLOADS_KEPT = timedelta(days=1)
 MEASURED_FOR = timedelta(seconds=10)
 """How long a look at the folder tells those who only want to know."""
+STORE_PATIENCE = timedelta(seconds=5)
+"""How long a request waits for an object store that does not answer."""
 RECONCILE_EVERY, TIDY_EVERY, REOPEN_EVERY = 1.0, 600.0, 5.0
 CARETAKERS_END = 5.0
 """Seconds that an ending service waits for what looks after it: a database may be down."""
@@ -68,39 +75,60 @@ class Services:
         self.arrivals = Arrivals()
         self._measured: Measured | None = None
         self.database = Database(metadata_url(settings))
+        self.arrays = arrays_of(settings, self.database, clock, STORE_PATIENCE)
         self.masks = MaskRepository(self.database, clock)
         self.plans = PlanRepository(self.database, clock)
         self.scans = ScanRepository(self.database, clock)
-        self.scanner = ScannerRepository(self.database, clock)
+        self.scanner = ScannerRepository(self.database, clock, settings.scanner_id)
         self.reconstructions = ReconstructionRepository(self.database, clock)
         self.batches = BatchRepository(self.database, clock)
         self.ledger = JobLedger(self.database, clock)
         self.deletion = Deletion(self.database, clock)
         self.answers = Answers(self.database, clock)
         self.keys = KeyStore(self.database, clock, fixed=settings.api_key)
+        self.sessions = SessionStore(self.database, self.keys, clock)
         self.log = EventLog(self.database)
-        self.emergency = EmergencyDesk(EmergencyLatch(self.data.emergency), self.scanner, self.keys)
-        self.drawing = asyncio.Lock()
+        self.emergency = (
+            EmergencyDesk(EmergencyLatch(self.data.emergency), self.scanner) if settings.has_scanner else None
+        )
+        self.nodes = Nodes(settings, self.scanner)
+        self.courier = StopCourier(self.nodes, self.scanner)
+        self._memory = Memory(self.sessions.remember, self.nodes.remember)
+        self.drawing, self.previewing = asyncio.Lock(), asyncio.Lock()
+        """One picture that is kept and one preview at a time: a place in the workshop is left for what is quick."""
         self.workshop = Workshop()
+        self.shot_looks = ShotLooks()
         self.usage: Looks[None, dict[str, int]] = Looks(lambda _: {None: usage(self.database, self.data)})
         self._queue: JobQueue | None = None
         self._opened = threading.Event()
         self._over = threading.Event()
         self._caretaker = threading.Thread(target=self._look_after, daemon=True)
+        shared = settings.database_url if settings.role != "service" else None
+        self._turn = None if shared is None else SessionLock(shared, "caretaker")
+        """Held by the one of several nodes that looks after what is everybody's."""
 
     def open(self) -> None:
         """Begin to open the queue and to look after it."""
-        self.scanner.ensure(simulated=self.settings.simulated)
-        self.emergency.open()
+        if self.emergency is not None:
+            own = {"simulated": self.settings.simulated, "follows": self.settings.follows}
+            self.scanner.ensure(address=self.settings.address, **own)
+            self.emergency.open()
+        self.nodes.remember()
+        self._memory.open()
         self._caretaker.start()
 
     def close(self) -> None:
         """Close the connections."""
         self._over.set()
         self.workshop.close()
-        self.emergency.close()
+        self.courier.close()
+        self._memory.close()
+        if self.emergency is not None:
+            self.emergency.close()
         if self._caretaker.is_alive():
             self._caretaker.join(CARETAKERS_END)  # what it did afterwards would open connections that nobody closes
+        if self._turn is not None:
+            self._turn.release()
         if self._queue is not None:
             self._queue.close()
         self.database.close()
@@ -122,6 +150,10 @@ class Services:
     def queue_is_open(self) -> bool:
         """Whether jobs can be taken at once."""
         return self._opened.is_set()
+
+    def desk_of(self, scanner_id: str) -> EmergencyDesk | None:
+        """Return where a scanner's emergency stop is pressed; ``None`` when that is on another node."""
+        return self.emergency if self.nodes.is_here(scanner_id) else None
 
     def measure(self) -> Measured:
         """Count what the folder holds, where that matters, which may take long: no transaction should wait for it."""
@@ -154,6 +186,8 @@ class Services:
         DiskFull
             With what is needed, what is there and what of it is promised.
         """
+        if self.settings.role != "service" and not (for_scan and self.settings.has_scanner):
+            return  # who does the work has a disk of its own
         take_turns(session, ROOM_LOCK)  # else none of two that come at once sees what the other is promised
         taken = promised(session, self.data, measured) + self.arrivals.awaited
         disk = replace(self.disk, reserve=0) if for_scan else self.disk
@@ -199,56 +233,22 @@ class Services:
 
     def _look_after(self) -> None:
         self._open_queue()
+        gc.collect()
+        gc.freeze()  # what was loaded stays; to look through it for garbage stops everybody for a tenth of a second
         tidied = float("-inf")
         while not self._over.is_set():
             try:
                 self.workshop.rest()
-                self.queue.reconcile()
+                if is_mine := self._turn is None or self._turn.renew() is Hold.HELD:
+                    self.queue.reconcile()
                 if time.monotonic() - tidied > TIDY_EVERY:
                     tidied = time.monotonic()
-                    self.tidy()
+                    tidy(self, shared=is_mine)
             except Exception:
                 if not self._over.is_set():
                     _log.exception("the queue cannot be looked after; trying again")
             self._over.wait(RECONCILE_EVERY)
 
-    def tidy(self) -> None:
-        """Forget what is too old: events, idempotency keys, uploads, shared images and, if settings say so, jobs."""
-        now = self.clock()
-        oldest = (now - UPLOADS_KEPT).timestamp()
-        for path in (*self.data.uploads.glob("*"), *self.data.references.glob("*")):
-            if path.stat().st_mtime < oldest and waiting_import(self.database, path.name) is None:
-                path.unlink(missing_ok=True)
-        self.log.prune(now - timedelta(days=self.settings.event_days))
-        self.answers.prune()
-        if self.settings.retention_days is not None:
-            self._forget_before(timedelta(days=self.settings.retention_days))
-        self.remove_files()
-        self._sweep_drafts()
-
-    def _sweep_drafts(self) -> None:
-        """Remove what killed jobs were writing; one that is not over sweeps its folder itself when it starts again."""
-        drafts = self.data.scan_drafts()
-        with self.database.read() as session:
-            over = set(session.scalars(select(JobRow.id).where(JobRow.ended.is_not(None))))
-            going = set(session.scalars(select(JobRow.id).where(JobRow.ended.is_(None))))
-            going |= set(session.scalars(select(ScanRow.id).where(ScanRow.ended.is_(None))))
-        for folder in self.data.job_folders():
-            if folder.name in over and not self.data.job(folder.name).is_running:
-                sweep(folder)
-        for scan, draft in drafts:
-            job = importing_job_id(scan)
-            if not going & {scan, job} and not self.data.job(job).is_running:
-                remove(draft)
-
-    def _forget_before(self, age: timedelta) -> None:
-        query = select(JobRow.id, JobRow.kind).where(JobRow.ended.is_not(None), JobRow.ended < self.clock() - age)
-        with self.database.write() as session:
-            rows = session.execute(query.with_for_update()).all()  # nobody begins to need one any more
-            kept = needed(session)
-            old = [Resource(resource_of(row.kind), row.id) for row in rows if row.id not in kept]
-            self.deletion.forget(session, old, "service", "older than retention_days")
-
     def remove_files(self) -> None:
         """Remove the files of what was deleted, as far as they can go now."""
-        remove_files(self.database, self.data, self.queue.forget if self.queue_is_open else None)
+        remove_files(self.database, self.data, self.arrays, self.queue.forget if self.queue_is_open else None)

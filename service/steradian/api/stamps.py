@@ -12,6 +12,8 @@ from steradian.storage.database import Database
 from steradian.storage.stamps import ANY_BEFORE, Question, Stamp, look
 
 _THING: Final = re.compile(r"/api/v1/(masks|plans|scans|reconstructions|jobs)(?:/([a-z0-9]{1,64}))?")
+_COVERAGE: Final = re.compile(r"/api/v1/(scans)/([a-z0-9]{1,64})/coverage")
+"""What the scan's file holds, which grows with the scan's progress."""
 _PAGE: Final = re.compile(rb"limit=([1-9][0-9]{0,2})(?:&before=([0-9]{1,9}))?")
 
 
@@ -40,7 +42,8 @@ class Stamps:
 
 def question_of(scope: Scope) -> Question | None:
     """Tell what must be stamped as it was for an answer to be still right; ``None`` where a stamp does not tell."""
-    thing, query = _THING.fullmatch(scope["path"]), scope["query_string"]
+    path, query = scope["path"], scope["query_string"]
+    thing = _THING.fullmatch(path) or _COVERAGE.fullmatch(path)
     if thing is None or (thing[2] is not None and query):
         return None
     if thing[2] is not None:

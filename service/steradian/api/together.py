@@ -3,7 +3,7 @@
 A look that has begun is joined by nobody, as it may be older than what the next client has just been told: who comes
 while one is under way shares the next. An answer is kept with the stamp that its thing had before it was made, and is
 given again while the stamp, looked at anew for each request, is that one. So every answer is as fresh as if it had been
-made for its client alone.
+made for its client alone, and a scan's coverage as fresh as its progress.
 """
 
 from __future__ import annotations

@@ -1,32 +1,82 @@
-"""``/uploads``: files that become scans. They are kept as they come; only an import's own process looks into them."""
+"""``/uploads``: files that become scans. They are kept as they come; only a process that is shut in looks into them."""
 
 from __future__ import annotations
 
 import hashlib
 import os
+import tempfile
 from contextlib import suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO, Self
 
 from fastapi import APIRouter, Request, Response
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 from starlette.concurrency import run_in_threadpool
 
+from steradian.api.arrays import JSON
 from steradian.api.dependencies import ServicesNeeded
 from steradian.api.identifiers import UPLOAD_ID
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.api.views import BASE
-from steradian.drafts import sync_folder
 from steradian.errors import InvalidInput, NotFound
+from steradian.jobs.requests import Identifier, check_described
 from steradian.storage import deletion
+from steradian.storage.arrays import upload_name
 from steradian.storage.disk import promised
 from steradian.storage.repository import new_id
+from steradian.validation import Value
 
 router = APIRouter(prefix=f"{V1}/uploads", tags=["jobs"], route_class=GuardedRoute)
 _BINARY = {
     "application/octet-stream": {"schema": {"type": "string", "format": "binary", "minLength": 1}, "examples": {}}
 }
+
+
+class UploadPreviewRequest(Value):
+    """What is said beside a file; as in a job of kind ``import``."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"description": {"sampling_interval": 8e-9}}]})
+
+    description: dict[str, Any] | None = Field(
+        default=None, description="What the file itself does not say: sampling_interval, positions, sound_speed, …"
+    )
+    companion_id: Identifier | None = Field(
+        default=None, description="Identifier of an upload with the positions (csv, npy) or of k-Wave's input file"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        check_described(self.description)
+        return self
+
+
+class MissingView(BaseModel):
+    """Something that must be said before a file can be imported."""
+
+    field: str = Field(description="Of the description")
+    allowed: str
+
+
+class UploadPreviewView(BaseModel):
+    """What an import would understand of a file."""
+
+    model_config = ConfigDict(from_attributes=True)
+
+    format: str
+    points: int = Field(description="Sensors")
+    frames: int
+    samples: int = Field(description="Of an A-line")
+    dtype: str = Field(description="Type of the samples as NumPy writes it")
+    sampling_interval: float | None = Field(description="Seconds; null: not stated")
+    time_zero: float = Field(description="From the pulse to the first sample (s)")
+    sound_speed: float | None = Field(description="m/s; null: not stated")
+    aperture: float | None = Field(description="Side of the square around the sensors (m); null: where is not stated")
+    depth: float | None = Field(description="Distance of the point of interest (m); null: not stated")
+    positions: list[list[float]] | None = Field(description="x, y of the sensors (m), a few thousand at most")
+    rows: list[int] = Field(description="Which A-lines are shown")
+    traces: list[list[float]] = Field(description="Their first samples; 0 for what is no finite number")
+    missing: list[MissingView] = Field(description="What must be said before the file can be imported")
 
 
 class UploadView(BaseModel):
@@ -50,8 +100,7 @@ async def create_upload(services: ServicesNeeded, request: Request, response: Re
     Then POST /jobs with kind ``import``. A file that nobody imports is deleted after a day.
     """
     identifier = new_id("u")
-    path = services.data.upload(identifier)
-    draft = path.with_name(f"{identifier}.part")
+    draft = services.data.uploads / f"{identifier}.part"
     digest, size = hashlib.sha256(), 0
     measured, taken = await run_in_threadpool(lambda: (services.measure(), _promised(services)))
 
@@ -73,7 +122,8 @@ async def create_upload(services: ServicesNeeded, request: Request, response: Re
                     size += len(piece)
                 if not size:
                     raise InvalidInput("body", "empty", "the bytes of a file")
-                await run_in_threadpool(_finish, file, draft, path)
+                await run_in_threadpool(_sync, file)
+            await run_in_threadpool(services.arrays.keep, upload_name(identifier), draft)
     finally:
         await run_in_threadpool(draft.unlink, missing_ok=True)
     here = f"{BASE}/uploads/{identifier}"
@@ -84,18 +134,42 @@ async def create_upload(services: ServicesNeeded, request: Request, response: Re
 @router.get("/{upload_id}", summary="One upload")
 def read_upload(services: ServicesNeeded, upload_id: UPLOAD_ID) -> UploadView:
     """Tell whether a file is still there, and its size."""
-    path = services.data.upload(upload_id)
-    if not _is_name(upload_id) or not path.is_file():
+    found = services.arrays.stat(upload_name(upload_id)) if _is_name(upload_id) else None
+    if found is None:
         raise NotFound("upload", upload_id)
-    return UploadView(id=upload_id, bytes=path.stat().st_size, links={"self": f"{BASE}/uploads/{upload_id}"})
+    return UploadView(id=upload_id, bytes=found.size, links={"self": f"{BASE}/uploads/{upload_id}"})
+
+
+@router.post("/{upload_id}/preview", summary="What would be understood of an upload", response_model=UploadPreviewView)
+async def preview_upload(services: ServicesNeeded, upload_id: UPLOAD_ID, wanted: UploadPreviewRequest) -> Response:
+    """Look into a file as an import would, in a process that is shut in; nothing is made of it."""
+    names = [upload_id, *([wanted.companion_id] if wanted.companion_id else [])]
+    for name in names:
+        if not _is_name(name) or await run_in_threadpool(services.arrays.stat, upload_name(name)) is None:
+            raise NotFound("upload", name)
+    paths = [await run_in_threadpool(services.arrays.open, upload_name(name)) for name in names]
+    return Response(await services.workshop.work(_look, wanted.description, *paths), media_type=JSON)
 
 
 @router.delete("/{upload_id}", status_code=204, summary="Forget an upload")
 def delete_upload(services: ServicesNeeded, upload_id: UPLOAD_ID) -> Response:
     """Delete the file; nothing happens when there is none. One that an import has still to read stays."""
     with suppress(NotFound):
-        deletion.delete_upload(services.database, services.data, upload_id)
+        deletion.delete_upload(services.database, services.arrays, upload_id)
     return Response(status_code=204)
+
+
+def _look(description: dict[str, Any] | None, *uploads: Path) -> bytes:
+    from steradian.scans.importing.guarded import look_guarded
+    from steradian.scans.importing.uploaded import laid_out
+
+    with tempfile.TemporaryDirectory(prefix="steradian-look-") as name:
+        source, said = laid_out(Path(name), description, *uploads)
+        try:
+            found = look_guarded(source, Path(name), description=said)
+        except InvalidInput as error:
+            raise InvalidInput(f"description.{error.field}", error.value, error.allowed) from error
+    return UploadPreviewView.model_validate(found, from_attributes=True).model_dump_json().encode()
 
 
 def _promised(services: Services) -> int:
@@ -107,9 +181,7 @@ def _is_name(upload_id: str) -> bool:
     return upload_id.isascii() and upload_id.isalnum()
 
 
-def _finish(file: BinaryIO, draft: Path, path: Path) -> None:
-    """Give a file that has come whole its name; from then on it survives a power cut."""
+def _sync(file: BinaryIO) -> None:
+    """Have what has come survive a power cut."""
     file.flush()
     os.fsync(file.fileno())
-    os.replace(draft, path)
-    sync_folder(path.parent)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Generic, Self, TypeAlias, TypeVar
 
 from pydantic import BaseModel, Field
 
@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 BASE = "/api/v1"
 Item = TypeVar("Item")
+RequestId: TypeAlias = Annotated[
+    str | None, Field(description="X-Request-ID of the request that asked for it; null: not known")
+]
 
 
 class Listing(BaseModel, Generic[Item]):
@@ -147,6 +150,11 @@ class PlanView(BaseModel):
     gate_rate: float = Field(default=1.0, description="Expected edges a second (Hz)")
     max_sensitivity_loss: float = Field(default=0.0, description="Share a point may lose to save a retuning")
     wavelength_uncertainty: float = Field(default=0.0, description="Of the points' best wavelengths (m)")
+    beams: list[list[float]] = Field(
+        default_factory=list,
+        description="(B, 2) where each beam is beside the first (m)",
+        examples=[[[0, 0], [8e-4, 0]]],
+    )
     preview: PreviewView = Field(description="What it costs")
     created: datetime
     links: dict[str, str] = Field(examples=[{"self": "/api/v1/…"}])
@@ -165,14 +173,17 @@ class ScanView(BaseModel):
     id: str
     plan_id: str
     mask_id: str
+    scanner_id: str | None = Field(description="Whose it is; null: it was imported, or is of earlier times")
     simulated: bool = Field(description="Whether the scanner is a simulation")
     state: ScanState
     desired_state: DesiredScanState
     reason: str | None = Field(description="Why another state was wished")
     labels: dict[str, str] = Field(description="Texts of your own")
+    completes: str | None = Field(description="The scan whose A-lines it begins with")
     fence: int = Field(description="Number of the scanner lease under which it was asked for")
     progress: ProgressView
     error: ErrorView | None
+    request_id: RequestId
     summary: SummaryView | None = Field(description="When the scan is over")
     created: datetime
     started: datetime | None
@@ -189,14 +200,17 @@ class ScanView(BaseModel):
             id=row.id,
             plan_id=row.plan_id,
             mask_id=row.mask_id,
+            scanner_id=row.scanner_id,
             simulated=row.simulated,
             state=row.state,
             desired_state=row.desired_state,
             reason=row.reason,
             labels=row.labels,
+            completes=row.completes,
             fence=row.fence,
             progress=ProgressView(stage=row.stage, done=row.done or 0, total=row.total or 0),
             error=ErrorView(code=row.error_code, detail=row.error or "") if row.error_code else None,
+            request_id=row.request_id,
             summary=SummaryView.model_validate(row.summary) if row.summary else None,
             created=row.created,
             started=row.started,
@@ -225,6 +239,7 @@ class ReconstructionView(BaseModel):
     attempt: int = Field(description="1 for the first start, 0 before it")
     progress: ProgressView
     error: ErrorView | None
+    request_id: RequestId
     report: ReportView | None = Field(description="Figures and provenance, when it has succeeded")
     created: datetime
     started: datetime | None
@@ -239,6 +254,7 @@ class ReconstructionView(BaseModel):
         job_at = f"{BASE}/jobs/{row.id}"
         mips = {f"mip_{axis}": f"{here}/mip?axis={axis}" for axis in ("x", "y", "z", "depth")}
         parts = {name: f"{here}/{name}" for name in ("volume", "quality")}
+        parts["ome_zarr"] = f"{here}/volume.ome.zarr"
         parts |= {"job": job_at} | {name: f"{job_at}/{name}" for name in ("log", "attempts", "desired-state")}
         if job.kind == LIVE:
             parts["revision"] = f"{here}/revision"
@@ -260,6 +276,7 @@ class ReconstructionView(BaseModel):
             attempt=job.attempt,
             progress=ProgressView(stage=job.stage, done=job.done, total=job.total),
             error=ErrorView(code=job.error_code, detail=job.error or "") if job.error_code else None,
+            request_id=job.request_id,
             report=ReportView.model_validate(job.result) if job.result else None,
             created=row.created,
             started=job.started,

@@ -7,7 +7,9 @@ its process waiting. Calls and results travel pickled over the pipes of a child 
 from __future__ import annotations
 
 import asyncio
+import contextvars
 import logging
+import math
 import os
 import pickle
 import signal
@@ -22,12 +24,16 @@ from typing import Any, ParamSpec, TypeVar, cast
 
 from steradian.errors import SteradianError
 
-BENCHES = 2
-"""Things worked out at a time; the rest waits in line."""
+BENCHES = 3
+"""Things worked out at a time, two pictures at most among them; the rest waits in line."""
 IDLE = 60.0
 """Seconds after which a child without work is ended, and its memory free."""
-MAX_SECONDS = 120.0
-"""Longest that one thing may take."""
+MAX_WORK = 120
+"""Seconds of a processor that one thing may take, which is the same however busy the machine is."""
+MAX_SECONDS = 1800.0
+"""Longest that it may take, waiting included."""
+OVERWORKED = -getattr(signal, "SIGXCPU", 24)
+"""How a child ends that has worked too long."""
 NICENESS = 5
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -41,9 +47,16 @@ class OutOfReach(SteradianError):
 
 
 class Workshop:
-    """Runs functions of a module, on arguments that can be pickled, in processes of its own."""
+    """Runs functions of a module, on arguments that can be pickled, in processes of its own.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    max_work
+        Seconds of a processor that a call may take.
+    """
+
+    def __init__(self, max_work: int = MAX_WORK) -> None:
+        self._max_work = max_work
         self._hands = ThreadPoolExecutor(BENCHES, "workshop")
         self._idle: list[_Child] = []
         self._busy: set[_Child] = set()
@@ -56,12 +69,13 @@ class Workshop:
         Raises
         ------
         OutOfReach
-            When the process that worked on it died or was ended, or :data:`MAX_SECONDS` have passed.
+            When the process that worked on it died or was ended, or took too long.
         """
         if self._over:
             raise OutOfReach("the service ends")
-        call = pickle.dumps((function, args, options), pickle.HIGHEST_PROTOCOL)
-        answer = await asyncio.get_running_loop().run_in_executor(self._hands, self._converse, call)
+        call = pickle.dumps((self._max_work, function, args, options), pickle.HIGHEST_PROTOCOL)
+        converse = contextvars.copy_context().run  # so that what it logs bears the request
+        answer = await asyncio.get_running_loop().run_in_executor(self._hands, converse, self._converse, call)
         raised, value = await asyncio.to_thread(pickle.loads, answer)
         if raised:
             raise value
@@ -139,6 +153,9 @@ class _Child:
             _log.warning("a process of the workshop is gone: %s", error)
         finally:
             patience.cancel()
+        self._process.kill()
+        if self._process.wait() == OVERWORKED:
+            raise OutOfReach("it took longer than it may")
         raise OutOfReach(f"it took more memory than there is, or more than {MAX_SECONDS:g} s, or the service ends")
 
     def kill(self) -> None:
@@ -167,9 +184,22 @@ def main() -> None:
         answers.flush()
 
 
+def _end_after(seconds: int) -> None:
+    """Have the kernel end this process when it has worked so long from now on."""
+    if sys.platform == "win32":
+        return
+    import resource
+
+    worked = resource.getrusage(resource.RUSAGE_SELF)
+    hard = resource.getrlimit(resource.RLIMIT_CPU)[1]
+    limit = math.ceil(worked.ru_utime + worked.ru_stime) + seconds
+    resource.setrlimit(resource.RLIMIT_CPU, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
+
+
 def _answer(call: bytes) -> bytes:
     try:
-        function, args, options = pickle.loads(call)  # noqa: S301 - our parent wrote it
+        max_work, function, args, options = pickle.loads(call)  # noqa: S301 - our parent wrote it
+        _end_after(max_work)
         found: tuple[bool, Any] = False, function(*args, **options)
     except Exception as error:
         found = True, error

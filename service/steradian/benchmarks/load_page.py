@@ -19,24 +19,42 @@ def write_page(page: Path, rows: list[Row]) -> None:
 
 def tables(rows: list[Row]) -> str:
     """Write the rows as markdown, a table for each kind."""
-    kinds = {kind: [row for row in rows if row["case"] == kind] for kind in ("total", "route", "reads", "rude")}
-    parts = _total(kinds["total"][0]), _routes(kinds["route"]), _reads(kinds["reads"]), _rude(kinds["rude"])
-    return "\n\n".join(parts)
+    kinds = {
+        kind: [row for row in rows if row["case"] == kind] for kind in ("total", "memory", "route", "reads", "rude")
+    }
+    parts = (
+        total_line(kinds["total"][0]),
+        memory_table(kinds["memory"]),
+        routes_table(kinds["route"]),
+        _reads(kinds["reads"]),
+    )
+    return "\n\n".join((*parts, _rude(kinds["rude"])))
 
 
-def _total(row: Row) -> str:
+def total_line(row: Row) -> str:
+    """Say what the clients met."""
     return (
         f"{row['clients']} clients and {row['streams']} event streams for {row['seconds']:.0f} s:"
         f" {row['requests_per_second']:.0f} requests a second, {row['server_errors']} server errors;"
         f" {row['api_cpu_ms_per_request']:.1f} ms of processor time a request in the API (its streams included) and"
         f" {row['clients_cpu_ms_per_request']:.1f} ms in the clients, on the same processors;"
         f" {row['alines'] - row['alines_lost']:,} of {row['alines']:,} A-lines, the scan {row['scan']};"
-        f" {row['jobs_succeeded']} jobs succeeded; the API's memory {row['memory_before_mib']:.0f} MiB before"
-        f" and {row['memory_after_mib']:.0f} MiB after."
+        f" {row['jobs_succeeded']} jobs succeeded."
     )
 
 
-def _routes(rows: list[Row]) -> str:
+def memory_table(rows: list[Row]) -> str:
+    """List what each kind of process holds."""
+    lines = ["| process | memory at first (MiB) | at last | at most | growth a minute |", "|---|--:|--:|--:|--:|"]
+    for row in rows:
+        held = [f"{row[name]:,.0f}" for name in ("first_mib", "last_mib", "most_mib")]
+        growth = f"{row['mib_per_minute']:+.1f} ± {row['error']:.1f}" if "error" in row else ""
+        lines.append("| " + " | ".join([row["process"], *held, growth]) + " |")
+    return "\n".join(lines)
+
+
+def routes_table(rows: list[Row]) -> str:
+    """List the times of each route."""
     lines = ["| route | requests | p50 (ms) | p99 (ms) | worst (ms) |", "|---|--:|--:|--:|--:|"]
     for row in rows:
         times = [f"{row[name]:,.0f}" if name in row else "" for name in ("p50_ms", "p99_ms", "worst_ms")]

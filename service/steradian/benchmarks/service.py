@@ -43,9 +43,9 @@ class RunningService:
 
 
 @contextmanager
-def running_service(settings: Settings) -> Iterator[RunningService]:
-    """Run ``steradian serve`` until the block ends."""
-    command = [sys.executable, "-P", "-m", "steradian", "serve"]
+def running_service(settings: Settings, role: str = "serve") -> Iterator[RunningService]:
+    """Run ``steradian serve``, or another command that answers HTTP, until the block ends."""
+    command = [sys.executable, "-P", "-m", "steradian", role]
     process = subprocess.Popen(
         command, env=settings.environment(), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     )
@@ -59,6 +59,19 @@ def running_service(settings: Settings) -> Iterator[RunningService]:
     finally:
         process.terminate()
         process.communicate(timeout=20)
+
+
+@contextmanager
+def running_worker(settings: Settings) -> Iterator[int]:
+    """Run ``steradian worker`` until the block ends; yields the number of its process."""
+    command = [sys.executable, "-P", "-m", "steradian", "worker", "--name", settings.worker_name]
+    nowhere = subprocess.DEVNULL
+    process = subprocess.Popen(command, env=settings.environment(), stdout=nowhere, stderr=nowhere)
+    try:
+        yield process.pid
+    finally:
+        process.terminate()
+        process.wait(timeout=20)
 
 
 def ask(url: str, body: dict[str, Any] | None = None, **headers: str) -> Any:

@@ -12,11 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabry_perot.hardware import Sampling
-from fabry_perot.host.plan import Plan
 from fabry_perot.simulator.film import Film
-from fabry_perot.simulator.instrument import PhantomInstrument
-from fabry_perot.simulator.phantoms import Balls
+from steradian.benchmarks.hardware_time import device_seconds
 from steradian.benchmarks.pages import put_between
 from steradian.masks import Mask, equi_steradian_mask
 from steradian.plans import Link, ScanPlan, Tuning, VisitOrder, preview
@@ -115,33 +112,12 @@ def _row(plan: ScanPlan, film: str, *, run: bool = True) -> Row:
         "mean_loss": cost.sensitivity_loss["mean"],
         "order_s": taken,
     }
-    return row | ({"simulated_s": device_seconds(plan, film)} if run else {})
+    return row | ({"simulated_s": simulated_seconds(plan, film)} if run else {})
 
 
-def device_seconds(plan: ScanPlan, film: str) -> float:
-    """Run a plan on the simulated hardware, without a line, and return its time by the hardware's own clock."""
-    ball = Balls(np.array([[0.0, 0.0, 3e-3]]), np.array([1e-4]), np.array([1.0]))
-    hardware = PhantomInstrument(ball, seed=SEED, relief=film, tuning=round(1e6 * RETUNING), repeat=1)
-    hardware.boot(0)
-    assert plan.bias is not None  # noqa: S101
-    places = Plan.from_metres(
-        plan.mask.film_positions[plan.visit],
-        samples=plan.samples,
-        sampling_interval=plan.sampling_interval,
-        pulse_rate=plan.pulse_rate,
-        averages=plan.averages,
-        wavelength=plan.bias[plan.visit],
-    )
-    hardware.begin(Sampling(places.samples, places.interval_ps, places.pulse_rate_mhz))
-    hardware.queue(0, places.points, 0)
-    hardware.open()
-    hardware.permit(1 << 60, 0)
-    fired: list[int] = []
-    now: int | None = 0
-    while now is not None and len(fired) < places.length:
-        fired += [taken.fire_time for taken in hardware.poll(now)]
-        now = hardware.next_due(now)
-    return 1e-6 * (fired[-1] - fired[0]) / (len(fired) - 1) * len(fired)
+def simulated_seconds(plan: ScanPlan, film: str) -> float:
+    """Return the time of a plan on a simulated film, by the hardware's own clock."""
+    return device_seconds(plan, seed=SEED, relief=film, tuning=round(1e6 * RETUNING))
 
 
 def tables(rows: list[Row]) -> str:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 import signal
 
-from steradian.stopping import STOPPED
-
 
 def main() -> None:
     """Run the program; Ctrl-C while it is still being read ends it with one line, as it does later on."""
@@ -25,4 +23,4 @@ def main() -> None:
 
 def _leave(*_: object) -> None:
     os.write(2, b"error: stopped\n")
-    os._exit(STOPPED)
+    os._exit(130)  # steradian.stopping.STOPPED; nothing is read before Ctrl-C is heard

@@ -10,6 +10,7 @@ from typer.core import TyperGroup
 
 from steradian import __version__
 from steradian.cli import (
+    backup,
     benchmark,
     check,
     demo,
@@ -19,6 +20,7 @@ from steradian.cli import (
     mask,
     plan,
     reconstruct,
+    scaling,
     scan,
     serve,
     sound_speed,
@@ -41,7 +43,7 @@ EXIT_CODES: dict[type[SteradianError], int] = {
 
 ORDER = (
     *("mask", "plan", "scan", "reconstruct", "what-if", "sound-speed", "import", "export"),
-    *("demo", "benchmark", "serve", "worker", "key", "storage", "check"),
+    *("demo", "benchmark", "serve", "api", "acquisition", "worker", "key", "storage", "check", "backup", "restore"),
 )
 """Commands as help lists them: in the order of the work."""
 
@@ -74,13 +76,18 @@ app.command("what-if")(what_if.what_if)
 app.command("sound-speed")(sound_speed.sound_speed)
 app.command("import")(importing.import_)
 app.command("export")(exporting.export)
+benchmark.app.command("scale")(scaling.scale)
 app.add_typer(benchmark.app, name="benchmark")
 app.command("demo")(demo.demo)
 app.command("serve")(serve.serve)
+app.command("api")(serve.api)
+app.command("acquisition")(serve.acquisition)
 app.command("worker")(worker.worker)
 app.add_typer(key.app, name="key")
 app.add_typer(storage.app, name="storage")
 app.command("check")(check.check)
+app.command("backup")(backup.backup)
+app.command("restore")(backup.restore)
 
 
 def _show_version(wanted: bool) -> None:

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.table import Table
 
 from steradian.benchmarks.pages import document
 from steradian.cli.console import console, progress_bar, show_end
+from steradian.cli.figures import publish, write
 
 app = typer.Typer(
     help="Measure this installation; prints a table and, with --json, writes it to a file.", no_args_is_help=True
 )
 
-Row = dict[str, Any]
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Also write the figures to this file.")]
 
 
@@ -35,7 +34,7 @@ def speed(
 
     'ratio' is ours over the yardstick and 'limit' what it must not exceed, or the command fails; 'one shot' is with the
     plan, 'part' is of the shape's first case. --json and --page have processor time, stages, memory, FINUFFT and what
-    traffic and arithmetic alone would cost. NUMBA_CPU_NAME=haswell compiles for a processor without AVX-512.
+    traffic and arithmetic alone would cost. "NUMBA_CPU_NAME=haswell NUMBA_CPU_FEATURES=" compiles without AVX-512.
     """
     from steradian.benchmarks.speed import over
     from steradian.benchmarks.speed import speed as measure
@@ -44,11 +43,42 @@ def speed(
     with progress_bar() as progress:
         rows = measure(quick=quick, repeats=repeats, progress=progress)
     shown = ("case", "shape", "run_s", "one_shot_s", "yardstick_s", "ratio", "limit", "one_shot_ratio", "part", "error")
-    _publish("speed", rows, json_file, shown)
+    publish("speed", rows, json_file, shown)
     if page is not None:
         write_page(page, document("speed", rows))
     if not quick and (exceeded := over(rows)):
         console().print("\n".join(exceeded))
+        raise typer.Exit(1)
+
+
+@app.command()
+def gpu(
+    json_file: JsonFile = None,
+    repeats: Annotated[int, typer.Option(help="Runs of each; the median counts.", min=1)] = 20,
+    quick: Annotated[bool, typer.Option(help="Tiny versions of all: whether they run, no measurement.")] = False,
+    only: Annotated[str, typer.Option(help="Only cases whose name begins so.")] = "",
+    page: Annotated[Path | None, typer.Option(help="Also write the tables between the marks of this page.")] = None,
+    figures: Annotated[Path | None, typer.Option(help="Measure nothing: take an earlier --json, for --page.")] = None,
+) -> None:
+    """Time a CUDA device (extra gpu): direct images, model, adjoint and a fit, beside cuFFT's pair and the processor.
+
+    'gpu s' is with arrays on the device, 'memory s' from and to NumPy's, 'ratio' over the transform pair of the same
+    volume, 'faster' than two processors.
+    """
+    from steradian.benchmarks import gpu as measured
+    from steradian.benchmarks.gpu_page import write_page
+
+    if figures is not None and page is not None:
+        write_page(page, json.loads(figures.read_text(encoding="utf-8")))
+        return
+    with progress_bar() as progress:
+        rows = measured.gpu(quick=quick, repeats=repeats, only=only, progress=progress)
+    shown = ("device", "case", "shape", "gpu_s", "memory_s", "pair_s", "ratio", "cpu_s", "faster", "error")
+    publish("gpu", rows, json_file, shown)
+    if page is not None:
+        write_page(page, document("gpu", rows))
+    if not quick and (missed := measured.over(rows)):
+        console().print("\n".join(missed))
         raise typer.Exit(1)
 
 
@@ -59,7 +89,7 @@ def accuracy(json_file: JsonFile = None) -> None:
 
     with progress_bar() as progress:
         rows = measure(progress=progress)
-    _publish("accuracy", rows, json_file)
+    publish("accuracy", rows, json_file)
 
 
 @app.command()
@@ -69,7 +99,7 @@ def masks(json_file: JsonFile = None) -> None:
 
     with progress_bar() as progress:
         rows = measure(progress=progress)
-    _publish("masks", rows, json_file)
+    publish("masks", rows, json_file)
 
 
 @app.command()
@@ -84,7 +114,7 @@ def amplitudes(
         rows = measured.amplitudes(progress=progress)
     if page is not None:
         measured.write_page(page, rows)
-    _publish("amplitudes", rows, json_file)
+    publish("amplitudes", rows, json_file)
 
 
 @app.command()
@@ -103,7 +133,25 @@ def tuning(
         rows = measured.tuning(progress=progress)
     if page is not None:
         measured.write_page(page, rows)
-    _publish("tuning", rows, json_file)
+    publish("tuning", rows, json_file)
+
+
+@app.command()
+def beams(
+    json_file: JsonFile = None,
+    page: Annotated[Path | None, typer.Option(help="Also write the table into this page, docs/beams.md.")] = None,
+) -> None:
+    """Compare patterns of interrogation beams with one beam: scan time over it and image, on the yarn's mask.
+
+    'expected s' is the preview's, 'simulated s' by the simulated hardware's clock, 'share' over one beam's.
+    """
+    from steradian.benchmarks import beams as measured
+
+    with progress_bar() as progress:
+        rows = measured.beams(progress=progress)
+    if page is not None:
+        measured.write_page(page, rows)
+    publish("beams", rows, json_file)
 
 
 @app.command()
@@ -113,7 +161,7 @@ def link(json_file: JsonFile = None) -> None:
 
     with progress_bar() as progress:
         rows = measure(progress=progress)
-    _publish("link", rows, json_file)
+    publish("link", rows, json_file)
 
 
 @app.command()
@@ -129,7 +177,7 @@ def storage(
 
     with progress_bar() as progress:
         rows = measure(folder=folder, progress=progress)
-    _publish("storage", rows, json_file)
+    publish("storage", rows, json_file)
 
 
 @app.command()
@@ -146,7 +194,7 @@ def stop(
 
     with progress_bar() as progress:
         rows = measure(presses=presses, progress=progress)
-    _publish("stop", rows, json_file)
+    publish("stop", rows, json_file)
 
 
 @app.command()
@@ -169,8 +217,8 @@ def queue(
     for kind in ("throughput", "latency", "load"):
         chosen = [row for row in rows if (row["case"] if row["case"] in {"latency", "load"} else "throughput") == kind]
         if chosen:
-            _publish(kind, chosen, None)
-    _write("queue", rows, json_file)
+            publish(kind, chosen, None)
+    write("queue", rows, json_file)
 
 
 @app.command()
@@ -182,18 +230,25 @@ def load(
     """Load the service: 150 clients and 50 event streams beside a scan and a job, fast readers, rude clients.
 
     'reads' are over 32 kept connections, with /healthz in the same run as yardstick; 'rude' has the worst answer of
-    /healthz while others send half requests, open a thousand streams or send 60 MiB.
+    /healthz while others send half requests, open a thousand streams or send 60 MiB. 'memory' is of the processes while
+    the mixed clients ask: with --seconds 600 its growth a minute, after a quarter of them, tells whether it is flat.
     """
     from steradian.benchmarks.load import load as measure
     from steradian.benchmarks.load_page import write_page
 
     with progress_bar() as progress:
         rows = measure(seconds=seconds, progress=progress)
-    for kind in ("route", "total", "reads", "rude"):
-        _publish(kind, [row for row in rows if row["case"] == kind], None)
+    for kind in ("route", "total", "memory", "reads", "rude"):
+        chosen = [row for row in rows if row["case"] == kind]
+        publish(
+            kind,
+            chosen,
+            None,
+            [name for name in dict.fromkeys(key for row in chosen for key in row) if name != "over_time"],
+        )
     if page is not None:
         write_page(page, rows)
-    _write("load", rows, json_file)
+    write("load", rows, json_file)
 
 
 @app.command()
@@ -212,7 +267,7 @@ def live(
 
     with progress_bar() as progress:
         rows = measure(quick=quick, revisions=revisions, progress=progress)
-    _publish("live", rows, json_file)
+    publish("live", rows, json_file)
 
 
 @app.command()
@@ -242,34 +297,3 @@ def paper(
         table.add_row(claim.text, claim.paper, claim.ours, claim.verdict.value)
     console().print(table)
     show_end(("page", output / "paper.md"), ("figures", output / "paper" / "paper.json"), ("all", output))
-
-
-def _publish(name: str, rows: list[Row], path: Path | None, columns: Sequence[str] = ()) -> None:
-    """Print ``columns`` (none: all) as a table and write rows, with what they were measured on, to ``path``."""
-    columns = columns or list(dict.fromkeys(key for row in rows for key in row))
-    table = Table(title=name, title_justify="left", box=None, pad_edge=False)
-    for column in columns:
-        table.add_column(column.replace("_", " "), justify="left" if _is_text(rows, column) else "right")
-    for row in rows:
-        table.add_row(*(_shown(row.get(column)) for column in columns))
-    console().print(table)
-    _write(name, rows, path)
-
-
-def _write(name: str, rows: list[Row], path: Path | None) -> None:
-    """Write rows with what they were measured on, if there is a file for it."""
-    if path is None:
-        return
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(document(name, rows), indent=2) + "\n", encoding="utf-8")
-    show_end(("figures", path))
-
-
-def _is_text(rows: Iterable[Row], column: str) -> bool:
-    return any(isinstance(row.get(column), str) for row in rows)
-
-
-def _shown(value: object) -> str:
-    if value is None:
-        return ""
-    return f"{value:.3g}" if isinstance(value, float) else str(value)

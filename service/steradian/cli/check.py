@@ -5,15 +5,20 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from steradian.cli.console import console
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from steradian.runtime.inspection import Finding
+
 
 def check(
-    data: Annotated[Path, typer.Argument(help="The service's data folder.", metavar="DATA")],
+    data: Annotated[Path, typer.Argument(help="The service's data folder, or a backup.", metavar="DATA")],
     repair: Annotated[
         bool, typer.Option("--repair", help="Set damaged databases aside and register scans that are unknown.")
     ] = False,
@@ -22,28 +27,43 @@ def check(
     """Tell what a data folder holds that its database does not know, and the other way round.
 
     The service must not run meanwhile. Without --repair nothing is changed; with it no scan, volume or database is
-    deleted. Ends with exit code 3 when something is missing, damaged or unknown.
+    deleted. Ends with exit code 3 when something is missing, damaged or unknown. Of a backup each file is compared
+    with what was noted when it was made.
     """
-    from steradian.errors import NotFound
-    from steradian.runtime.inspection import inspect
+    from steradian.errors import Conflict, NotFound
+    from steradian.runtime.backups.manifest import NAME, Manifest
+    from steradian.runtime.inspection import Finding, inspect
     from steradian.runtime.inspection import repair as mend
     from steradian.settings import Settings
     from steradian.storage.paths import DataDirectory
 
-    if not (data / "scans").is_dir():
+    done: list[str] = []
+    well = "database and folder agree, nothing is missing"
+    if (data / NAME).is_file():
+        well = "every file is as it was when the backup was made"
+        found = [Finding("damaged-backup", path, fault) for path, fault in Manifest.read(data).faults(data)]
+    elif (data / "scans").is_dir():
+        settings = Settings.create(data=data)
+        if settings.store is not None:
+            raise Conflict("with STERADIAN_STORE, `steradian storage check` compares the database with the store")
+        with DataDirectory(data).lock():
+            done = list(mend(settings)) if repair else []
+            found = inspect(settings)
+    else:
         raise NotFound("data folder", str(data))
-    settings = Settings.create(data=data)
-    with DataDirectory(data).lock():
-        done = list(mend(settings)) if repair else []
-        found = inspect(settings)
     if as_json:
         typer.echo(json.dumps({"findings": [asdict(finding) for finding in found], "repaired": done}, indent=2))
     else:
         for line in done:
             console().print(line, soft_wrap=True)
-        for finding in found:
-            console().print(f"{finding.kind:17}  {finding.subject}  {finding.text}", soft_wrap=True, markup=False)
+        show_findings(found)
         if not found:
-            console().print(f"{data}: database and folder agree, nothing is missing", soft_wrap=True)
+            console().print(f"{data}: {well}", soft_wrap=True)
     if found:
         raise typer.Exit(3)
+
+
+def show_findings(found: Sequence[Finding]) -> None:
+    """Print what was found, a line each."""
+    for finding in found:
+        console().print(f"{finding.kind:17}  {finding.subject}  {finding.text}", soft_wrap=True, markup=False)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -37,7 +39,8 @@ def create(
         raise InvalidInput("scope", ", ".join(scope or []), ", ".join(Scope)) from None
     lifetime = None if days is None else timedelta(days=days)
     folder = folder_of(data)
-    typer.echo(_store(folder).create(name, scopes, lifetime))
+    with _store(folder) as store:
+        typer.echo(store.create(name, scopes, lifetime))
     until = "for ever" if days is None else f"for {days:g} days"
     say(f"{name} may {', '.join(scopes)}, {until}; only a hash of the key is kept, by the service in {folder}")
 
@@ -46,7 +49,8 @@ def create(
 def list_keys(data: Data = None) -> None:
     """List the keys, without their secrets."""
     folder = folder_of(data)
-    rows = _store(folder).list()
+    with _store(folder) as store:
+        rows = store.list()
     for row in rows:
         state = "revoked" if row.revoked else f"until {row.expires:%Y-%m-%d %H:%M}" if row.expires else "valid"
         console().print(f"{row.id}  {row.name}  {' '.join(row.scopes)}  {state}", soft_wrap=True)
@@ -57,7 +61,8 @@ def list_keys(data: Data = None) -> None:
 def revoke(identifier: Annotated[str, typer.Argument(help="As listed.")], data: Data = None) -> None:
     """Make a key worthless at once."""
     folder = folder_of(data)
-    _store(folder).revoke(identifier)
+    with _store(folder) as store:
+        store.revoke(identifier)
     say(f"{identifier} opens nothing any more in the service in {folder}")
 
 
@@ -68,7 +73,8 @@ def folder_of(data: Path | None) -> Path:
     return Settings.create(data=data if data is not None or f"{PREFIX}DATA" in os.environ else Path("data")).data
 
 
-def _store(folder: Path) -> KeyStore:
+@contextmanager
+def _store(folder: Path) -> Iterator[KeyStore]:
     from steradian.security.keys import KeyStore
     from steradian.settings import Settings
     from steradian.storage.database import Database, metadata_url
@@ -77,5 +83,8 @@ def _store(folder: Path) -> KeyStore:
     settings = Settings.create(data=folder)
     DataDirectory(settings.data).create()
     database = Database(metadata_url(settings))
-    database.migrate()
-    return KeyStore(database)
+    try:
+        database.migrate()
+        yield KeyStore(database)
+    finally:
+        database.close()

@@ -190,6 +190,10 @@ def _simulated_rows(found: Comparison) -> list[Row]:
     return rows
 
 
+ALIKE = 0.003
+"""Correlations that differ by less are called alike: another draw of the noise moves each by up to 0.002."""
+
+
 def _winners(found: Comparison) -> list[str]:
     """Say in a line each who wins where."""
     from steradian.comparisons.comparison import REGIONS
@@ -202,6 +206,12 @@ def _winners(found: Comparison) -> list[str]:
     ]
     for method in found.methods:
         for region, words in REGIONS.items():
-            (best, first), (second, next_), *_ = found.ranking(region, method)
-            lines.append(f"{method}, {words}: [bold]{best}[/] wins with {first:.3f} before {second} with {next_:.3f}.")
+            (best, first), *others = found.ranking(region, method)
+            alike = [name for name, value in others if first - value < ALIKE]
+            if alike:
+                names = f"{', '.join([best, *alike[:-1]])} and {alike[-1]}"
+                lines.append(f"{method}, {words}: {names} are alike, within {ALIKE} of {first:.3f}.")
+            else:
+                second, next_ = others[0]
+                lines.append(f"{method}, {words}: [bold]{best}[/] wins with {first:.3f} before {second}: {next_:.3f}.")
     return lines

@@ -10,7 +10,8 @@ import typer
 
 from steradian.cli.console import console, duration, frequency, length, picture, quantity, show_end, show_figures, speed
 from steradian.errors import InvalidInput
-from steradian.masks import Mask
+from steradian.masks import Mask, beams_mask
+from steradian.masks.beams import read_beams
 from steradian.plans import (
     Fringe,
     Link,
@@ -62,6 +63,17 @@ def plan(
     wavelengths: Annotated[
         Path | None, typer.Option(help="Bias wavelength of each point in nm: a .csv or .txt column or .npy.")
     ] = None,
+    beams: Annotated[
+        str,
+        typer.Option(
+            help="Interrogation beams of the scanner: 16 in a row, 4x4 in a rectangle, or a .csv with x_mm, y_mm of"
+            " each beside the first. The mask is then measured where the beams can be."
+        ),
+    ] = "1",
+    beam_spacing: Annotated[float, quantity(length, "800um", help="Between neighbouring beams.")] = 0.8e-3,
+    places: Annotated[
+        int | None, typer.Option(help="Places the beams are brought to; by default the mask's points over the beams.")
+    ] = None,
     frames: Annotated[int, typer.Option(help="How often to measure the mask (at each excitation wavelength).")] = 1,
     excitation: Annotated[
         list[float] | None,
@@ -88,7 +100,9 @@ def plan(
 
     Errors refuse the plan (exit code 2, nothing written); warnings do not.
     """
-    over = read_value(Mask, mask)
+    over, pattern = read_value(Mask, mask), read_beams(beams, beam_spacing)
+    if len(pattern) > 1:
+        over = beams_mask(over, pattern, places=places)
     made = ScanPlan.create(
         mask=over,
         pulse_rate=pulse_rate,
@@ -101,6 +115,7 @@ def plan(
         max_sensitivity_loss=(0.0 if tuning is None else 0.1) if max_sensitivity_loss is None else max_sensitivity_loss,
         fringe=Fringe.create(linewidth=linewidth),
         tuning=Tuning.create(settling=retuning),
+        beams=pattern if len(pattern) > 1 else (),
         frames=frames,
         gate=gate,
         gate_rate=gate_rate,
@@ -133,6 +148,11 @@ def _show(made: ScanPlan, cost: Preview) -> None:
         "records reach": f"{1e3 * made.recording_depth:.2f} mm",
         "id": made.id,
     }
+    if cost.beams > 1:
+        off = {name: f"{1e6 * way:.0f} µm" for name, way in cost.displacement.items()}
+        figures["beams"] = f"{cost.beams} at {len(made.places):,} places"
+        if off:
+            figures["points asked for"] = f"{off['median']} from a measured one (median), at most {off['largest']}"
     if made.frame_count > 1:
         figures["frames"] = made.frame_count
     if cost.bands:

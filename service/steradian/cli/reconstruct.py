@@ -74,10 +74,19 @@ def reconstruct(
     depth_step: Annotated[
         float | None, _option("Distance of slices, at most; default: as the highest frequency allows.", kind=length)
     ] = None,
+    device: Annotated[str, typer.Option(help="auto (a GPU, where there is one), cpu or gpu.")] = "auto",
     time_zero: Annotated[str, _option("each: every A-line at its own; common: all at the earliest.", SHOTS)] = "each",
     energy: Annotated[
         bool, typer.Option("--energy/--no-energy", help="Divide by the pulse energy.", rich_help_panel=SHOTS)
     ] = True,
+    sensitivity: Annotated[
+        bool,
+        typer.Option(
+            "--sensitivity/--no-sensitivity",
+            help="Divide by what a wavelength beside the best one left of the film's sensitivity.",
+            rich_help_panel=SHOTS,
+        ),
+    ] = False,
     leave_out: Annotated[
         str, _option("A-lines not used: saturated, mistuned, misfire, partial; or none.", SHOTS)
     ] = "saturated,mistuned",
@@ -136,9 +145,11 @@ def reconstruct(
         lateral_padding=lateral_padding,
         highest_frequency=highest_frequency,
         depth_step=depth_step,
+        device=device,
         shots={
             "time_zero": time_zero,
             "normalise_energy": energy,
+            "correct_sensitivity": sensitivity,
             "leave_out": [flag.strip() for flag in leave_out.split(",") if flag.strip() not in ("", "none")],
         },
         conditioning={

@@ -1,29 +1,33 @@
-"""``steradian serve``: the service."""
+"""``steradian serve``: the service; ``steradian api`` and ``steradian acquisition``: nodes of one that is several."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from steradian.cli.console import console, show_end
 
 DATA = Path("data")
+Host = Annotated[str | None, typer.Option(help="Address to listen on. [default: 127.0.0.1]")]
+Port = Annotated[int | None, typer.Option(help="Port to listen on; 0 takes a free one. [default: 8000]")]
+Scanner = Annotated[
+    str | None, typer.Option(help="Port of the scanner (/dev/ttyUSB0, socket://host:port). [default: simulated]")
+]
+Speed = Annotated[
+    float | None, typer.Option(help="How much faster than real time a simulated scan runs. [default: 20]")
+]
+Own = Annotated[Path | None, typer.Option(help="Folder of this node alone. [default: data]")]
 
 
 def serve(
-    host: Annotated[str | None, typer.Option(help="Address to listen on. [default: 127.0.0.1]")] = None,
-    port: Annotated[int | None, typer.Option(help="Port to listen on; 0 takes a free one. [default: 8000]")] = None,
+    host: Host = None,
+    port: Port = None,
     data: Annotated[Path | None, typer.Option(help="Folder for everything the service keeps. [default: data]")] = None,
     workers: Annotated[int | None, typer.Option(help="Reconstructions at a time. [default: 1]")] = None,
-    scanner: Annotated[
-        str | None,
-        typer.Option(help="Port of the scanner (/dev/ttyUSB0, socket://host:port). [default: simulated]"),
-    ] = None,
-    simulator_speed: Annotated[
-        float | None, typer.Option(help="How much faster than real time a simulated scan runs. [default: 20]")
-    ] = None,
+    scanner: Scanner = None,
+    simulator_speed: Speed = None,
 ) -> None:
     """Serve the HTTP API, run scans and reconstruct, until Ctrl-C ends every process.
 
@@ -33,16 +37,51 @@ def serve(
 
     An address that others can reach needs a key: see `steradian key create`.
     """
+    _run(data, role="service", host=host, port=port, workers=workers, scanner=scanner, simulator_speed=simulator_speed)
+
+
+def api(host: Host = None, port: Port = None, data: Own = None) -> None:
+    """Serve the HTTP API as one of several nodes, behind any proxy, until Ctrl-C.
+
+    All nodes share STERADIAN_DATABASE_URL, STERADIAN_STORE and STERADIAN_NODE_SECRET and nothing else. Scanners have
+    nodes of their own (`steradian acquisition`); reconstructions are done by `steradian worker`.
+    """
+    _run(data, role="api", host=host, port=port)
+
+
+def acquisition(
+    name: Annotated[
+        str | None, typer.Option(help="Name of the scanner, unlike any other's. [default: scanner-0]")
+    ] = None,
+    host: Host = None,
+    port: Port = None,
+    data: Own = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Scans followed at a time as images that grow. [default: 1]")
+    ] = None,
+    scanner: Scanner = None,
+    simulator_speed: Speed = None,
+) -> None:
+    """Be the node of a scanner: run its scans, stop its laser, answer the other nodes, until Ctrl-C.
+
+    It shares with the other nodes what `steradian api` does. They reach it at the address that it listens on, or at
+    STERADIAN_ADDRESS if that is another one for them. Its folder holds the scans under way; its workers do nothing but
+    follow them.
+    """
+    where = {"scanner_id": name, "host": host, "port": port, "workers": workers}
+    _run(data, role="acquisition", scanner=scanner, simulator_speed=simulator_speed, **where)
+
+
+def _run(data: Path | None, **given: Any) -> None:
     import os
     import signal
 
+    from steradian.logs import configure_logging
     from steradian.runtime import supervisor
-    from steradian.runtime.logs import configure_logging
     from steradian.settings import PREFIX, Settings
     from steradian.stopping import StopEvent
     from steradian.storage.paths import UMASK
 
-    given = {"host": host, "port": port, "workers": workers, "scanner": scanner, "simulator_speed": simulator_speed}
     folder = data if data is not None or f"{PREFIX}DATA" in os.environ else DATA
     settings = Settings.create(data=folder, **given)
     os.umask(UMASK)
@@ -51,7 +90,6 @@ def serve(
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: stop.set())
     mode = "a simulated scanner" if settings.simulated else f"the scanner at {settings.scanner}"
-    supervisor.serve(
-        settings, lambda line: console().print(line, soft_wrap=True), stop, on_ready=f"Steradian with {mode}"
-    )
+    title = f"Steradian with {mode}" if settings.has_scanner else "A node of Steradian"
+    supervisor.serve(settings, lambda line: console().print(line, soft_wrap=True), stop, on_ready=title)
     show_end(("stopped; everything is kept", settings.data))

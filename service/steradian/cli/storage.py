@@ -1,4 +1,4 @@
-"""``steradian storage``: what a service's data folder holds, and deleting of it."""
+"""``steradian storage``: what a service keeps, deleting of it, and moving it to an object store and back."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from steradian.cli.console import human_size, say, show_figures
+from steradian.cli.console import console, human_size, progress_bar, say, show_figures
 from steradian.cli.key import Data, folder_of
 
 if TYPE_CHECKING:
     from steradian.settings import Settings
     from steradian.storage.database import Database
+    from steradian.storage.object_store import ObjectStore
 
-app = typer.Typer(help="Show what a service's data folder holds, and delete of it.", no_args_is_help=True)
+app = typer.Typer(help="Show what a service keeps, delete of it, and move it.", no_args_is_help=True)
 KINDS = ("mask", "plan", "scan", "batch", "reconstruction", "job", "upload")
 
 
@@ -25,7 +26,7 @@ def show(data: Data = None) -> None:
     from steradian.storage.paths import DataDirectory
     from steradian.storage.usage import usage
 
-    settings, database = _open(data)
+    settings, database = open_as_left(data)
     folder, disk = DataDirectory(settings.data), Disk(settings.data, settings.disk_reserve_bytes, settings.quota_bytes)
     try:
         held = {name.replace("_", " "): size for name, size in usage(database, folder).items()}
@@ -48,29 +49,104 @@ def delete(
     """Delete a thing with its files, also while the service runs; what waits or runs keeps what it needs."""
     from steradian.errors import InvalidInput
     from steradian.storage.deletion import Deletion, delete_upload, remove_files
+    from steradian.storage.object_store import arrays_of
     from steradian.storage.paths import DataDirectory
 
     if kind not in KINDS:
         raise InvalidInput("kind", kind, ", ".join(KINDS))
-    settings, database = _open(data)
+    settings, database = open_as_left(data)
+    folder, arrays = DataDirectory(settings.data), arrays_of(settings, database)
     try:
         if kind == "upload":
-            delete_upload(database, DataDirectory(settings.data), identifier)
+            delete_upload(database, arrays, identifier)
         else:
             who = "command line"
             Deletion(database).delete(kind, identifier, who, dependents=dependents, check=lambda _kinds: None)
-        remove_files(database, DataDirectory(settings.data), None)  # the service has its queue forget them
+        remove_files(database, folder, arrays, None)  # the service has its queue forget them
     finally:
         database.close()
     say(f"{kind} {identifier} is deleted from the service in {settings.data}")
 
 
-def _open(data: Path | None) -> tuple[Settings, Database]:
+@app.command()
+def check(
+    contents: Annotated[bool, typer.Option("--contents", help="Also read every object, and compare it.")] = False,
+    sweep: Annotated[bool, typer.Option("--sweep", help="Delete old objects that nothing needs.")] = False,
+    data: Data = None,
+) -> None:
+    """Compare the database with the object store (STERADIAN_STORE), also while the service runs.
+
+    Ends with exit code 3 when an object is missing or damaged.
+    """
+    settings, database = open_as_left(data)
+    try:
+        store = _store(settings, database)
+        found = store.contents()
+        bad = dict.fromkeys(found.missing, "is missing or has another size")
+        if contents:
+            whole = [row.name for row in store.rows() if row.name not in bad]
+            bad |= {name: "does not match its checksum" for name in whole if not store.is_whole(name)}
+        figures = {"objects": f"{found.objects:,}", "bytes": human_size(found.bytes)}
+        figures["needed by nothing, older than a day"] = f"{len(found.orphans):,}"
+        if sweep:
+            figures["of them deleted"] = f"{store.sweep():,}"
+    finally:
+        database.close()
+    for name, fault in bad.items():
+        console().print(f"{name} {fault}", soft_wrap=True, markup=False)
+    show_figures(store.place, figures)
+    if bad:
+        raise typer.Exit(3)
+
+
+@app.command()
+def move(
+    to: Annotated[str, typer.Argument(help="store or folder.", metavar="TO")],
+    data: Data = None,
+) -> None:
+    """Move what is over from the data folder to the object store (STERADIAN_STORE) or back; the service must not run.
+
+    Everything is read back before it is removed where it was. A move that was stopped goes on where it was. Afterwards
+    start the service with STERADIAN_STORE, or without.
+    """
+    from steradian.errors import InvalidInput
+    from steradian.runtime.moving import move_to_folder, move_to_store
+    from steradian.runtime.owning import owning_database
+    from steradian.storage.paths import DataDirectory
+
+    if to not in {"store", "folder"}:
+        raise InvalidInput("to", to, "store or folder")
+    settings, database = open_as_left(data)
+    folder = DataDirectory(settings.data)
+    try:
+        store = _store(settings, database)
+        with folder.lock(), owning_database(settings), progress_bar() as progress:
+            if to == "store":
+                store.bind()
+                count = move_to_store(store, database, folder, progress)
+            else:
+                store.check()
+                count = move_to_folder(store, folder, progress)
+    finally:
+        database.close()
+    say(f"{count:,} files are moved to {store.place if to == 'store' else settings.data}")
+
+
+def _store(settings: Settings, database: Database) -> ObjectStore:
+    from steradian.errors import InvalidInput
+    from steradian.storage.object_store import ObjectStore
+
+    if settings.store is None:
+        raise InvalidInput("STERADIAN_STORE", "missing", "s3://bucket/prefix; `steradian check` compares a folder")
+    return ObjectStore(settings, database)
+
+
+def open_as_left(data: Path | None) -> tuple[Settings, Database]:
     """Open the database as the service left it: its tables and the folder are the service's to change."""
     from steradian.errors import Conflict, NotFound
     from steradian.settings import Settings
+    from steradian.storage import folder as folders
     from steradian.storage.database import Database, known_revisions, metadata_url
-    from steradian.storage.folder import check
     from steradian.storage.paths import DataDirectory
 
     settings = Settings.create(data=folder_of(data))
@@ -83,7 +159,7 @@ def _open(data: Path | None) -> tuple[Settings, Database]:
         if revision != newest:
             version = f"the database has version {revision or 'none'}, this command is for {newest}"
             raise Conflict(f"{version}; use the service's Steradian, started once")
-        check(database, folder)
+        folders.check(database, folder)
     except BaseException:
         database.close()
         raise

@@ -15,29 +15,34 @@ from steradian.cli.console import console, show_end
 def worker(
     workers: Annotated[int | None, typer.Option(help="Reconstructions at a time. [default: 1]")] = None,
     data: Annotated[
-        Path | None, typer.Option(help="The service's data folder, as it is mounted here. [default: data]")
+        Path | None, typer.Option(help="The service's data folder, as mounted here; with a store its own. [data]")
     ] = None,
     name: Annotated[
         str | None, typer.Option(help="Name of these workers, unlike any other's. [default: this host's]")
     ] = None,
+    drain: Annotated[
+        float | None, typer.Option(help="Seconds to finish a job in when asked to end; then it is put back. [0]")
+    ] = None,
 ) -> None:
     """Take reconstructions from the queue of a service on another machine, until Ctrl-C.
 
-    STERADIAN_DATABASE_URL names the PostgreSQL database that both share; the data folder is shared too, over a network
-    file system for example. A worker that dies is noticed by the others, which take over its job.
+    STERADIAN_DATABASE_URL names the PostgreSQL database that both share. The data folder is shared too, over a network
+    file system for example, or STERADIAN_STORE names their object store: then this folder is its own. A worker that
+    dies is noticed by the others, which take over its job.
     """
     import os
     import signal
 
+    from steradian.logs import configure_logging
     from steradian.runtime import supervisor
-    from steradian.runtime.logs import configure_logging
     from steradian.settings import PREFIX, Settings
     from steradian.stopping import StopEvent
     from steradian.storage.paths import UMASK
 
     folder = data if data is not None or f"{PREFIX}DATA" in os.environ else Path("data")
     given = name or os.environ.get(f"{PREFIX}WORKER_NAME") or re.sub(r"[^A-Za-z0-9._-]", "-", socket.gethostname())
-    settings = Settings.create(data=folder, workers=workers, worker_name=given)
+    how = {"role": "service", "workers": workers, "worker_name": given, "drain_seconds": drain}
+    settings = Settings.create(data=folder, **how)
     os.umask(UMASK)
     configure_logging(settings, "supervisor")
     stop = StopEvent()

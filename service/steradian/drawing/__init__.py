@@ -1,1 +1,1 @@
-"""How all pictures look: one style for pages of plots (matplotlib) and for projections drawn straight into pixels."""
+"""How all pictures look: one style for what is drawn straight into pixels and for plots of matplotlib."""

@@ -20,6 +20,10 @@ TITLE, LABEL, TICK = 15, 14, 12
 FONT = "DejaVu Sans"
 GAP = 6
 """Least distance in pixels between two labels, and of a label from what it labels."""
+LEAST = 1100
+"""Narrower pages are this wide and shrunk, letters and all."""
+BAR_START, BAR_SHARE = 0.03, 0.045
+"""Where a bar of colours begins beyond its plot, and its width, as shares of the plot's width."""
 
 ColourMap: TypeAlias = Literal["inferno", "magma", "viridis", "cividis", "gray", "hot"]
 """Colours of pressure, dark to bright; all but ``hot`` rise evenly in lightness."""

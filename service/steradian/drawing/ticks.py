@@ -1,10 +1,76 @@
-"""Round numbers along an axis."""
+"""Axes and the round numbers along them."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import ceil, floor, log10
 
+from steradian.drawing.style import GAP, TICK, font, number
+
 MOST = 8
+
+
+@dataclass(frozen=True)
+class Axis:
+    """An axis: the values at its first and last edge, in the direction of drawing, and its name."""
+
+    first: float
+    last: float
+    name: str
+
+    @property
+    def length(self) -> float:
+        """Distance of its ends."""
+        return abs(self.last - self.first)
+
+    def share(self, value: float) -> float:
+        """Where a value lies between the first edge, 0, and the last one, 1."""
+        return (value - self.first) / (self.last - self.first)
+
+    def ticks(self, most: int) -> list[float]:
+        """Round numbers along it, at most about ``most``."""
+        return ticks(min(self.first, self.last), max(self.first, self.last), most)
+
+    def marks(self, pixels: int, room: int | None = None) -> list[tuple[float, str]]:
+        """Places in pixels and texts of the marks; as many as have room side by side, or of ``room`` pixels each."""
+        for most in range(MOST, 0, -1):
+            found = sorted((self.share(value) * pixels, number(value)) for value in self.ticks(most))
+            sizes = [room or font(TICK).getlength(text) for _, text in found]
+            steps = zip(found, found[1:], sizes, sizes[1:], strict=False)
+            if all(b[0] - a[0] >= (left + right) / 2 + GAP for a, b, left, right in steps):
+                return found
+        return []
+
+
+class LogAxis(Axis):
+    """An axis of positive values on which equal ratios are equally long, marked at powers of ten."""
+
+    def share(self, value: float) -> float:
+        """Where a value lies; what is not positive lies far before the lesser end."""
+        first, last = log10(self.first), log10(self.last)
+        return (log10(max(value, 1e-300)) - first) / (last - first)
+
+    def ticks(self, most: int) -> list[float]:
+        """Powers of ten along it, at most about ``most``."""
+        low, high = sorted((log10(self.first), log10(self.last)))
+        powers = range(ceil(low - 1e-6), floor(high + 1e-6) + 1)
+        return [10.0**power for power in powers[:: ceil(len(powers) / most) or 1]]
+
+
+@dataclass(frozen=True)
+class NamedRows:
+    """An axis downward with a name for each of its rows."""
+
+    names: tuple[str, ...]
+    name: str = ""
+
+    def share(self, value: float) -> float:
+        """Where a row's middle lies, of the row with that number."""
+        return (value + 0.5) / len(self.names)
+
+    def marks(self, pixels: int, _room: int | None = None) -> list[tuple[float, str]]:
+        """Places in pixels and names of all rows."""
+        return [(self.share(row) * pixels, name) for row, name in enumerate(self.names)]
 
 
 def ticks(first: float, last: float, most: int = MOST) -> list[float]:

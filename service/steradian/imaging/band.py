@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steradian.errors import InvalidInput
+from steradian.imaging.arrays import on_gpu
 from steradian.imaging.geometry import LEAST_CYCLES
 from steradian.imaging.volume import RealArray
 
@@ -99,6 +100,7 @@ def refined(values: RealArray, factors: tuple[int, ...], depths: slice = slice(N
     """
     from scipy import fft
 
+    fast: Any = np.fft if on_gpu(values) else fft  # of NumPy's functions, that of the array's own library is called
     result = values
     for axis, factor in enumerate(factors):
         kept = depths if axis == result.ndim - 1 else slice(None)
@@ -109,14 +111,14 @@ def refined(values: RealArray, factors: tuple[int, ...], depths: slice = slice(N
         length = count if axis < result.ndim - 1 else fft.next_fast_len(count + 64, real=True)
         other = 1 if axis == 0 else 0
         shape = tuple(len(range(n * factor)[kept]) if a == axis else n for a, n in enumerate(result.shape))
-        fine: RealArray = np.empty(shape, values.dtype)
+        fine: RealArray = np.empty(shape, values.dtype, like=values)
         for first in range(0, result.shape[other], 16):
             some: list[slice] = [slice(None)] * result.ndim
             some[other] = slice(first, first + 16)
-            spectrum = fft.rfft(result[tuple(some)], length, axis=axis)
+            spectrum = fast.rfft(result[tuple(some)], length, axis=axis)
             if length % 2 == 0:
                 np.moveaxis(spectrum, axis, 0)[-1] *= 0.5
-            long = np.moveaxis(fft.irfft(spectrum, length * factor, axis=axis), axis, 0)[: count * factor][kept]
+            long = np.moveaxis(fast.irfft(spectrum, length * factor, axis=axis), axis, 0)[: count * factor][kept]
             fine[tuple(some)] = np.moveaxis(long, 0, axis) * values.dtype.type(factor)
         result = fine
     return result

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from steradian.imaging.arrays import beside
 from steradian.imaging.iterations import Iterations
 from steradian.imaging.regularisers import proximal
 from steradian.imaging.volume import RealArray
@@ -75,12 +76,11 @@ class Descent(Iterations):
 
     def _curvature(self, start: RealArray) -> float:
         """Largest singular value of A squared, by power steps from Aᵀg; a little more, to be sure."""
-        vector: RealArray = start + start.dtype.type(1e-3 * np.abs(start).max()) * np.random.default_rng(
-            0
-        ).standard_normal(start.shape, start.dtype)
+        noise = beside(np.random.default_rng(0).standard_normal(start.shape, start.dtype), start)
+        vector: RealArray = start + start.dtype.type(1e-3 * float(np.abs(start).max())) * noise
         value = 1.0
         for _ in range(_POWER_STEPS):
-            vector /= np.linalg.norm(vector) or 1.0
+            vector /= float(np.linalg.norm(vector)) or 1.0
             vector = self._adjoint(self._forward(vector))
             value = float(np.linalg.norm(vector))
         return _SAFETY * (value or 1.0)

@@ -53,10 +53,12 @@ class GrowingReconstruction:
     Raises
     ------
     InvalidInput
-        If the plan's method is not a sum over sensors.
+        If the plan's method is not a sum over sensors, or a GPU computes.
     """
 
     def __init__(self, plan: ReconstructionPlan, *, fitted: bool = True) -> None:
+        if plan.chosen.device != "cpu":
+            raise InvalidInput("device", plan.chosen.device, "cpu for an image that grows")
         if plan.method == "interpolated":
             raise InvalidInput("method", plan.method, "nedner, ner, linear or nearest for an image that grows")
         self.plan = plan

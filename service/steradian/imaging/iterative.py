@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, DTypeLike
 
 from steradian.errors import InvalidInput
 from steradian.imaging import checks, memory
+from steradian.imaging.arrays import in_memory, on_gpu
 from steradian.imaging.band import refined, signal_band, thinned, thinning
 from steradian.imaging.checks import Sensors
 from steradian.imaging.descent import Descent
@@ -25,7 +26,7 @@ from steradian.imaging.geometry import band_end, slices
 from steradian.imaging.iterations import Iterations, Stopped
 from steradian.imaging.iterative_options import Iterative
 from steradian.imaging.operators import ForwardOperator
-from steradian.imaging.parameters import Parameters
+from steradian.imaging.parameters import Device, Parameters
 from steradian.imaging.plan import ReconstructionPlan
 from steradian.imaging.response import Correction, FilmResponse
 from steradian.imaging.thresholding import Thresholding
@@ -54,6 +55,8 @@ class IterativeResult:
         Samples of the traces that one sample of the model stands for.
     memory_bytes
         Bound of what was allocated, the image included.
+    device, notes
+        What computed, "cpu" or a GPU's name, and why it is not what was asked for.
     """
 
     volume: Volume
@@ -63,6 +66,8 @@ class IterativeResult:
     products: int
     thinning: int
     memory_bytes: int
+    device: str = "cpu"
+    notes: tuple[str, ...] = ()
 
 
 def reconstruct_iteratively(
@@ -85,6 +90,8 @@ def reconstruct_iteratively(
     dtype: DTypeLike | None = None,
     memory_limit: int | None = None,
     threads: int | None = None,
+    device: Device = "cpu",
+    device_memory: int | None = None,
     progress: Progress | None = None,
     cancelled: IsCancelled | None = None,
 ) -> IterativeResult:
@@ -115,7 +122,7 @@ def reconstruct_iteratively(
         aperture=aperture, modes=modes, upsampling=upsampling, depth_range=depth_range, tolerance=tolerance,
         time_zero=time_zero, lateral_padding=lateral_padding, wrap=wrap,
         correction=None if response is None else Correction(response), dtype=dtype, memory_limit=memory_limit,
-        threads=threads,
+        threads=threads, device=device, device_memory=device_memory,
     )  # fmt: skip
     return fit(traces, positions, chosen, scale=scale, progress=progress, cancelled=cancelled)
 
@@ -134,7 +141,7 @@ def fit(
     positions, _, aperture = checks.of_mask(positions, None, chosen.aperture)
     positions = checks.places(positions)
     kind, limit = chosen.precision, chosen.memory_limit
-    data = np.asarray(traces)
+    data = in_memory(traces)
     if data.ndim != 2 or not np.isfinite(data).all():
         raise InvalidInput(
             "traces", f"an array of shape {data.shape}", "finite numbers of shape (M, N_t), a row a sensor"
@@ -166,19 +173,28 @@ def fit(
     noise = min((noise if options.noise is None else options.noise) * (abs(scale) / unit), 2.0)  # no sample is larger
     expected = noise * np.sqrt(measured.size / factor)
     solver: Callable[..., Iterations] = Descent
+    resident = model.chosen.resident
     if options.regularisation == "thresholding":  # its inverse is not padded: what that loses, the next step finds
         inverse = ReconstructionPlan.of(positions, measured.shape[1], replace(thin, lateral_padding=None))
-        solver = partial(Thresholding, inverse)
-    solution = solver(model, measured, options, float(expected), progress, cancelled)
+        solver, resident = partial(Thresholding, inverse), resident and inverse.chosen.resident
     shown = slice(first - coarse[0] * factor, last - coarse[0] * factor)
-    fine = refined(solution.run(), (*(chosen.upsampling for _ in model.geometry.modes), factor), shown)
-    if options.non_negative:
-        np.maximum(fine, 0, out=fine)
-    fine *= fine.dtype.type(unit)
+
+    def fitted(data: RealArray) -> tuple[Iterations, RealArray]:
+        solution = solver(model, data, options, float(expected), progress, cancelled)
+        fine = refined(solution.run(), (*(chosen.upsampling for _ in model.geometry.modes), factor), shown)
+        if options.non_negative:
+            np.maximum(fine, 0, out=fine)
+        fine *= fine.dtype.type(unit)
+        return solution, fine
+
+    solution, fine = model.chosen.resident_run(fitted, measured) if resident else fitted(measured)
+    if on_gpu(fine) and not on_gpu(traces):
+        fine = in_memory(fine)
     volume = _volume(fine, model, chosen.upsampling, np.arange(first, last) * step, step)
     return IterativeResult(
-        volume, solution.done, solution.stopped, tuple(solution.residuals), solution.products, factor, needed
-    )
+        volume, solution.done, solution.stopped, tuple(solution.residuals), solution.products, factor, needed,
+        model.chosen.device, tuple(model.chosen.notes),
+    )  # fmt: skip
 
 
 def _unit(data: RealArray, scale: float, dtype: str) -> float:

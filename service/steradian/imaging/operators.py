@@ -18,7 +18,7 @@ downwards along the film.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Self
 
@@ -28,12 +28,14 @@ from scipy.sparse.linalg import LinearOperator
 
 from steradian.errors import InvalidInput
 from steradian.imaging import checks, memory
+from steradian.imaging.arrays import in_memory, on_gpu
 from steradian.imaging.checks import Sensors
 from steradian.imaging.engines import Watch, image_of, traces_of
+from steradian.imaging.engines.chosen import AnyEngine, Chosen
 from steradian.imaging.engines.numba.engine import NumbaEngine
 from steradian.imaging.engines.numba.room import least_bytes
 from steradian.imaging.geometry import Geometry, geometry
-from steradian.imaging.parameters import Parameters
+from steradian.imaging.parameters import Device, Parameters
 from steradian.imaging.response import Correction, FilmResponse
 from steradian.imaging.tables import Tables, model_tables
 from steradian.imaging.transforms.sizes import fast_size
@@ -53,8 +55,9 @@ class ForwardOperator(_Base):
     """A-lines of a volume as a linear operator, shape (M·N_t, voxels).
 
     ``operator @ volume.ravel()`` and ``operator.T @ traces.ravel()`` as for any
-    :class:`scipy.sparse.linalg.LinearOperator`; :meth:`forward` and :meth:`backward` take and give arrays. The two are
-    transposes of each other to rounding error; ``tolerance`` is the model's relative error against its direct sums.
+    :class:`scipy.sparse.linalg.LinearOperator`; :meth:`forward` and :meth:`backward` take and give arrays, CuPy's where
+    they are given some of a GPU. The two are transposes of each other to rounding error; ``tolerance`` is the model's
+    relative error against its direct sums.
 
     Parameters
     ----------
@@ -68,13 +71,13 @@ class ForwardOperator(_Base):
         The film's response inside the model; None: an ideal sensor.
     highest_frequency
         Hz beyond which the model is silent; None: the Nyquist frequency of time.
-    tolerance, window, wrap, dtype, memory_limit, threads
+    tolerance, window, wrap, dtype, memory_limit, threads, device, device_memory
         As in :func:`steradian.imaging.reconstruct`.
 
     Attributes
     ----------
-    tables, engine
-        What is computed, and what computes it (:mod:`steradian.imaging.engines`).
+    tables, chosen, engine
+        What is computed, which engine was chosen for it, and that (:mod:`steradian.imaging.engines`).
     geometry
         The checked geometry, with ``shape``, ``spacing`` and ``axes()`` of the volume.
     memory_bytes
@@ -106,24 +109,31 @@ class ForwardOperator(_Base):
         dtype: DTypeLike | None = None,
         memory_limit: int | None = None,
         threads: int | None = None,
+        device: Device = "cpu",
+        device_memory: int | None = None,
     ) -> None:
         chosen = Parameters(
             sampling_interval=sampling_interval, sound_speed=sound_speed, aperture=aperture, modes=modes,
             depth_range=depth_range, tolerance=tolerance, window=window, time_zero=time_zero,
             lateral_padding=lateral_padding, wrap=wrap, highest_frequency=highest_frequency,
             correction=None if response is None else Correction(response), dtype=dtype, memory_limit=memory_limit,
-            threads=threads,
+            threads=threads, device=device, device_memory=device_memory,
         )  # fmt: skip
-        self.tables, self.engine = _made(positions, samples, chosen)
+        self.tables, self.chosen = _made(positions, samples, chosen)
         super().__init__(*_size(self.tables))  # type: ignore[call-arg]
 
     @classmethod
     def of(cls, positions: ArrayLike | Sensors, samples: int, parameters: Parameters) -> Self:
         """Make an operator of parameters that are one value already, with the response that they correct for."""
         operator = object.__new__(cls)
-        operator.tables, operator.engine = _made(positions, samples, parameters)
+        operator.tables, operator.chosen = _made(positions, samples, parameters)
         _Base.__init__(operator, *_size(operator.tables))  # type: ignore[call-arg]
         return operator
+
+    @property
+    def engine(self) -> AnyEngine:
+        """What computes."""
+        return self.chosen.engine
 
     @property
     def volume_shape(self) -> tuple[int, ...]:
@@ -162,13 +172,13 @@ class ForwardOperator(_Base):
         Cancelled
             If ``cancelled`` said so.
         """
-        return traces_of(self.engine, self._checked("volume", volume, self.volume_shape), Watch(progress, cancelled))
+        return self._product(traces_of, "volume", volume, self.volume_shape, Watch(progress, cancelled))
 
     def backward(
         self, traces: ArrayLike, *, progress: Progress | None = None, cancelled: IsCancelled | None = None
     ) -> RealArray:
         """Volume that the transposed operator makes of traces of shape (M, N_t); errors as for :meth:`forward`."""
-        return image_of(self.engine, self._checked("traces", traces, self.trace_shape), Watch(progress, cancelled))
+        return self._product(image_of, "traces", traces, self.trace_shape, Watch(progress, cancelled))
 
     def _matvec(self, x: NDArray[Any]) -> NDArray[Any]:
         return self.forward(np.asarray(x).reshape(self.volume_shape)).ravel()
@@ -176,11 +186,20 @@ class ForwardOperator(_Base):
     def _rmatvec(self, x: NDArray[Any]) -> NDArray[Any]:
         return self.backward(np.asarray(x).reshape(self.trace_shape)).ravel()
 
-    def _checked(self, name: str, values: ArrayLike, shape: tuple[int, ...]) -> RealArray:
-        array = np.ascontiguousarray(values, self.tables.dtype)
+    def _product(
+        self, make: Callable[..., Any], name: str, values: Any, shape: tuple[int, ...], watch: Watch
+    ) -> RealArray:
+        array = self.chosen.taken(name, values)
         if array.shape != shape:
             raise InvalidInput(name, f"an array of shape {array.shape}", f"shape {shape}")
-        return array
+
+        def work(engine: AnyEngine) -> Any:
+            if isinstance(engine, NumbaEngine):
+                return make(engine, np.ascontiguousarray(in_memory(array), self.tables.dtype), watch)
+            return make(engine, array, watch)
+
+        found: RealArray = self.chosen.run(work, keep=on_gpu(values))
+        return found
 
 
 def _size(tables: Tables) -> tuple[np.dtype[Any], tuple[int, int]]:
@@ -188,7 +207,7 @@ def _size(tables: Tables) -> tuple[np.dtype[Any], tuple[int, int]]:
     return np.dtype(tables.dtype), (len(g.positions) * g.samples, int(np.prod(g.shape)))
 
 
-def _made(positions: ArrayLike | Sensors, samples: int, chosen: Parameters) -> tuple[Tables, NumbaEngine]:
+def _made(positions: ArrayLike | Sensors, samples: int, chosen: Parameters) -> tuple[Tables, Chosen]:
     positions, _, aperture = checks.of_mask(positions, None, chosen.aperture)
     positions = checks.places(positions)
     aperture = checks.apertures(aperture, positions.shape[1])
@@ -196,7 +215,7 @@ def _made(positions: ArrayLike | Sensors, samples: int, chosen: Parameters) -> t
     found = geometry(positions, samples, _for_model(chosen, positions, aperture, samples))
     memory.require(least_bytes(found, chosen.precision), chosen.memory_limit, found.shape)
     tables = model_tables(found, chosen)
-    return tables, NumbaEngine(tables, threads=chosen.most_threads, memory_limit=chosen.memory_limit)
+    return tables, Chosen(tables, chosen)
 
 
 def _for_model(

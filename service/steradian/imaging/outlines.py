@@ -72,12 +72,13 @@ def clip(outline: Outline, normal: NDArray[np.float64], limit: float) -> Outline
     inside = beyond <= 0
     if inside.all():
         return outline
-    after, next_inside = np.roll(beyond, -1), np.roll(inside, -1)
+    following = np.concatenate([np.arange(1, len(outline)), [0]])  # cutting is done by the thousand: no np.roll
+    after, next_inside = beyond[following], inside[following]
     crosses = inside != next_inside
     share = np.divide(beyond, beyond - after, out=np.zeros_like(beyond), where=crosses)
-    met = outline + share[:, None] * (np.roll(outline, -1, axis=0) - outline)
+    met = outline + share[:, None] * (outline[following] - outline)
     both = np.stack([outline, met], axis=1)
-    kept: Outline = both[np.column_stack([inside, crosses])]
+    kept: Outline = both[np.stack([inside, crosses], axis=1)]
     return kept
 
 

@@ -18,6 +18,7 @@ from steradian.ranges import SAMPLING_INTERVAL, SOUND_SPEED, real
 DirectMethod: TypeAlias = Literal["nedner", "ner", "linear", "nearest", "interpolated"]
 Method: TypeAlias = DirectMethod | Literal["iterative"]
 Precision: TypeAlias = Literal["float32", "float64"]
+Device: TypeAlias = Literal["auto", "cpu", "gpu"]
 METHODS: tuple[str, ...] = (*get_args(DirectMethod), "iterative")
 
 
@@ -55,6 +56,8 @@ class Parameters:
     dtype: DTypeLike | None = None
     memory_limit: int | None = None
     threads: int | None = None
+    device: Device = "cpu"
+    device_memory: int | None = None
 
     def __post_init__(self) -> None:
         for name, check in _CHECKS.items():
@@ -142,4 +145,6 @@ _CHECKS: dict[str, Callable[[str, Any], Any]] = {
     "lateral_padding": lambda field, value: value if value is None else _padding(field, value),
     "highest_frequency": _highest,
     "memory_limit": _limit,
+    "device": _one_of(get_args(Device)),
+    "device_memory": _limit,
 }

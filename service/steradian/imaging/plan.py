@@ -10,12 +10,14 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from steradian.errors import InvalidInput
 from steradian.imaging import checks, memory
+from steradian.imaging.arrays import in_memory, on_gpu
 from steradian.imaging.checks import Sensors
 from steradian.imaging.engines import NOBODY, Watch, image_of
+from steradian.imaging.engines.chosen import AnyEngine, Chosen
 from steradian.imaging.engines.numba.engine import NumbaEngine
 from steradian.imaging.engines.numba.room import least_bytes
 from steradian.imaging.geometry import Geometry, geometry
-from steradian.imaging.parameters import DirectMethod, Method, Parameters
+from steradian.imaging.parameters import Device, DirectMethod, Method, Parameters
 from steradian.imaging.response import Correction
 from steradian.imaging.tables import Tables, direct_tables
 from steradian.imaging.transforms.windows import Shape, Window
@@ -33,8 +35,8 @@ class ReconstructionPlan:
     ----------
     parameters
         What was chosen.
-    tables, engine
-        What is computed, and what computes it (:mod:`steradian.imaging.engines`).
+    tables, chosen, engine
+        What is computed, which engine was chosen for it, and that (:mod:`steradian.imaging.engines`).
     geometry
         The checked geometry, with ``shape``, ``spacing`` and ``axes()`` of the image to come.
     method
@@ -78,23 +80,30 @@ class ReconstructionPlan:
         dtype: DTypeLike | None = None,
         memory_limit: int | None = None,
         threads: int | None = None,
+        device: Device = "cpu",
+        device_memory: int | None = None,
     ) -> None:
         self.parameters = Parameters(
             sampling_interval=sampling_interval, sound_speed=sound_speed, aperture=aperture, modes=modes,
             weights=weights, upsampling=upsampling, depth_range=depth_range, method=method, tolerance=tolerance,
             window=window, time_zero=time_zero, time_padding=time_padding, lateral_padding=lateral_padding, wrap=wrap,
             highest_frequency=highest_frequency, depth_step=depth_step, correction=correction, dtype=dtype,
-            memory_limit=memory_limit, threads=threads,
+            memory_limit=memory_limit, threads=threads, device=device, device_memory=device_memory,
         )  # fmt: skip
-        self.tables, self.engine = _made(positions, samples, self.parameters)
+        self.tables, self.chosen = _made(positions, samples, self.parameters)
 
     @classmethod
     def of(cls, positions: ArrayLike | Sensors, samples: int, parameters: Parameters) -> Self:
         """Make a plan of parameters that are one value already."""
         plan = cls.__new__(cls)
         plan.parameters = parameters
-        plan.tables, plan.engine = _made(positions, samples, parameters)
+        plan.tables, plan.chosen = _made(positions, samples, parameters)
         return plan
+
+    @property
+    def engine(self) -> AnyEngine:
+        """What computes."""
+        return self.chosen.engine
 
     @property
     def geometry(self) -> Geometry:
@@ -159,7 +168,7 @@ class ReconstructionPlan:
             If ``cancelled`` said so.
         """
         g = self.geometry
-        data = np.asarray(traces)
+        data = self.chosen.taken("traces", traces)
         if data.dtype.kind not in "iuf":
             raise InvalidInput("traces", f"an array of {data.dtype}", "integers or floating numbers")
         wanted = f"shape ({len(g.positions)}, {g.samples}): one row a sensor, one column a sample"
@@ -171,8 +180,8 @@ class ReconstructionPlan:
         memory.require(needed, self.parameters.memory_limit, g.shape, images)
         watch = Watch(progress, cancelled)
         if data.ndim == 3:
-            return [self._one(frame, scale, watch) for frame in data]
-        return self._one(data, scale, watch)
+            return [self._one(frame, scale, watch, on_gpu(traces)) for frame in data]
+        return self._one(data, scale, watch, on_gpu(traces))
 
     def decimated(self, traces: NDArray[Any], watch: Watch = NOBODY) -> NDArray[Any]:
         """Return A-lines (K, N_t) with the samples that the engine takes: fewer where ``highest_frequency`` allows.
@@ -190,16 +199,23 @@ class ReconstructionPlan:
             raise InvalidInput("traces", checks.first_bad(traces), "finite numbers")
         return result
 
-    def _one(self, data: NDArray[Any], scale: float, watch: Watch) -> Volume:
-        g, data = self.geometry, self.decimated(data, watch)
-        if data.dtype not in (np.float32, np.float64, np.int16, np.int32):
-            data = data.astype(np.int32 if data.dtype.kind in "iu" and data.dtype.itemsize < 4 else np.float64)
-        return Volume(image_of(self.engine, data, watch, scale=scale), g.axes(), g.spacing, g.sound_speed)
+    def _one(self, data: Any, scale: float, watch: Watch, keep: bool) -> Volume:
+        def work(engine: AnyEngine) -> Any:
+            if not isinstance(engine, NumbaEngine):  # it decimates by itself
+                return image_of(engine, data, watch, scale=scale)
+            traces = self.decimated(in_memory(data), watch)
+            if traces.dtype not in (np.float32, np.float64, np.int16, np.int32):
+                small = traces.dtype.kind in "iu" and traces.dtype.itemsize < 4
+                traces = traces.astype(np.int32 if small else np.float64)
+            return image_of(engine, traces, watch, scale=scale)
+
+        g = self.geometry
+        return Volume(self.chosen.run(work, keep=keep), g.axes(), g.spacing, g.sound_speed)
 
 
-def _made(positions: ArrayLike | Sensors, samples: int, chosen: Parameters) -> tuple[Tables, NumbaEngine]:
+def _made(positions: ArrayLike | Sensors, samples: int, chosen: Parameters) -> tuple[Tables, Chosen]:
     checks.choice("method", chosen.method, get_args(DirectMethod), "; iterative is for reconstruct()")
     found = geometry(positions, samples, chosen)
     memory.require(least_bytes(found, chosen.precision), chosen.memory_limit, found.shape)
     tables = direct_tables(found, chosen)
-    return tables, NumbaEngine(tables, threads=chosen.most_threads, memory_limit=chosen.memory_limit)
+    return tables, Chosen(tables, chosen)

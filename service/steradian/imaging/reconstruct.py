@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from steradian.errors import InvalidInput
+from steradian.imaging.arrays import in_memory, on_gpu
 from steradian.imaging.band import upper_limit
 from steradian.imaging.checks import Sensors
 from steradian.imaging.iterative_options import Iterative
-from steradian.imaging.parameters import Method, Parameters
+from steradian.imaging.parameters import Device, Method, Parameters
 from steradian.imaging.plan import ReconstructionPlan
 from steradian.imaging.response import Correction
 from steradian.imaging.transforms.windows import Shape, Window
@@ -51,6 +52,8 @@ def reconstruct(
     dtype: DTypeLike | None = None,
     memory_limit: int | None = None,
     threads: int | None = None,
+    device: Device = "cpu",
+    device_memory: int | None = None,
     progress: Progress | None = None,
     cancelled: IsCancelled | None = None,
 ) -> Volume:
@@ -59,7 +62,8 @@ def reconstruct(
     Parameters
     ----------
     traces
-        A-lines, shape (M, N_t), floating or integer; column n was recorded at ``time_zero`` + n·dt.
+        A-lines, shape (M, N_t), floating or integer; column n was recorded at ``time_zero`` + n·dt. Of an array
+        of a GPU (CuPy's, PyTorch's, with a ``device`` that is one) the image is CuPy's.
     positions
         Sensors in metres, shape (M, 2), or (M,) in 2-D; the origin is the middle of the aperture. Or a
         :class:`steradian.Mask`, which has weights and aperture of its own.
@@ -126,6 +130,11 @@ def reconstruct(
         Refuse to start if more bytes than this are needed, image included; None: more than are available.
     threads
         None: all processors this process may use.
+    device
+        "cpu"; "gpu": a CUDA device (extra ``gpu``); "auto": that, where there is one and its memory suffices. Results
+        are the same within the tolerance.
+    device_memory
+        Bytes of the GPU's memory to use at most; None: nine tenths of what is free. Larger images are made in pieces.
     progress, cancelled
         See :mod:`steradian.progress`.
 
@@ -146,7 +155,7 @@ def reconstruct(
         upsampling=upsampling, depth_range=depth_range, method=method, tolerance=tolerance, window=window,
         time_zero=time_zero, time_padding=time_padding, lateral_padding=lateral_padding, wrap=wrap,
         highest_frequency=highest_frequency, depth_step=depth_step, correction=correction, iterative=iterative,
-        dtype=dtype, memory_limit=memory_limit, threads=threads,
+        dtype=dtype, memory_limit=memory_limit, threads=threads, device=device, device_memory=device_memory,
     )  # fmt: skip
     return image_by(chosen, traces, positions, on_fit=on_fit, scale=scale, progress=progress, cancelled=cancelled)
 
@@ -162,9 +171,9 @@ def image_by(
     cancelled: IsCancelled | None = None,
 ) -> Volume:
     """Do the same with parameters that are one value; raises as :func:`reconstruct`."""
-    data = np.asarray(traces)
+    data: Any = traces if on_gpu(traces) else np.asarray(traces)
     if data.ndim != 2:
-        raise InvalidInput("traces", f"an array of shape {data.shape}", "shape (M, N_t): one row a sensor")
+        raise InvalidInput("traces", f"an array of shape {tuple(data.shape)}", "shape (M, N_t): one row a sensor")
     if chosen.method == "iterative":
         from steradian.imaging.iterative import fit
 
@@ -172,7 +181,9 @@ def image_by(
         if on_fit is not None:
             on_fit(found)
         return found.volume
-    limit = upper_limit(chosen.highest_frequency, data, chosen.sampling_interval)
+    limit = chosen.highest_frequency
+    if limit == "signal":
+        limit = upper_limit(limit, in_memory(data), chosen.sampling_interval)
     plan = ReconstructionPlan.of(positions, data.shape[1], replace(chosen, highest_frequency=limit))
     volume = plan.run(data, scale=scale, progress=progress, cancelled=cancelled)
     assert isinstance(volume, Volume)  # noqa: S101

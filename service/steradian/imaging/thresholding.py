@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from steradian.imaging.arrays import beside, in_memory, parts
 from steradian.imaging.iterations import Iterations
 from steradian.imaging.plan import ReconstructionPlan
 from steradian.imaging.volume import RealArray, Volume
@@ -50,7 +51,7 @@ class Thresholding(Iterations):
 
     def run(self) -> RealArray:
         """Return the image."""
-        image = np.zeros(self._model.volume_shape, self._data.dtype)
+        image: RealArray = np.zeros(self._model.volume_shape, self._data.dtype, like=self._data)
         residual = self._data.copy()
         while self.done < self._options.iterations:
             self._look()
@@ -77,12 +78,12 @@ class Thresholding(Iterations):
 
     def _step(self, image: RealArray, residual: RealArray) -> RealArray:
         """Return T(f + B r)."""
-        signs = self._signs.choice(np.array([-1, 1], residual.dtype), len(residual))
+        signs = beside(self._signs.choice(np.array([-1, 1], residual.dtype), len(residual)), residual)
         streaks = spread(self._back(residual * signs[:, None]))
         new = self._back(residual)
         cut = self._options.weight() * np.minimum(level(new), streaks)
         new += image
-        shrink(new, cut.astype(new.dtype), non_negative=self._options.non_negative)
+        shrink(new, beside(cut.astype(new.dtype), new), non_negative=self._options.non_negative)
         return new
 
     def _refitted(self, image: RealArray, residual: RealArray) -> RealArray:
@@ -150,21 +151,24 @@ def level(values: RealArray) -> NDArray[np.float64]:
     """Estimate the standard deviation of streaks at each depth, shape (Nz,), from the median of absolute values."""
     lateral = tuple(range(values.ndim - 1))
     thinned = values[(slice(None, None, 2),) * len(lateral)]
-    return _smooth(_NORMAL * np.median(np.abs(thinned), axis=lateral))
+    return _smooth(_NORMAL * in_memory(np.median(np.abs(thinned), axis=lateral)))
 
 
 def spread(values: RealArray) -> NDArray[np.float64]:
     """Root mean square at each depth, shape (Nz,)."""
-    squares = sum(np.einsum("...z,...z->...z", row, row).reshape(-1, row.shape[-1]).sum(axis=0) for row in values)
+    squares = sum(
+        in_memory(np.einsum("...z,...z->...z", part, part).reshape(-1, part.shape[-1]).sum(axis=0))
+        for part in parts(values)
+    )
     return _smooth(np.sqrt(squares / np.prod(values.shape[:-1])))
 
 
 def shrink(values: RealArray, cut: RealArray, *, non_negative: bool) -> None:
-    """Soft thresholding in place, row by row: no second image."""
-    for row in values:
-        row -= cut if non_negative else np.clip(row, -cut, cut)
+    """Soft thresholding in place, row by row: no second image in memory."""
+    for part in parts(values):
+        part -= cut if non_negative else np.clip(part, -cut, cut)
         if non_negative:
-            np.maximum(row, 0, out=row)
+            np.maximum(part, 0, out=part)
 
 
 def _smooth(levels: RealArray) -> NDArray[np.float64]:

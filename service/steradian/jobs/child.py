@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,11 +12,17 @@ from typing import TYPE_CHECKING, Any
 from steradian.drafts import signed
 from steradian.errors import InvalidInput
 from steradian.jobs.process import child_main
+from steradian.logs import configure_logging
 from steradian.progress import Progress
-from steradian.storage.paths import DataDirectory, JobDirectory
+from steradian.settings import Settings
+from steradian.storage.arrays import Arrays, Folder
+from steradian.storage.job_directory import JobDirectory
+from steradian.storage.paths import DataDirectory
 
 if TYPE_CHECKING:
     from steradian.reconstructions.kept_plans import KeptPlans
+
+_log = logging.getLogger("steradian.jobs.child")  # whatever this module is called when it is run
 
 
 def work(payload: dict[str, Any], progress: Progress, *, kept: list[KeptPlans]) -> dict[str, Any]:
@@ -23,19 +32,19 @@ def work(payload: dict[str, Any], progress: Progress, *, kept: list[KeptPlans]) 
     ----------
     payload
         ``kind`` of the job (:data:`steradian.jobs.kinds.KINDS`) and its ``request``, as the ledger has them, the
-        ``principal`` who asked, ``data`` (the data directory), ``job`` (the job's own folder) and ``start`` (the number
-        of this start).
+        ``principal`` who asked, ``data`` (the data directory), ``job`` (the job's own folder), ``start`` (the number
+        of this start) and ``store`` (whether the environment names one).
     kept
         Where the plans of earlier jobs are; empty before the first one.
 
     Returns
     -------
     dict
-        The report, as plain JSON.
+        The report, as plain JSON; with a store also what of the results is kept there.
     """
     progress("loading", 0, 1)
     from steradian.jobs.kinds import KINDS
-    from steradian.jobs.tasks import Work
+    from steradian.jobs.work import Work
     from steradian.reconstructions.kept_plans import KeptPlans
 
     if not kept:
@@ -49,11 +58,35 @@ def work(payload: dict[str, Any], progress: Progress, *, kept: list[KeptPlans]) 
         folder.check(start)
         progress(stage, done, total)
 
+    _log.info("start %d of %s %s", start, payload["kind"], folder.root.name)
     folder.begin(start)
     with folder.running(), signed(str(start), lambda: folder.check(start)):
-        about = Work(DataDirectory(Path(payload["data"])), folder.root, payload["principal"], kept[0], go_on)
-        return kind.run(about, payload["request"])
+        data = DataDirectory(Path(payload["data"]))
+        with _store() if payload.get("store") else nullcontext(Folder(data)) as arrays:
+            about = Work(data, folder.root, payload["principal"], kept[0], go_on, arrays)
+            report = kind.run(about, payload["request"])
+            if not payload.get("store"):
+                return report
+            go_on("storing", 0, 1)
+            from steradian.jobs.keeping import put_results
+
+            return report | put_results(arrays, folder)
+
+
+@contextmanager
+def _store() -> Iterator[Arrays]:
+    from steradian.storage.database import Database, metadata_url
+    from steradian.storage.object_store import arrays_of
+
+    settings = Settings.create()
+    database = Database(metadata_url(settings))
+    try:
+        yield arrays_of(settings, database)
+    finally:
+        database.close()
 
 
 if __name__ == "__main__":
+    configure_logging(Settings.create(), "job", waits=True)
+    logging.getLogger("numba").setLevel(logging.WARNING)  # else it writes whole programs down
     child_main(partial(work, kept=[]))

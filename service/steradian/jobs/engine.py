@@ -19,30 +19,34 @@ from typing import Final
 from dbos import DBOS, DBOSClient, DBOSConfig, WorkflowSerializationFormat
 from dbos import error as engine_errors
 from dbos._dbos import _get_dbos_instance
-from sqlalchemy import make_url, text
+from sqlalchemy import make_url, select, text
 from sqlalchemy.orm import Session
 from ulid import ULID
 
 from steradian.errors import NotFound, Superseded
+from steradian.jobs.hurrying import hurried
 from steradian.jobs.joining import ENGINE, engine_version, join
+from steradian.jobs.keeping import JobKeeper
+from steradian.jobs.kinds import FOLLOWING
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.liveness import claim, watch_others
 from steradian.jobs.model import Died, JobRequest, JobStatus, QueueUnavailable
-from steradian.jobs.runner import POLL, JobRunner, hurried
+from steradian.jobs.runner import POLL, JobRunner
 from steradian.progress import Progress
 from steradian.settings import Settings
 from steradian.storage.advisory import TIMEOUTS
+from steradian.storage.belonging import bind
 from steradian.storage.database import Database, metadata_url
-from steradian.storage.folder import bind
 from steradian.storage.paths import DataDirectory
 from steradian.storage.states import ReconstructionState, is_terminal
 from steradian.storage.subseconds import with_subseconds
-from steradian.storage.tables import JobRow
+from steradian.storage.tables import JobRow, ScannerRow, ScanRow
 
 APPLICATION: Final = "steradian"
 APPLICATION_VERSION: Final = "1"
 """Constant, or the engine leaves jobs of another build alone."""
 QUEUE: Final = "jobs"
+"""Beside it, each scanner whose node has workers has one for the images that grow with its scans."""
 WORKFLOW: Final = "job"
 WAITING_OR_RUNNING: Final = frozenset({"ENQUEUED", "PENDING", "DELAYED"})
 """The engine's states of jobs that are not over."""
@@ -100,7 +104,7 @@ class JobQueue:
             session,
             {
                 "workflow_name": WORKFLOW,
-                "queue_name": QUEUE,
+                "queue_name": self._queue_of(session, row),
                 "workflow_id": row.id,
                 "app_version": APPLICATION_VERSION,
                 "priority": row.priority + 1,
@@ -108,6 +112,14 @@ class JobQueue:
             },
             row.id,
         )
+
+    def _queue_of(self, session: Session, row: JobRow) -> str:
+        """Name the queue of a job: what follows a scan is best done where the scan's file grows."""
+        if row.kind not in FOLLOWING:
+            return QUEUE
+        scan = (ScanRow.scanner_id == ScannerRow.id) & (ScanRow.id == row.scan_id) & ScanRow.ended.is_(None)
+        scanner = session.scalar(select(ScannerRow.id).join(ScanRow, scan).where(ScannerRow.follows))
+        return QUEUE if scanner is None else _queue_at(scanner)
 
     def status(self, job_id: str) -> JobStatus:
         """Tell how a job stands; raises :class:`NotFound`."""
@@ -225,15 +237,14 @@ def prepare(settings: Settings) -> str:
     Raises
     ------
     InvalidInput
-        When the database belongs to another data folder.
+        When the database belongs to another data folder or store.
     """
-    data = DataDirectory(settings.data)
-    data.create()
+    DataDirectory(settings.data).create()
     logging.getLogger("dbos").setLevel(logging.WARNING)
     database = Database(metadata_url(settings))
     try:
         database.migrate()
-        bind(database, data)
+        bind(settings, database)
         with database.migrating():
             DBOS.migrate(queue_url(settings))
         with database.write() as session:
@@ -271,6 +282,8 @@ def run_worker(settings: Settings, slot: int, commands: Mapping[str, Sequence[st
     lock = claim(settings.database_url, name) if settings.database_url else None
     database = Database(metadata_url(settings))
     runner = JobRunner(settings, JobLedger(database), commands, name)
+    if slot == 0:
+        JobKeeper(settings, database).tidy(JobLedger(database), DataDirectory(settings.data))
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: runner.stopping.set())
     config: DBOSConfig = {
@@ -285,23 +298,29 @@ def run_worker(settings: Settings, slot: int, commands: Mapping[str, Sequence[st
     DBOS(config=config)
     logging.getLogger("dbos").addFilter(_is_no_cancellation)
     _register(runner)
-    DBOS.listen_queues([QUEUE])
+    queue = _queue_at(settings.scanner_id) if settings.follows else QUEUE
+    DBOS.listen_queues([queue])
     DBOS.launch()
-    DBOS.register_queue(QUEUE, worker_concurrency=1, polling_interval_sec=QUEUE_POLL)
+    DBOS.register_queue(queue, worker_concurrency=1, polling_interval_sec=QUEUE_POLL)
     for event in _get_dbos_instance().background_thread_stop_events:  # private, so the minor version is pinned
         event.wait = hurried(event, runner, QUEUE_POLL)  # type: ignore[assignment, method-assign]
     if lock is not None:
-        watch = (lock, runner.stopping, _pending_executors, lambda gone: _recover([gone]))
+        # Until the process ends, not until it is asked to: others would take over the job that it may still finish.
+        watch = (lock, threading.Event(), _pending_executors, lambda gone: _recover([gone]))
         threading.Thread(target=watch_others, args=watch, daemon=True).start()
     elif slot == 0:
         _adopt_orphans(settings)
     _log.info("%s waits for jobs", name)
     while not runner.stopping.wait(POLL):
         pass  # a signal that another thread received is handled when this one wakes
-    if not runner.idle.wait(PUT_BACK_PATIENCE):
+    if not runner.idle.wait(settings.drain_seconds + PUT_BACK_PATIENCE):
         _log.error("%s could not put its job back in time; the next start of a worker does", name)
     logging.shutdown()
     os._exit(0)  # whatever the engine's threads do
+
+
+def _queue_at(scanner_id: str) -> str:
+    return f"{QUEUE}-{scanner_id}"
 
 
 def _register(runner: JobRunner) -> None:

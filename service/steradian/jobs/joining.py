@@ -12,9 +12,9 @@ from typing import Final
 
 from sqlalchemy.exc import SQLAlchemyError
 
-from steradian.errors import Conflict
+from steradian.errors import Conflict, StoreUnavailable
 from steradian.settings import Settings
-from steradian.storage import folder
+from steradian.storage import belonging
 from steradian.storage.database import Database, known_revisions, metadata_url
 from steradian.storage.paths import DataDirectory
 
@@ -60,14 +60,16 @@ def _missing(settings: Settings) -> str | None:
             raise Conflict(f"the database has version {revision}, {limit}; install the service's Steradian")
         if revision != known[0]:
             return f"the database has version {revision or 'none'}, this worker needs {known[0]}"
-        if not folder.check(database, DataDirectory(settings.data)):
-            return "no service has used this database with a data folder"
+        if not belonging.check(settings, database):
+            return "no service has used this database with a data folder or store"
         with database.read() as session:
             engine = database.fact(session, ENGINE)
         if engine != engine_version():
             return f"its queue is of engine {engine or 'none'}, this worker's is {engine_version()}"
     except SQLAlchemyError as error:
         return f"the database does not answer ({error})"
+    except StoreUnavailable as error:
+        return str(error)
     finally:
         database.close()
     return None

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any, Final, Literal
 
 from steradian.jobs import requests, tasks
-from steradian.jobs.tasks import Work
+from steradian.jobs.work import Work
 from steradian.plain import plain
 
 LIVE: Final = "live"

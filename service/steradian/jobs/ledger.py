@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from typing import Any
 
@@ -21,6 +22,7 @@ from steradian.jobs.model import (
     Outcome,
     Succeeded,
 )
+from steradian.logs import caused_by, request_id
 from steradian.storage.events import record
 from steradian.storage.repository import Repository
 from steradian.storage.scans import Outdated
@@ -35,6 +37,7 @@ from steradian.storage.states import (
 from steradian.storage.tables import JobRow, ScanRow
 
 _R = ReconstructionState
+_log = logging.getLogger(__name__)
 _UNFINISHED = [state for state in _R if not is_terminal(state)]
 WAITS_FOR_SCAN = JobRow.kind.in_(FOLLOWING) & exists().where(
     ScanRow.id == JobRow.scan_id, ScanRow.state == ScanState.QUEUED
@@ -58,6 +61,7 @@ class JobLedger(Repository[JobRow]):
             payload=dict(request.payload),
             scan_id=request.payload.get("scan_id"),
             batch_id=request.batch_id,
+            request_id=request_id.get() or None,
             priority=request.priority,
             timeout=request.timeout,
             promised=request.promised,
@@ -252,12 +256,18 @@ class JobLedger(Repository[JobRow]):
     def _transact(self, job_id: str, change: Callable[[Session, JobRow], object]) -> JobRow:
         with self.database.write() as session:
             row = self._find(session, job_id, lock=True)
+            known = len(row.history)
             change(session, row)
+        with caused_by(request_id.get() or row.request_id):
+            for move in row.history[known:]:
+                _log.info("job %s is %s: %s (%s)", row.id, move["state"], move["why"], move["who"])
         return row
 
     def _close_attempt(self, session: Session, row: JobRow, outcome: Outcome, worker: str) -> None:
         match outcome:
-            case Succeeded(result):
+            case Succeeded(result, announce):
+                if announce is not None:
+                    announce(session)
                 self._note_end(row, "succeeded", None)
                 row.result = result
                 self._move(session, row, _R.SUCCEEDED, worker, f"attempt {row.attempt} succeeded")
@@ -334,6 +344,7 @@ def to_status(row: JobRow) -> JobStatus:
         total=row.total or 0,
         error_code=row.error_code,
         error=row.error,
+        request_id=row.request_id,
         created=row.created,
         started=row.started,
         ended=row.ended,

@@ -56,6 +56,7 @@ def watch_others(
             hold = lock.renew()
             if hold is Hold.TAKEN:
                 _log.error("another worker took over the name %s; this one ends", lock.name)
+                logging.shutdown()
                 os._exit(1)  # its child ends with it
             others = set(pending()) - {lock.name} if hold is Hold.HELD else set()
             missed = Counter({name: missed[name] for name in others})

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from steradian.errors import SteradianError
 from steradian.storage.states import DesiredJobState, ReconstructionState, is_terminal
+
+if TYPE_CHECKING:
+    from sqlalchemy.orm import Session
 
 MAX_ATTEMPTS = 3
 """How often a job is started when its process or its worker dies; an error it reports itself is final at once."""
@@ -79,6 +82,8 @@ class JobStatus:
         What it works on and how far it is, in a unit of the stage's own.
     error_code, error
         Why it failed.
+    request_id
+        The HTTP request that asked for it, if one did.
     result
         What it left on its last line of output.
     """
@@ -99,6 +104,7 @@ class JobStatus:
     total: int = 0
     error_code: str | None = None
     error: str | None = None
+    request_id: str | None = None
     created: datetime | None = None
     started: datetime | None = None
     ended: datetime | None = None
@@ -112,9 +118,10 @@ class JobStatus:
 
 @dataclass(frozen=True)
 class Succeeded:
-    """A job's process ended well."""
+    """A job's process ended well; ``announce`` makes known what it keeps, in the transaction that says so."""
 
     result: dict[str, Any]
+    announce: Callable[[Session], object] | None = None
 
 
 @dataclass(frozen=True)

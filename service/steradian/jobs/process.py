@@ -15,6 +15,7 @@ import asyncio
 import errno
 import gc
 import json
+import logging
 import os
 import queue
 import signal
@@ -27,10 +28,11 @@ from pathlib import Path
 from typing import IO, Any, TypeAlias
 
 from steradian.confinement import die_first
-from steradian.errors import SteradianError, Superseded
+from steradian.errors import SteradianError, StoreUnavailable, Superseded
 from steradian.jobs.model import Died, Failed, Interrupted, Outcome, Succeeded
+from steradian.logs import request_id
 from steradian.progress import Progress
-from steradian.storage.paths import StillRunning
+from steradian.storage.job_directory import StillRunning
 
 Report: TypeAlias = Callable[[str, int, int], Awaitable[None]]
 """Called by the worker with each stage, done and total that the child reports."""
@@ -44,8 +46,11 @@ LOST = {errno.EIO, errno.ESTALE, errno.ENOTCONN, errno.ENODEV, errno.ENXIO, errn
 """What the system says of a file system that is gone."""
 SCORE = 500
 """By how much sooner the kernel ends a job than the service when memory runs out; a stranger's file goes first."""
+NICENESS = 5
+"""By how much a job stands back where processors are short: who answers requests and who scans comes first."""
 IDLE = 600.0
 """Seconds after which a child without work ends."""
+_log = logging.getLogger(__name__)
 _NO_CHARACTERS = dict.fromkeys([0, *range(0xD800, 0xE000)], "\N{REPLACEMENT CHARACTER}")
 """NUL and halves of surrogate pairs, which names in a stranger's file may hold."""
 
@@ -86,7 +91,8 @@ class JobProcess:
                     await report(stage, done, total)
 
                 while outcome is None:
-                    outcome = await self._converse({"log": str(log), "payload": dict(payload)}, heard)
+                    job = {"log": str(log), "payload": dict(payload), "request_id": request_id.get()}
+                    outcome = await self._converse(job, heard)
         except TimeoutError:
             outcome = Failed("timeout", f"the job did not end within {timeout:g} s")
         finally:
@@ -174,6 +180,7 @@ def child_main(work: Callable[[dict[str, Any], Progress], dict[str, Any]]) -> No
     still at it) is an interruption.
     """
     die_first(SCORE)
+    os.nice(NICENESS)
     speak = _Speaker()
     jobs: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(jobs,), daemon=True).start()
@@ -184,6 +191,7 @@ def child_main(work: Callable[[dict[str, Any], Progress], dict[str, Any]]) -> No
             return
         speak(begun=True)
         _log_to(job["log"])
+        request_id.set(job["request_id"])
         result = _do(work, job["payload"], speak)
         if result is None:
             return
@@ -198,17 +206,14 @@ def _do(
 ) -> dict[str, Any] | None:
     try:
         return work(payload, lambda stage, done, total: speak(stage=stage, done=int(done), total=int(total)))
-    except (StillRunning, Superseded) as error:
+    except (StillRunning, Superseded, StoreUnavailable) as error:
         speak(interrupted=str(error))
     except SteradianError as error:
         speak(error={"code": error.code, "message": _for_clients(str(error), payload)})
     except MemoryError:
         speak(error={"code": "out-of-memory", "message": "the job needs more memory than there is"})
     except Exception as error:
-        import traceback
-
-        traceback.print_exc()
-        sys.stderr.flush()
+        _log.exception("the job failed")
         message = _for_clients(f"{type(error).__name__}: {error}", payload)
         if _is_interruption(error):
             speak(interrupted=message)

@@ -166,9 +166,14 @@ class ImportRequest(Request):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if isinstance((self.description or {}).get("positions"), str):  # a path of whoever runs the service
-            raise InvalidInput("description.positions", "a name", "numbers, or a file sent as companion_id")
+        check_described(self.description)
         return self
+
+
+def check_described(description: dict[str, Any] | None) -> None:
+    """Refuse a description that names a file: it would be a path of whoever runs the service."""
+    if isinstance((description or {}).get("positions"), str):
+        raise InvalidInput("description.positions", "a name", "numbers, or a file sent as companion_id")
 
 
 WorkRequest: TypeAlias = SoundSpeedRequest | QualityRequest | ExportRequest | ImportRequest

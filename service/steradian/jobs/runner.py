@@ -15,11 +15,13 @@ from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError, SQLAlch
 from sqlalchemy.exc import TimeoutError as NoConnection
 from sqlalchemy.orm.exc import StaleDataError
 
-from steradian.errors import NotFound, Superseded
+from steradian.errors import NotFound, StoreUnavailable, Superseded
+from steradian.jobs.keeping import JobKeeper
 from steradian.jobs.kinds import KINDS
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import Died, Failed, Interrupted, Outcome, Succeeded
 from steradian.jobs.process import JobProcess
+from steradian.logs import mark, request_id
 from steradian.settings import Settings
 from steradian.stopping import StopEvent
 from steradian.storage.paths import DataDirectory
@@ -30,8 +32,6 @@ POLL: Final = 0.2
 """Seconds between looks at a cancellation and between progress reports."""
 HURRY: Final = 0.5
 """Seconds after a job's end for which the next one is looked for almost without a pause."""
-HURRIED_POLL: Final = 0.01
-"""That pause."""
 BACKOFF: Final = 0.5
 """Seconds before the second start of a job whose process died; doubled for the third."""
 MAX_DOUBLINGS: Final = 6
@@ -63,14 +63,14 @@ class JobRunner:
         self.stopping, self.idle, self.ended = StopEvent(), threading.Event(), threading.Event()
         self.idle.set()
         self._settings, self._ledger, self._worker = settings, ledger, worker
-        self._data = DataDirectory(settings.data)
+        self._data, self._keeper = DataDirectory(settings.data), JobKeeper(settings, ledger.database)
         self._identity = self._data.identity
         threads = str(settings.threads_per_job)
         limits = dict.fromkeys(("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"), threads)
         environment = settings.environment(keys=False) | limits
         processes = {tuple(command): JobProcess(command, environment) for command in commands.values()}
         self._processes = {kind: processes[tuple(command)] for kind, command in commands.items()}
-        self._ended = float("-inf")
+        self._ended, self._asked_to_end = float("-inf"), float("inf")
 
     @property
     def is_hurried(self) -> bool:
@@ -83,10 +83,11 @@ class JobRunner:
         row, interruptions = None, 0
         try:
             while True:
-                if self._folder_is_lost:
+                if self._folder_is_lost or self.stopping.is_set():
                     await self._stand_still()
                 after = self._data.job(job_id).newest
                 row = await self._patiently(partial(self._ledger.start, job_id, self._worker, after))
+                request_id.set(row.request_id or "")  # of this task alone
                 if row.state is _R.RUNNING:
                     row = await self._attempt(row)
                 if row.state is not _R.QUEUED:
@@ -121,7 +122,7 @@ class JobRunner:
                 await asyncio.wait({job}, timeout=POLL)
                 if job.done():
                     break
-                if self.stopping.is_set():
+                if self._must_end:
                     await _kill(job)
                     await self._put_back(row, "the worker was asked to end")
                 await progress.pass_on()
@@ -134,6 +135,14 @@ class JobRunner:
             return await self._settle(row, outcome)
         finally:
             await _kill(job)
+
+    @property
+    def _must_end(self) -> bool:
+        """Whether this worker was asked to end, and the time is up in which it may finish its job."""
+        if not self.stopping.is_set():
+            return False
+        self._asked_to_end = min(self._asked_to_end, time.monotonic())
+        return time.monotonic() - self._asked_to_end >= self._settings.drain_seconds
 
     @property
     def _folder_is_lost(self) -> bool:
@@ -155,11 +164,12 @@ class JobRunner:
     async def _converse(self, process: JobProcess, row: JobRow, progress: _Progress) -> Outcome:
         folder = self._data.job(row.id)
         about = {"kind": row.kind, "request": row.payload, "principal": row.history[0]["who"], "start": row.fence}
-        where = {"job": str(folder.root), "data": str(self._data.root.absolute())}
+        about |= {"job": str(folder.root), "data": str(self._data.root.absolute()), "store": bool(self._settings.store)}
         timeout = min(row.timeout or self._settings.job_timeout, self._settings.job_timeout)
         follows = KINDS[row.kind].follows if row.kind in KINDS and row.timeout is None else None
         try:
-            return await process.run(about | where, log=folder.log, report=progress, timeout=timeout, follows=follows)
+            outcome = await process.run(about, log=folder.log, report=progress, timeout=timeout, follows=follows)
+            return self._keeper.announced(outcome)
         except OSError as error:
             return Interrupted(f"the job's process cannot be run: {error}")
         except Exception as error:
@@ -171,13 +181,17 @@ class JobRunner:
             _log.warning("job %s: %s", row.id, outcome.message)
             self._note(row.id, outcome.message)
         try:
+            await asyncio.to_thread(self._keeper.put_away, row, self._data.job(row.id))
             return await self._patiently(lambda: self._ledger.settle(row.id, row.fence, outcome, self._worker))
+        except StoreUnavailable as error:  # which had all of it a moment ago
+            return await self._settle(row, Interrupted(str(error)))
         except DBAPIError as error:
             if isinstance(outcome, Failed):
                 raise
             return await self._settle(row, Failed("internal", f"the database refuses what it left: {error.orig}"))
 
     async def _cancelled(self, row: JobRow) -> JobRow:
+        await asyncio.to_thread(self._keeper.put_away, row, self._data.job(row.id))
         return await self._patiently(lambda: self._ledger.cancelled(row.id, self._worker, row.fence))
 
     def _note(self, job_id: str, text: str) -> None:
@@ -186,7 +200,7 @@ class JobRunner:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             with path.open("a") as log:
-                log.write(f"{self._worker}: {text}\n")
+                log.write(f"{self._worker}: {text}{mark()}\n")
         except OSError as error:
             _log.warning("the log of job %s cannot be written: %s", job_id, error)
 
@@ -246,26 +260,6 @@ def _may_pass(error: SQLAlchemyError) -> bool:
         only_reads = getattr(error.orig, "sqlstate", None) == READ_ONLY
         return only_reads or error.connection_invalidated or isinstance(error, OperationalError | InterfaceError)
     return isinstance(error, NoConnection | StaleDataError)
-
-
-def hurried(event: threading.Event, runner: JobRunner, poll: float) -> Callable[[float | None], bool]:
-    """Make a wait for ``event`` that ends early after a job's end, so that the next one is looked for at once.
-
-    The engine looks at the queue every ``poll`` seconds and waits between two looks for the event that says when to
-    stop; longer waits are left as they are.
-    """
-    plain = event.wait
-
-    def wait(timeout: float | None = None) -> bool:
-        if timeout is None or timeout > 2 * poll:
-            return plain(timeout)
-        if runner.is_hurried:
-            return plain(min(HURRIED_POLL, timeout))
-        if runner.ended.wait(timeout):
-            runner.ended.clear()
-        return event.is_set()
-
-    return wait
 
 
 class _Progress:

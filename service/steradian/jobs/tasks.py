@@ -4,50 +4,32 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from steradian.drafts import draft, sync_folder
 from steradian.errors import Conflict, InvalidInput
 from steradian.jobs import requests
+from steradian.jobs.work import Work
 from steradian.plain import plain
-from steradian.progress import Progress
+from steradian.storage.arrays import Folder, result_name, scan_name, upload_name
 from steradian.storage.disk import imported_scan_id
-from steradian.storage.paths import DataDirectory
+from steradian.storage.job_directory import VOLUME
 
 if TYPE_CHECKING:
-    from steradian.reconstructions.kept_plans import KeptPlans
+    from steradian.reconstructions.revision import Revision
     from steradian.reconstructions.what_if import Made
     from steradian.scans.recording import Recording
     from steradian.storage.database import Database
 
+_log = logging.getLogger(__name__)
 PATIENCE = 600.0
 """Seconds for which a job waits for the image that another one makes."""
-
-
-@dataclass(frozen=True)
-class Work:
-    """Where and with what a job works.
-
-    Attributes
-    ----------
-    data, folder
-        The data directory, and the job's own folder in it, which has the job's name.
-    principal
-        Who asked for the job.
-    plans
-        Plans of earlier jobs of this process.
-    """
-
-    data: DataDirectory
-    folder: Path
-    principal: str
-    plans: KeptPlans
-    progress: Progress
 
 
 def reconstruct(work: Work, job: requests.ReconstructionRequest) -> dict[str, Any]:
@@ -55,24 +37,42 @@ def reconstruct(work: Work, job: requests.ReconstructionRequest) -> dict[str, An
     from steradian.reconstructions.job import reconstruct_scan
 
     how: dict[str, Any] = {"frame": job.frame or 0, "plans": work.plans, "progress": work.progress}
-    return asdict(reconstruct_scan(work.data.scan_file(job.scan_id), work.folder, job.parameters, **how))
+    return asdict(reconstruct_scan(work.scan(job.scan_id), work.folder, job.parameters, **how))
 
 
 def follow(work: Work, job: requests.ReconstructionRequest) -> dict[str, Any]:
     """Reconstruct a scan while it runs, and in full when it is over."""
+    from sqlalchemy.exc import SQLAlchemyError
+
     from steradian.reconstructions.live import follow_scan
+    from steradian.storage.reconstructions import ReconstructionRepository
     from steradian.storage.scans import ScanRepository
     from steradian.storage.states import SETTLED_SCAN_STATES
 
     with _database() as database:
         scans, scan = ScanRepository(database), work.data.scan_file(job.scan_id)
+        made = ReconstructionRepository(database)
 
         def is_over() -> bool:
-            return scans.get(job.scan_id).state in SETTLED_SCAN_STATES
+            if scans.get(job.scan_id).state not in SETTLED_SCAN_STATES:
+                return False
+            if not scan.exists() and not isinstance(work.arrays, Folder):  # it was measured on another host
+                scan.symlink_to(work.scan(job.scan_id))
+            return True
 
-        report = follow_scan(
-            scan, work.folder, job.parameters, is_over=is_over, interval=job.interval, progress=work.progress
-        )
+        def tell(revision: Revision) -> None:
+            told = {name: getattr(revision, name) for name in ("number", "points", "planned", "final")}
+            try:
+                made.tell_revision(work.folder.name, job.scan_id, told)
+            except SQLAlchemyError as error:  # the image is there all the same
+                _log.warning("revision %d is not in the log of events: %s", revision.number, error)
+
+        how: dict[str, Any] = {"interval": job.interval, "progress": work.progress, "revised": tell}
+        try:
+            report = follow_scan(scan, work.folder, job.parameters, is_over=is_over, **how)
+        finally:
+            if scan.is_symlink():
+                scan.unlink()
     return asdict(report)
 
 
@@ -89,7 +89,7 @@ def look_through(work: Work, job: requests.ReconstructionRequest) -> dict[str, A
         raise InvalidInput("through", None, "the mask to look through")
     with _database() as database:
         mask = MaskRepository(database).load(job.through.mask_id)
-    scan = work.data.scan_file(job.scan_id)
+    scan = work.scan(job.scan_id)
     recording, uneven = even_out(open_recording(scan), job.parameters.shots)
     sparse, _ = through(recording, mask, job.through.points)
     report = write_reconstruction(
@@ -121,7 +121,7 @@ def _image_of_all(work: Work, job: requests.ReconstructionRequest, recording: Re
     from steradian.reconstructions.volume_file import read_volume, write_volume
     from steradian.reconstructions.what_if import Made, make
 
-    state = work.data.scan_file(job.scan_id).stat()
+    state = work.scan(job.scan_id).stat()
     made_of = [__version__, job.scan_id, state.st_size, state.st_mtime_ns, job.parameters.model_dump_json()]
     path = work.data.reference(f"{job.scan_id}-{hashlib.sha256(json.dumps(made_of).encode()).hexdigest()[:24]}")
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -145,7 +145,7 @@ def scan_speeds(work: Work, job: requests.SoundSpeedRequest) -> dict[str, Any]:
     from steradian.reconstructions.sound_speed import scan_sound_speed
 
     curve = scan_sound_speed(
-        work.data.scan_file(job.scan_id),
+        work.scan(job.scan_id),
         work.folder,
         job.parameters,
         first=job.first,
@@ -164,7 +164,7 @@ def compare_volumes(work: Work, job: requests.QualityRequest) -> dict[str, Any]:
     images = []
     for number, identifier in enumerate((job.reconstruction_id, job.reference_id)):
         work.progress("reading", number, 2)
-        images.append(read_volume(work.data.job(identifier).volume))
+        images.append(read_volume(work.arrays.open(result_name(identifier, VOLUME))))
     work.progress("comparing", 0, 1)
     figures = compare(images[0], images[1], diameter=job.diameter, threshold=job.threshold)
     whole = plain(figures)
@@ -179,11 +179,11 @@ def export(work: Work, job: requests.ExportRequest) -> dict[str, Any]:
     if job.scan_id is not None:
         from steradian.scans.exporting import export_scan
 
-        made = export_scan(work.data.scan_file(job.scan_id), wanted, format="ipasc", progress=work.progress)
+        made = export_scan(work.scan(job.scan_id), wanted, format="ipasc", progress=work.progress)
     else:
         from steradian.reconstructions.exporting import export_volume
 
-        volume = work.data.job(job.reconstruction_id or "").volume
+        volume = work.arrays.open(result_name(job.reconstruction_id or "", VOLUME))
         made = export_volume(volume, wanted, format=job.format, progress=work.progress)  # type: ignore[arg-type]
     if made.is_dir():
         work.progress("packing", 0, 1)
@@ -196,54 +196,29 @@ def export(work: Work, job: requests.ExportRequest) -> dict[str, Any]:
 
 
 def import_recording(work: Work, job: requests.ImportRequest) -> dict[str, Any]:
-    """Make a scan of an upload: its file is looked at here and nowhere else."""
+    """Make a scan of an upload."""
     from steradian.reconstructions.imported import read_imported
     from steradian.scans.importing.guarded import import_guarded
+    from steradian.scans.importing.uploaded import laid_out
     from steradian.storage.imports import register_import
 
-    uploads = [work.data.upload(name) for name in (job.upload_id, job.companion_id) if name is not None]
+    uploads = [upload_name(name) for name in (job.upload_id, job.companion_id) if name is not None]
     scan_id = imported_scan_id(work.folder.name)
-    scan = work.data.scan_file(scan_id)
-    if not scan.is_file():  # else an earlier attempt got that far
-        if not all(upload.is_file() for upload in uploads):
+    if work.arrays.stat(scan_name(scan_id)) is None:  # else an earlier attempt got that far
+        if not all(work.arrays.stat(upload) for upload in uploads):
             raise Conflict("an upload is gone; send the file again")
-        source, description = _unpacked(work.folder, job, *uploads)
-        with draft(scan) as file:
+        source, description = laid_out(work.folder, job.description, *map(work.arrays.open, uploads))
+        with draft(scan := work.data.scan_file(scan_id)) as file:
             import_guarded(source, file, description=description, progress=work.progress)
         sync_folder(scan.parent)
-    said = read_imported(scan)
+        work.arrays.keep(scan_name(scan_id), scan)
+    said = read_imported(work.scan(scan_id))
     about: dict[str, Any] = {"labels": job.labels, "who": work.principal}
     with _database() as database:
         register_import(database, said.plan, scan_id, simulated=said.simulated, summary=said.summary, **about)
     for upload in uploads:
-        upload.unlink(missing_ok=True)
+        work.arrays.delete(upload)
     return {"scan_id": scan_id, "plan_id": said.plan.id, "mask_id": said.plan.mask.id, **said.summary}
-
-
-def _unpacked(
-    folder: Path, job: requests.ImportRequest, upload: Path, companion: Path | None = None
-) -> tuple[Path, Path | None]:
-    """Give uploads the names by which the importer knows text files and a description its companion."""
-    source = folder / ("source.csv" if _is_text(upload) else "source")
-    source.unlink(missing_ok=True)
-    source.symlink_to(upload)
-    said = dict(job.description or {})
-    if companion is not None:
-        beside = folder / "companion"
-        beside.unlink(missing_ok=True)
-        beside.symlink_to(companion)
-        said["positions"] = beside.name
-    if not said:
-        return source, None
-    description = folder / "description.json"
-    description.write_text(json.dumps(said))
-    return source, description
-
-
-def _is_text(path: Path) -> bool:
-    with path.open("rb") as file:
-        begin = file.read(1024)
-    return b"\0" not in begin and begin.isascii() and begin[:1] != b"\x89" and begin[:2] != b"PK"
 
 
 @contextmanager

@@ -6,6 +6,7 @@ from typing import Annotated, TypeAlias
 
 from pydantic import Field
 
+from steradian.masks.beams import beams_mask
 from steradian.masks.combined import Combined, PointOfInterest, combined_mask
 from steradian.masks.counted import Counted, aimed, counted_mask, nearest_square
 from steradian.masks.equi_steradian import EquiSteradian, convenient_counts, equi_steradian_mask
@@ -45,6 +46,7 @@ __all__ = [
     "Subset",
     "Weighting",
     "aimed",
+    "beams_mask",
     "combined_mask",
     "convenient_counts",
     "counted_mask",

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from steradian.errors import InvalidInput
 from steradian.imaging import outlines
 from steradian.masks.equi_steradian import EquiSteradian, Pattern
 from steradian.masks.mask import Mask
@@ -56,7 +57,7 @@ class Combined(Value):
         InvalidInput
             When a point of interest is not over the aperture.
         """
-        wanted = [EquiSteradian.create(aperture=self.aperture, **dict(point)) for point in self.points_of_interest]
+        wanted = [self._around(number) for number in range(len(self.points_of_interest))]
         patterns = [each.pattern() for each in wanted]
         positions = _thinned(np.concatenate([_own_part(patterns, index) for index in range(len(patterns))]), patterns)
         weights = _spacing(positions, patterns) ** 2
@@ -73,6 +74,13 @@ class Combined(Value):
             outline=outline,
             arrangement=self.model_dump(mode="json"),
         )
+
+    def _around(self, number: int) -> EquiSteradian:
+        """Return the mask for one point of interest alone; what is wrong with it is said of that point."""
+        try:
+            return EquiSteradian.create(aperture=self.aperture, **dict(self.points_of_interest[number]))
+        except InvalidInput as error:
+            raise InvalidInput(f"points_of_interest.{number}.{error.field}", error.value, error.allowed) from error
 
 
 def _spacing(positions: NDArray[np.float64], patterns: Sequence[Pattern]) -> NDArray[np.float64]:

@@ -14,12 +14,14 @@ from steradian.masks.weights import Weighting, weights_for
 from steradian.ranges import LENGTH
 from steradian.validation import quantity
 
+PER_AXIS = "Points on each axis; the mask has their square, which is what --count of the command line means"
+
 
 class Grid(Aimed):
     """Parameters of a square grid of points."""
 
     arrangement: Literal["grid"] = "grid"
-    count: int = quantity("points", "Points on each axis", ge=1, le=4096)
+    count: int = quantity("points", PER_AXIS, ge=1, le=4096)
     interval: float = quantity("m", "Distance between neighbours", **LENGTH.limits)
     centred: bool = False
     """Whether an even grid is symmetric to the centre too; else it lies on −n/2 … n/2−1 intervals, like FFT modes."""

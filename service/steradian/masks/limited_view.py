@@ -83,6 +83,15 @@ def limited_view(mask: Mask, deepest: float, *, y: float | None = None, pixels: 
     return LimitedView(x, z, cut, left, right, share, np.repeat(within[:, None], pixels, axis=1))
 
 
+def visible_share(mask: Mask, point: tuple[float, float, float]) -> float:
+    """Tell which share of all orientations of an edge at ``point`` (x, y, z in metres) is visible, 0 to 1."""
+    low, high = mask.film_positions.min(axis=0), mask.film_positions.max(axis=0)
+    x, y, z = np.asarray(point, np.float64)
+    if mask.is_line:
+        return float(max(np.arctan((x - low[0]) / z) + np.arctan((high[0] - x) / z), 0) / np.pi)
+    return float(_solid_angle(x, y, z, low, high) / (2 * np.pi))
+
+
 def _solid_angle(
     x: NDArray[np.float64], y: float, z: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]
 ) -> NDArray[np.float64]:

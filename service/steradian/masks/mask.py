@@ -162,9 +162,10 @@ class Mask(ShownValue):
         return f"<Mask: {name.lower()}, {rest}>"
 
     def _draw(self, axes: Axes) -> None:
-        from steradian.masks.picture import draw_points
+        from steradian.drawing.plotted import show
+        from steradian.masks.picture import points_plot
 
-        draw_points(axes, self)
+        show(points_plot(self), axes)
 
     def _draw_page(self, path: Path) -> None:
         from steradian.masks.picture import draw_mask

@@ -71,12 +71,7 @@ def promises(mask: Mask, point_of_interest: tuple[float, float, float] | None = 
     InvalidInput
         When the point of interest is not above the plane.
     """
-    from scipy.spatial import KDTree
-
-    if mask.count > 1:
-        spacing = np.asarray(KDTree(mask.positions).query(mask.positions, k=2)[0])[:, 1]
-    else:
-        spacing = np.full(1, mask.aperture)
+    spacing = spacing_of(mask)
     own = mask.points_of_interest
     if point_of_interest is None and len(own):
         point_of_interest = (float(own[0, 0]), float(own[0, 1]), float(own[0, 2]))
@@ -99,6 +94,15 @@ def promises(mask: Mask, point_of_interest: tuple[float, float, float] | None = 
         opening_angle=_opening(across, point_of_interest[2]),
         attenuation_db=attenuation_db(largest, 1e6),
     )
+
+
+def spacing_of(mask: Mask) -> NDArray[np.float64]:
+    """(M,) distance in metres from each sensor to its nearest neighbour; the aperture of a single one."""
+    from scipy.spatial import KDTree
+
+    if mask.count == 1:
+        return np.full(1, mask.aperture)
+    return np.asarray(KDTree(mask.positions).query(mask.positions, k=2)[0])[:, 1]
 
 
 def density_map(mask: Mask, pixels: int = 128) -> NDArray[np.float64]:
@@ -138,7 +142,7 @@ def spacing_map(mask: Mask, pixels: int = 256) -> NDArray[np.float64]:
     InvalidInput
         For a line.
     """
-    found: NDArray[np.float64] = promises(mask).spacing[_nearest(mask, pixels)]
+    found: NDArray[np.float64] = spacing_of(mask)[_nearest(mask, pixels)]
     return found
 
 

@@ -57,7 +57,7 @@ def _limits(plan: ScanPlan) -> Iterator[Finding]:
     """Compare every figure with the scanner's range."""
     limits = plan.scanner
     for axis, name in enumerate("xy"):
-        places = plan.mask.film_positions[:, axis]
+        places = plan.places[:, axis]
         low, high = getattr(limits, name)
         beyond = (places < low - 1e-12) | (places > high + 1e-12)
         if beyond.any():

@@ -7,14 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from steradian.drawing.page import colour_bar, dress, name_page, page, save
-from steradian.drawing.style import ACCENT, INK, PLAIN, TICK, TIME
+from steradian.drawing.plots import Bars, Colours, Page, Part, Plot, Shape, Sign, Upright, Way, histogram
+from steradian.drawing.style import ACCENT, PLAIN, TIME
+from steradian.drawing.ticks import Axis, LogAxis, NamedRows
 from steradian.plans.preview import Preview, preview
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     from steradian.plans.plan import ScanPlan
 
 MM = 1e3
@@ -36,59 +34,51 @@ def draw_plan(plan: ScanPlan, path: Path, cost: Preview | None = None, *, width:
     width
         Of the page in pixels.
     """
+    from steradian.drawing.plotted import save
+
     save(plan_page(plan, cost, width=width), path)
 
 
-def plan_page(plan: ScanPlan, cost: Preview | None = None, *, width: int = WIDTH) -> Figure:
-    """Draw the same as :func:`draw_plan` into a figure that is not saved."""
+def plan_page(plan: ScanPlan, cost: Preview | None = None, *, width: int = WIDTH) -> Page:
+    """Describe the same as :func:`draw_plan` draws."""
     cost = cost or preview(plan)
-    figure = page(width, SHAPE)
-    grid = figure.add_gridspec(2, 2, width_ratios=(1.1, 1))
-    draw_way(figure.add_subplot(grid[:, 0]), plan, cost)
-    _draw_seconds(figure.add_subplot(grid[0, 1]), cost)
-    _draw_moves(figure.add_subplot(grid[1, 1]), plan)
     order = str(plan.order).replace("_", " ")
-    name_page(figure, f"Plan of {plan.mask.count:,} points at {plan.pulse_rate:g} Hz in the order {order!r}")
-    return figure
+    title = f"Plan of {plan.mask.count:,} points at {plan.pulse_rate:g} Hz in the order {order!r}"
+    return Page(title, [[way_plot(plan, cost)], [_seconds_plot(cost), _moves_plot(plan)]], (1.1, 1), width, SHAPE)
 
 
-def draw_way(axes: Axes, plan: ScanPlan, cost: Preview | None = None) -> None:
+def way_plot(plan: ScanPlan, cost: Preview | None = None) -> Plot:
     """Show the way of the beam, coloured by the time at which it passes."""
-    from matplotlib.collections import LineCollection
-
     cost = cost or preview(plan)
-    points = MM * plan.mask.film_positions[plan.visit]
+    points = MM * plan.way
     when = np.linspace(0, cost.total_seconds, len(points))
-    pieces = np.stack([points[:-1], points[1:]], axis=1)
-    thickness = float(np.clip(1600 / len(points), 0.2, 1.5))
-    way = axes.add_collection(LineCollection(list(pieces), array=when[1:], cmap=TIME, linewidths=thickness))
-    colour_bar(axes, way, "time (s)")
-    for end in plan.passes[:-1]:
-        axes.plot(*points[end - 1], "o", color=INK, markersize=4)
-    axes.plot(*points[0], ">", *points[-1], "s", color=INK, markersize=6)
+    thickness = float(np.clip(2700 / len(points), 0.33, 2.5))
+    way = Way(points, when[1:], Colours(TIME, 0.0, cost.total_seconds, "time (s)"), thickness)
+    signs: list[tuple[int, Shape, float]] = [(end - 1, "o", 7) for end in plan.passes[:-1]]
+    signs += [(0, ">", 10), (-1, "s", 10)]
+    ends = [Sign(float(points[at, 0]), float(points[at, 1]), shape, size) for at, shape, size in signs]
     half = 1.05 * MM * plan.mask.aperture / 2
-    axes.set(xlim=(-half, half), ylim=(-half, half))
     title = f"Way of the beam, {MM * cost.travel:.0f} mm; start ▸, end ■"
-    dress(axes, title=title, across="x (mm)", up="y (mm)", equal=True)
+    return Plot(title, Axis(-half, half, "x (mm)"), Axis(half, -half, "y (mm)"), [way, *ends], equal=True)
 
 
-def _draw_seconds(axes: Axes, cost: Preview) -> None:
-    names = list(cost.seconds)
+def _seconds_plot(cost: Preview) -> Plot:
+    names, values = tuple(cost.seconds), tuple(cost.seconds.values())
     colours = [ACCENT if name == cost.limiting else PLAIN for name in names]
-    bars = axes.barh(names, [cost.seconds[name] for name in names], color=colours)
-    axes.bar_label(bars, fmt=" %.3g s", padding=2, fontsize=TICK * 0.6, color=INK)
-    axes.axvline(cost.total_seconds, color=INK, linestyle=":", linewidth=1, zorder=0)
-    axes.invert_yaxis()
-    axes.set_xlim(0, 1.25 * max(cost.total_seconds, *cost.seconds.values()))
+    parts: list[Part] = [Upright(cost.total_seconds), Bars(values, [f"{value:.3g} s" for value in values], colours)]
     title = f"{cost.total_seconds:.4g} s in all (dotted), limited by the {cost.limiting}"
-    dress(axes, title=title, across="seconds by itself")
+    across = Axis(0, 1.25 * max(cost.total_seconds, *values), "seconds by itself")
+    return Plot(title, across, NamedRows(names), parts)
 
 
-def _draw_moves(axes: Axes, plan: ScanPlan) -> None:
-    taken = plan.pace.moving(plan.mask.film_positions[plan.visit])
+def _moves_plot(plan: ScanPlan) -> Plot:
+    taken = plan.pace.moving(plan.way)
     if plan.bias is not None:
-        taken = np.maximum(taken, plan.pace.retuning(plan.bias[plan.visit]))
-    axes.hist(1e3 * taken, bins=60, color=PLAIN)
-    axes.axvline(1e3 / plan.pulse_rate, color=INK, linestyle=":", linewidth=1)
-    axes.set_yscale("log")
-    dress(axes, title="Moving and tuning to a point; pulse period dotted", across="time (ms)", up="points")
+        taken = np.maximum(taken, plan.pace.retuning(plan.bias[plan.visit[:: plan.beam_count]]))
+    period = 1e3 / plan.pulse_rate
+    steps = histogram(1e3 * taken, 60, 1e-3 * period)
+    low, high = min(float(steps.edges[0]), period), max(float(steps.edges[-1]), period)
+    across = Axis(low - 0.05 * (high - low), high + 0.05 * (high - low), "time (ms)")
+    up = LogAxis(1.6 * float(steps.counts.max()), 0.7, "points")
+    title = "Moving and tuning to a point; pulse period dotted"
+    return Plot(title, across, up, [steps, Upright(period)])

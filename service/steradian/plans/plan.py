@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 from steradian.drawing.shown import ShownValue
 from steradian.errors import InvalidInput
 from steradian.masks import Mask, subset_mask
+from steradian.masks.beams import MOST_BEAMS, NANOMETRE, check_beams
 from steradian.plans.bands import Tuned, banded, held
 from steradian.plans.fringe import Fringe
 from steradian.plans.order import VisitOrder, visit_order
@@ -29,7 +30,7 @@ EXCITATION = (200e-9, 3e-6)
 """Excitation wavelengths of light that anybody excites with, in m."""
 
 
-_LATER = ("wavelength_uncertainty", "max_sensitivity_loss", "fringe", "gate", "gate_rate")
+_LATER = ("wavelength_uncertainty", "max_sensitivity_loss", "fringe", "gate", "gate_rate", "beams")
 """Fields that plans were without: one that has them as they are by default is named as it was."""
 
 
@@ -51,6 +52,12 @@ class ScanPlan(ShownValue):
         "share", "Sensitivity a point may lose to save a retuning", ge=0, le=0.9, default=0.0
     )
     fringe: Fringe = Fringe()
+    beams: tuple[tuple[float, float], ...] = Field(
+        default=(),
+        max_length=MOST_BEAMS,
+        description="Where each interrogation beam is beside the first one, (0, 0), in m; none: one beam. The mask's"
+        " points are those of the beams, place by place",
+    )
     frames: int = quantity(
         "frames", "How often the mask is measured, at each excitation wavelength", ge=1, le=10_000, default=1
     )
@@ -83,9 +90,20 @@ class ScanPlan(ShownValue):
         for place, value in enumerate(self.excitation):
             if not EXCITATION[0] <= value <= EXCITATION[1] or value in self.excitation[:place]:
                 raise InvalidInput(f"excitation[{place}]", f"{value:g}", "200e-9 to 3e-6 (m), each once")
+        if self.beams:
+            self._check_beams()
         if self.order in (VisitOrder.WAVELENGTH, VisitOrder.BANDS) and self.wavelengths is None:
             raise InvalidInput("order", self.order, "another order, or give wavelengths (m) for the points")
         return self
+
+    def _check_beams(self) -> None:
+        pattern, points = check_beams(self.beams), self.mask.film_positions
+        if len(points) % len(pattern) or not np.allclose(
+            points.reshape(-1, len(pattern), 2) - self.places[:, None], pattern, rtol=0, atol=2 * NANOMETRE
+        ):
+            raise InvalidInput("mask", "points elsewhere", "the points of these beams, as beams_mask() makes them")
+        if self.order is VisitOrder.PROGRESSIVE and len(pattern) > 1:
+            raise InvalidInput("order", self.order, "another order: several beams measure many points at a time")
 
     @cached_property
     def id(self) -> str:
@@ -118,9 +136,24 @@ class ScanPlan(ShownValue):
         """Number of A-lines of all frames, F·M."""
         return self.frame_count * self.mask.count
 
+    @property
+    def beam_count(self) -> int:
+        """Number of interrogation beams B."""
+        return max(1, len(self.beams))
+
+    @property
+    def places(self) -> NDArray[np.float64]:
+        """(M/B, 2) where the first beam goes, in m: the mask's points, with one beam."""
+        return self.mask.film_positions[:: self.beam_count]
+
+    @property
+    def way(self) -> NDArray[np.float64]:
+        """(M/B, 2) the places in the order of interrogation, in m."""
+        return self.mask.film_positions[self.visit[:: self.beam_count]]
+
     @cached_property
     def visit(self) -> NDArray[np.int64]:
-        """(M,) indices into the mask's positions, in the order of interrogation."""
+        """(M,) indices into the mask's positions, in the order of interrogation; a place's beams in theirs."""
         return self.tuned.visit
 
     @property
@@ -135,7 +168,19 @@ class ScanPlan(ShownValue):
     @cached_property
     def tuned(self) -> Tuned:
         """The order of interrogation together with the wavelengths that are set."""
+        if len(self.beams) > 1:
+            return self._tuned_together()
         points, optima = self.mask.film_positions, self.wavelengths
+        return self._tuned(points, optima)
+
+    def _tuned_together(self) -> Tuned:
+        """All beams of a place are read at one wavelength, the mean of their best ones."""
+        count = self.beam_count
+        optima = None if self.wavelengths is None else self.wavelengths.reshape(-1, count).mean(axis=1)
+        found = self._tuned(self.places, optima)
+        return Tuned((found.visit[:, None] * count + np.arange(count)).ravel(), np.repeat(found.bias, count))
+
+    def _tuned(self, points: NDArray[np.float64], optima: NDArray[np.float64] | None) -> Tuned:
         if self.order is VisitOrder.BANDS and optima is not None:
             return banded(points, optima, self.fringe, self.max_sensitivity_loss, self.pace)
         step = self.tuning.tolerance
@@ -186,12 +231,16 @@ class ScanPlan(ShownValue):
         frames = f" in {self.frame_count} frames" if self.frame_count > 1 else ""
         record = f"{self.samples} samples every {1e9 * self.sampling_interval:g} ns"
         order = str(self.order).replace("_", " ")
-        return f"<ScanPlan: {self.mask.count:,} points{frames} at {self.pulse_rate:g} Hz, {record}, order {order}>"
+        beams = f" by {self.beam_count} beams" if self.beam_count > 1 else ""
+        return (
+            f"<ScanPlan: {self.mask.count:,} points{beams}{frames} at {self.pulse_rate:g} Hz, {record}, order {order}>"
+        )
 
     def _draw(self, axes: Axes) -> None:
-        from steradian.plans.picture import draw_way
+        from steradian.drawing.plotted import show
+        from steradian.plans.picture import way_plot
 
-        draw_way(axes, self)
+        show(way_plot(self), axes)
 
     def _draw_page(self, path: Path) -> None:
         from steradian.plans.picture import draw_plan

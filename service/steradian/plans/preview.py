@@ -49,6 +49,11 @@ class Preview:
     sensitivity_loss
         Share of the film's sensitivity that points lose to wavelengths beside their best: ``max``, ``mean``, and
         ``expected``, the mean where the best wavelengths are as uncertain as the plan says; empty without wavelengths.
+    beams
+        How many interrogation beams record each shot.
+    displacement
+        How far the points of the mask that was asked for are from the nearest that a beam measures, in m: ``median``
+        and ``largest``; empty with one beam.
     bytes
         Size of the A-lines' samples; the scan file is a few per cent larger.
     findings
@@ -65,6 +70,8 @@ class Preview:
     findings: tuple[Finding, ...]
     bands: int = 0
     sensitivity_loss: dict[str, float] = field(default_factory=dict)
+    beams: int = 1
+    displacement: dict[str, float] = field(default_factory=dict)
 
     @property
     def is_refused(self) -> bool:
@@ -98,22 +105,22 @@ def preview(
     the way back to the first point, are not counted.
     """
     alines, period, frames = plan.aline_count, 1 / plan.pulse_rate, plan.frame_count
-    points = plan.mask.film_positions[plan.visit]
-    bias = None if plan.bias is None else plan.bias[plan.visit]
+    points, shots = plan.way, alines // plan.beam_count
+    bias = None if plan.bias is None else plan.bias[plan.visit[:: plan.beam_count]]
     retuning = np.zeros(len(points)) if bias is None else plan.pace.retuning(bias)
     loop = frames * _frame_seconds(plan, (plan.pace.periods(points, bias) + plan.averages - 1) * period)
     size = alines * plan.samples * BYTES_PER_SAMPLE
     file_size = size + alines * BYTES_PER_ALINE
     seconds: dict[Part, float] = {
-        "laser": alines * plan.averages * period,
+        "laser": shots * plan.averages * period,
         "mover": frames * float(plan.pace.moving(points).sum()),
         "tuning": frames * float(retuning.sum()),
         "link": plan.link.seconds_of(alines, plan.samples),
         "disk": file_size / disk_rate,
     }
     if plan.gate != "none":
-        seconds["gate"] = (frames if plan.gate == "frame" else alines) / plan.gate_rate
-    way = frames * travel(plan.mask.film_positions, plan.visit)
+        seconds["gate"] = (frames if plan.gate == "frame" else shots) / plan.gate_rate
+    way = frames * travel(points, np.arange(len(points)))
     return Preview(
         seconds=seconds,
         laser_seconds=seconds["laser"],
@@ -125,6 +132,8 @@ def preview(
         findings=find(plan, alines_per_second=alines / loop, bytes_=file_size, free=free_bytes, resolution=resolution),
         bands=0 if bias is None else len(np.unique(bias)),
         sensitivity_loss=_loss(plan),
+        beams=plan.beam_count,
+        displacement=plan.mask.arrangement.get("displacement", {}) if plan.beams else {},
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.drafts import draft
-from steradian.imaging import Volume, outlines
+from steradian.imaging import ReconstructionPlan, Volume, outlines
 from steradian.imaging.band import share_above, upper_limit
+from steradian.imaging.engines.cuda import backend
 from steradian.imaging.reconstruct import image_by
 from steradian.imaging.weights import sensed_outline
 from steradian.plain import plain
@@ -71,6 +72,8 @@ class Report:
     """Up to which frequency A-lines were used, where that was asked for."""
     shots: Unevenness = field(default_factory=Unevenness)
     """What A-lines differed in, and how many were left out."""
+    device: str = ""
+    """What computed: "cpu", or the GPU's name."""
     near_field_m: float = 0.0
     """Depth in m from which on the pictures show the image: nearer, the sensors' own noise outshines it."""
     scale_percentile: float = 0.0
@@ -86,8 +89,14 @@ class Report:
 
     def note_fit(self, found: IterativeResult) -> None:
         """Note how an image was found."""
+        self.note_device(found.device, found.notes)
         misfits = tuple(round(value, 6) for value in found.residuals)
         self.fit = Fit(found.iterations, found.stopped, found.products, misfits[-1], misfits)
+
+    def note_device(self, name: str, notes: Sequence[str]) -> None:
+        """Note what computed, and why it is not what was asked for."""
+        self.device = name
+        self.notes += notes
 
     def note_band(self, band: Band) -> None:
         """Note which frequencies were used; the parameters say it in Hz."""
@@ -167,9 +176,12 @@ def write_reconstruction(
             plans=plans,
             on_fit=report.note_fit,
             on_band=report.note_band,
+            on_device=report.note_device,
             progress=progress,
             cancelled=cancelled,
         )
+    if report.device not in ("", "cpu"):
+        backend.device().release()  # for the GPU's other users: this process may wait long for its next job
     report.axes = ", ".join(volume.names)
     report.shape, report.spacing_m = volume.values.shape, tuple(map(float, volume.spacing))
     report.origin_m = tuple(map(float, volume.origin))
@@ -218,6 +230,7 @@ def reconstruct_recording(
     plans: KeptPlans | None = None,
     on_fit: Callable[[IterativeResult], None] | None = None,
     on_band: Callable[[Band], None] | None = None,
+    on_device: Callable[[str, Sequence[str]], None] | None = None,
     progress: Progress | None = None,
     cancelled: IsCancelled | None = None,
 ) -> Volume:
@@ -228,11 +241,16 @@ def reconstruct_recording(
     if highest is not None and on_band is not None:
         on_band(Band(highest, share_above(highest, traces, recording.sampling_interval)))
     chosen = replace(plan_parameters(recording, parameters), highest_frequency=highest)
-    if plans is None or chosen.correction is not None or chosen.method == "iterative":
+    if chosen.method == "iterative":
         return image_by(chosen, traces, recording.positions, on_fit=on_fit, progress=progress, cancelled=cancelled)
-    plan = plans.get(recording.positions, traces.shape[1], chosen)
+    if plans is None or chosen.correction is not None:
+        plan = ReconstructionPlan.of(recording.positions, traces.shape[1], chosen)
+    else:
+        plan = plans.get(recording.positions, traces.shape[1], chosen)
     volume = plan.run(traces, progress=progress, cancelled=cancelled)
     assert isinstance(volume, Volume)  # noqa: S101 - one set of traces
+    if on_device is not None:
+        on_device(plan.chosen.device, plan.chosen.notes)
     return volume
 
 

@@ -49,11 +49,12 @@ class KeptPlans:
         others = {name: value for name, value in vars(parameters).items() if name not in arrays}
         about = {"samples": samples, "arrays": sorted(arrays), **others}
         key = content_hash("k", about, positions, *(arrays[name] for name in sorted(arrays)))
-        if key in self._plans:
+        if key in self._plans and not self._plans[key][0].chosen.notes:  # a GPU that was full may have room by now
             self._plans.move_to_end(key)
             return self._plans[key][0]
         plan = ReconstructionPlan.of(positions, samples, parameters)
         self._plans[key] = (plan, size_of(plan))
+        self._plans.move_to_end(key)
         while len(self._plans) > 1 and (len(self._plans) > self._most or self.bytes > self._most_bytes):
             self._plans.popitem(last=False)
         return plan

@@ -1,8 +1,8 @@
 """The live view: an image that follows a scan, with a revision every few seconds.
 
 A revision adds the A-lines stored since the last one to the running sum (:mod:`steradian.imaging.growing`), makes an
-image of the points so far and replaces ``mip-*.png`` and ``revision.json``. When the scan is over the last revision is
-the full reconstruction from the file, by the same code and with the same files as
+image of the points so far and replaces ``mip-*.png``, ``projections.h5`` and ``revision.json``. When the scan is over
+the last revision is the full reconstruction from the file, by the same code and with the same files as
 :func:`steradian.reconstructions.job.reconstruct_scan`.
 """
 
@@ -32,6 +32,7 @@ from steradian.reconstructions.preview import Preview, preview_of
 from steradian.reconstructions.projections import Projections, project, project_from
 from steradian.reconstructions.revision import Revision, quality_of
 from steradian.reconstructions.shots import even_out_new
+from steradian.reconstructions.volume_file import read_projection, write_projections
 from steradian.scans.following import NewAlines, ScanFollower, has_alines
 from steradian.scans.recording import Recording
 
@@ -158,7 +159,7 @@ class LiveView:
         self.parameters, self.output = parameters, output
         self._follower = ScanFollower(scan, frame)
         whole = self._follower.whole
-        full, modes = plan_parameters(whole, parameters), modes_of(whole, parameters)
+        full, modes = replace(plan_parameters(whole, parameters), device="cpu"), modes_of(whole, parameters)
         samples = whole.traces.shape[1]
         coarse = preview_of(modes, samples, whole.aperture / modes, full.sampling_interval * full.sound_speed)
         self.preview = coarse if detail == "preview" else Preview(modes, 1)
@@ -185,6 +186,7 @@ class LiveView:
             volume = self._growing.volume(cancelled=cancelled)
         with clock("write"):
             views = draw(volume, self.output, self.parameters.display, self._follower.whole.positions)
+            write_projections(self.output / "projections.h5", volume, views)
         revision = self._revision(views, volume, clock.seconds)
         write_json(self.output / "revision.json", revision)
         return revision
@@ -253,8 +255,6 @@ class LiveView:
 
 def _final_revision(output: Path, report: Report, view: LiveView | None, seconds: float) -> Revision:
     """Write ``revision.json`` of the full reconstruction."""
-    from steradian.reconstructions.volume_file import read_projection
-
     revision = Revision(
         number=(view.number if view else 0) + 1,
         points=report.sensors,
@@ -268,6 +268,7 @@ def _final_revision(output: Path, report: Report, view: LiveView | None, seconds
     image = read_projection(output / "volume.h5", "z" if len(report.shape) == 3 else "y")
     revision.quality = view.quality_against_previous(image) if view else quality_of(image, None)
     write_json(output / "revision.json", revision)
+    (output / "projections.h5").unlink(missing_ok=True)  # the volume has its own
     return revision
 
 

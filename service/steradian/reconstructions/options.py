@@ -61,6 +61,7 @@ def plan_parameters(recording: Recording, parameters: ReconstructionParameters) 
         depth_step=parameters.depth_step,
         correction=parameters.film.correction(),
         iterative=parameters.iterative if parameters.method == "iterative" else None,
+        device=parameters.device,
     )
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from steradian.errors import InvalidInput
+from steradian.explained import Explained
 from steradian.imaging.conditioning import Conditioning, Display
 from steradian.imaging.iterative_options import Iterative
 from steradian.ranges import SOUND_SPEED
@@ -30,7 +31,9 @@ class ReconstructionParameters(Value):
     )
     upsampling: int = quantity("times", "Sinc interpolation of the finished image", ge=1, le=8, default=1)
     depth_range: tuple[float | None, float | None] | None = Field(
-        default=None, description="First and last depth wanted, in metres; none: from 0, to the end of the record"
+        default=None,
+        description="First and last depth wanted, in metres; none: from 0, to the end of the record",
+        json_schema_extra={"unit": "m"},
     )
     weights: Weights = Field(
         default="mask",
@@ -53,6 +56,7 @@ class ReconstructionParameters(Value):
         default=None,
         description="Leave out what is above (Hz): fewer slices, at about that share of the cost; signal: where the "
         "A-lines' signal ends in noise; none: all",
+        json_schema_extra={"unit": "Hz"},
     )
     depth_step: float | None = quantity(
         "m",
@@ -61,15 +65,24 @@ class ReconstructionParameters(Value):
         le=1,
         default=None,
     )
-    iterative: Iterative = Field(
+    device: Literal["auto", "cpu", "gpu"] = Field(
+        default="auto",
+        description="auto: the worker's GPU, if it has one with memory enough; the result is the same",
+    )
+    iterative: Annotated[Iterative, Explained(Iterative, highest_frequency="Hz")] = Field(
         default=Iterative(), description="Regulariser and stopping rule of the method iterative"
     )
     film: Film = Field(default=Film(), description="Response of the sensor, corrected for")
     shots: ShotTreatment = Field(
         default=ShotTreatment(), description="What is done about differences from A-line to A-line"
     )
-    conditioning: Conditioning = Field(default=Conditioning(), description="What is done to the A-lines before")
-    display: Display = Field(default=Display(), description="What is done to the image before it is drawn")
+    conditioning: Annotated[
+        Conditioning, Explained(Conditioning, zero_first="samples", rim="m", band="Hz", delay="s")
+    ] = Field(default=Conditioning(), description="What is done to the A-lines before")
+    display: Annotated[
+        Display,
+        Explained(Display, gain_db_per_mm="dB/mm", log_range_db="dB", near_field="m", scale_bar="m", size="pixels"),
+    ] = Field(default=Display(), description="What is done to the image before it is drawn")
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.drawing.sheet import Axis as Scale
-from steradian.drawing.sheet import Bar, Drawn, Sheet
+from steradian.drawing.pen import Bar
+from steradian.drawing.sheet import Drawn, Sheet
 from steradian.drawing.style import colours, depth_colours
+from steradian.drawing.ticks import Axis as Scale
 from steradian.errors import InvalidInput
 from steradian.imaging import Volume
 from steradian.imaging.conditioning import Display

@@ -1,6 +1,7 @@
 """What differs from shot to shot, and what is done about it before an image is made.
 
-A-lines are put on one grid of times, divided by their pulse energy, and those whose quality flags say that they mean
+A-lines are put on one grid of times, divided by their pulse energy (and, where asked, by what a wavelength beside the
+best one left of the film's sensitivity), and those whose quality flags say that they mean
 something else are left out; the weights of the others make up for them.
 """
 
@@ -31,6 +32,11 @@ class ShotTreatment(Value):
         default="each", description="each: every A-line at the time at which it began; common: all at the earliest"
     )
     normalise_energy: bool = Field(default=True, description="Divide each A-line by its pulse energy")
+    correct_sensitivity: bool = Field(
+        default=False,
+        description="Divide each A-line by the share of the film's sensitivity that its wavelength beside the best one"
+        " left, by the plan's wavelengths and fringe",
+    )
     leave_out: tuple[Flag, ...] = Field(
         default=("saturated", "mistuned"),
         description="A-lines with one of these flags are not used; the others' weights make up for them",
@@ -49,8 +55,10 @@ class ShotTreatment(Value):
 
     def strengths(self, shots: Shots, known: bool | None = None) -> NDArray[np.float32]:
         """(M,) what A-lines are divided by; ``known`` as in :meth:`wanted`."""
-        even = np.ones(len(shots.energy), np.float32)
-        return shots.energy.astype(np.float32) if self._divides(shots, known) else even
+        found = shots.energy if self._divides(shots, known) else np.ones(len(shots.energy))
+        if self.correct_sensitivity and shots.sensitivity is not None:
+            found = found * shots.sensitivity
+        return found.astype(np.float32)
 
     def _divides(self, shots: Shots, known: bool | None) -> bool:
         """Whether energies matter; where none is known at all there is nothing to divide by."""
@@ -69,11 +77,14 @@ class Unevenness:
         Least and greatest pulse energy of the A-lines used, relative to nominal.
     time_zero_s
         Earliest and latest time zero of the A-lines used.
+    sensitivity
+        Least and greatest share of the film's sensitivity by which A-lines were divided; ``None``: by none.
     """
 
     left_out: dict[str, int] = field(default_factory=dict)
     energy: tuple[float, float] | None = None
     time_zero_s: tuple[float, float] | None = None
+    sensitivity: tuple[float, float] | None = None
 
 
 def even_out(recording: Recording, treatment: ShotTreatment) -> tuple[Recording, Unevenness]:
@@ -99,6 +110,8 @@ def even_out(recording: Recording, treatment: ShotTreatment) -> tuple[Recording,
         recording, shots = recording.keep(wanted), shots.take(wanted)
     found.energy = float(shots.energy.min()), float(shots.energy.max())
     found.time_zero_s = float(shots.time_zero.min()), float(shots.time_zero.max())
+    if treatment.correct_sensitivity and shots.sensitivity is not None:
+        found.sensitivity = float(shots.sensitivity.min()), float(shots.sensitivity.max())
     scale = np.asarray(recording.scale, np.float32) / treatment.strengths(shots)
     traces = recording.traces
     if treatment.time_zero == "each" and np.ptp(shots.time_zero):

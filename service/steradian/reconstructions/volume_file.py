@@ -4,10 +4,13 @@
 
     /          attributes: format, schema_version, software, parameters (JSON), provenance (JSON)
     values     (Nx, Ny, Nz) f4   attributes: axes "x, y, z", spacing_m (3,), origin_m (3,), near_field_m
+    levels/1, levels/2, …        coarser copies, each of means over 2 × 2 × 2 of the one before; attributes as values
     x, y, z    (Nx,) (Ny,) (Nz,) f8   centres of the voxels in metres: dimension scales of values and projections
     mip_x, mip_y, mip_z          maximum-intensity projections along x, y and z
 
-From a line of sensors ``values`` is (Nx, Nz), its axes "x, z", and there are no projections.
+Values and levels are in chunks of about 64³ (:mod:`steradian.reconstructions.levels`), without compression. From a line
+of sensors ``values`` is (Nx, Nz) in one piece, its axes "x, z", and there are neither levels nor projections. In files
+of version 1 values are in one piece and there are no levels.
 """
 
 from __future__ import annotations
@@ -25,9 +28,12 @@ from steradian import __version__
 from steradian.drafts import draft
 from steradian.errors import DamagedFile, NotFound
 from steradian.imaging import Axes, Volume
+from steradian.reconstructions.lattice import Lattice
+from steradian.reconstructions.levels import chunks_of, coarser_shapes
 from steradian.reconstructions.projections import Projections, project
 
-FORMAT, VERSION = "steradian-volume", 1
+FORMAT, VERSION = "steradian-volume", 2
+READABLE = (1, VERSION)
 
 
 def write_volume(
@@ -61,19 +67,56 @@ def write_volume(
             }
         )
         write_axes(file, {name: volume.coordinates(name) for name in volume.names})
-        values = file.create_dataset("values", data=volume.values)
-        values.attrs.update(
-            {
-                "axes": ", ".join(volume.names),
-                "spacing_m": np.asarray(volume.spacing, dtype=np.float64),
-                "origin_m": np.asarray(volume.origin, dtype=np.float64),
-                "near_field_m": near_field,
-            }
-        )
+        lattice = Lattice(volume.names, volume.origin, volume.spacing, volume.values.shape)
+        _write_values(file, "values", volume.values, lattice).attrs["near_field_m"] = near_field
+        _write_levels(file, volume.values, lattice)
         if volume.dimensions == 3:
             for axis, image in (projections or project(volume)).items():
                 file.create_dataset(f"mip_{axis}", data=image)
         attach_axes(file)
+
+
+def _write_values(file: h5py.File, name: str, values: NDArray[Any], lattice: Lattice) -> h5py.Dataset:
+    chunks = chunks_of(values.shape)
+    dataset = file.create_dataset(name, data=values, chunks=chunks)
+    dataset.attrs.update(
+        {
+            "axes": ", ".join(lattice.names),
+            "spacing_m": np.asarray(lattice.spacing, dtype=np.float64),
+            "origin_m": np.asarray(lattice.origin, dtype=np.float64),
+        }
+    )
+    return dataset
+
+
+def _write_levels(file: h5py.File, values: NDArray[Any], lattice: Lattice) -> None:
+    """Write the coarser copies, each made of the one before."""
+    for level, _ in enumerate(coarser_shapes(values.shape), 1):
+        from steradian.reconstructions.halving import halved  # compiled: what is small does not wait for it
+
+        values = halved(values)
+        _write_values(file, f"levels/{level}", values, lattice.coarser(2**level))
+
+
+def write_projections(path: Path, volume: Volume, projections: Projections) -> None:
+    """Write the projections of a volume without its values, each time anew: a volume file's, but for what it lacks.
+
+    Origin, spacing, names of the axes and shape are attributes of the file itself.
+    """
+    with draft(path) as beside, h5py.File(beside, "w") as file:
+        file.attrs.update(
+            {
+                "format": "steradian-projections",
+                "schema_version": 1,
+                "software": f"steradian {__version__}",
+                "axes": ", ".join(volume.names),
+                "shape": np.asarray(volume.values.shape),
+                "spacing_m": np.asarray(volume.spacing, dtype=np.float64),
+                "origin_m": np.asarray(volume.origin, dtype=np.float64),
+            }
+        )
+        for axis, image in projections.items():
+            file.create_dataset(f"mip_{axis}", data=image)
 
 
 def write_axes(file: h5py.File, coordinates: Mapping[str, NDArray[np.float64]]) -> None:
@@ -118,6 +161,12 @@ def read_projection(path: Path, axis: Literal["x", "y", "z"]) -> NDArray[np.floa
         raise DamagedFile(f"{path} cannot be read as a volume: {error}") from error
 
 
+def require_volume(file: h5py.File, path: Path) -> None:
+    """Raise :class:`DamagedFile` when a file is none of a volume, or of a version that is not known."""
+    if file.attrs.get("format") != FORMAT or file.attrs.get("schema_version") not in READABLE:
+        raise DamagedFile(f"{path} is no volume file of schema version {' or '.join(map(str, READABLE))}")
+
+
 def read_volume(path: Path) -> Volume:
     """Read a volume file.
 
@@ -132,8 +181,7 @@ def read_volume(path: Path) -> Volume:
         raise NotFound("file", str(path))
     try:
         with h5py.File(path, "r") as file:
-            if file.attrs.get("format") != FORMAT or file.attrs.get("schema_version") != VERSION:
-                raise DamagedFile(f"{path} is no volume file of schema version {VERSION}")
+            require_volume(file, path)
             values = file["values"]
             spacing, origin = (tuple(map(float, values.attrs[name])) for name in ("spacing_m", "origin_m"))
             lines = zip(origin, spacing, values.shape, strict=True)

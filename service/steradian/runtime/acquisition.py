@@ -18,9 +18,11 @@ from sqlalchemy.exc import DBAPIError
 
 from fabry_perot import Recovery
 from steradian.errors import DiskFull, ScanFailed, ScanInterrupted, SteradianError
+from steradian.logs import caused_by, configure_logging
 from steradian.runtime.heartbeat import Heartbeat
+from steradian.runtime.keeping import ScanKeeper
 from steradian.runtime.lifeline import end_with_stdin
-from steradian.runtime.logs import configure_logging
+from steradian.scans.completing import begin_with
 from steradian.scans.control import End
 from steradian.scans.emergency import EmergencyWatch
 from steradian.scans.layout import check_disk, scan_file_bytes
@@ -31,8 +33,10 @@ from steradian.scans.session import DEFAULT
 from steradian.scans.watch import POLL, ScanWatch
 from steradian.settings import Settings
 from steradian.stopping import StopEvent
+from steradian.storage.arrays import Arrays, Folder, scan_name
 from steradian.storage.database import Database, metadata_url
 from steradian.storage.emergency import EmergencyLatch
+from steradian.storage.object_store import ObjectStore, arrays_of
 from steradian.storage.paths import DataDirectory
 from steradian.storage.plans import PlanRepository
 from steradian.storage.scanners import ScannerRepository
@@ -82,6 +86,8 @@ class Acquisition:
         Set when the service ends: the scan under way is made safe and left ``interrupted``.
     recovery
         How soon after an interruption the laser may come back by itself.
+    arrays
+        Where the A-lines of scans are that are over; by default in ``data``.
     """
 
     def __init__(
@@ -92,11 +98,13 @@ class Acquisition:
         port: ScannerPort,
         stopping: threading.Event,
         recovery: Recovery = DEFAULT,
+        arrays: Arrays | None = None,
     ) -> None:
         self._scans, self._plans, self._data, self._port = scans, plans, data, port
         self._stopping, self._recovery = stopping, recovery
+        self._arrays = arrays or Folder(data)
         self._emergency = EmergencyWatch(EmergencyLatch(data.emergency))
-        self._scanner = ScannerRepository(scans.database, scans.clock)
+        self._scanner = ScannerRepository(scans.database, scans.clock, scans.scanner_id)
 
     def run(self) -> None:
         """Work until asked to stop; while the database does not answer, wait for it."""
@@ -124,11 +132,12 @@ class Acquisition:
         """Settle what is to end; resume an interrupted one that is wished to run, or run the oldest queued one."""
         for row in self._scans.wished_settled():
             self._scans.transition(row.id, _S.PARTIAL, why=row.reason or "kept as it is", summary=self._figures(row.id))
-        if (row_or_none := self._scans.wished_resumed()) is not None:
-            return self._resume(row_or_none)
-        if (row_or_none := self._scans.next_queued()) is not None:
-            return self._begin_scan(row_or_none)
-        return None
+        found, begin = self._scans.wished_resumed(), self._resume
+        if found is None:
+            found, begin = self._scans.next_queued(), self._begin_scan
+        if found is not None:
+            with caused_by(found.request_id):
+                begin(found)
 
     def _begin_scan(self, row: ScanRow) -> None:
         if row.desired_state is not DesiredScanState.RUNNING:
@@ -146,6 +155,12 @@ class Acquisition:
         """Say why a scan must not fire, or ``None``."""
         return self._scanner.refusal(row) if self._emergency.standing is None else "the emergency stop is pressed"
 
+    def _loss(self, row: ScanRow) -> str | None:
+        """Say that what an interrupted scan has stored is not here, as on a node whose folder is a new one."""
+        if row.started is None or self._data.scan_file(row.id).exists():
+            return None
+        return "the file with its A-lines is not in this node's folder"
+
     def _disk_warning(self, row: ScanRow) -> str | None:
         """Say that the disk will be nearly full; a scan that does not fit fails when its file is to be made."""
         try:
@@ -156,7 +171,7 @@ class Acquisition:
     def _resume(self, row: ScanRow) -> None:
         why = row.reason or "resumed"
         self._scans.transition(row.id, _S.ARMING, why=why, who=row.wished_by or "acquisition")
-        if (refusal := self._refusal(row)) is not None:
+        if (refusal := self._refusal(row) or self._loss(row)) is not None:
             self._scans.transition(row.id, _S.INTERRUPTED, why=refusal, error=("resume-refused", refusal))
             return
         self._run(row)
@@ -187,6 +202,8 @@ class Acquisition:
 
     def _measure(self, row: ScanRow, watch: ScanWatch) -> ScanSummary:
         plan, path = self._plans.load(row.plan_id), self._data.scan_file(row.id)
+        if row.completes is not None and not path.exists():
+            begin_with(self._arrays.open(scan_name(row.completes)), path, row.id)
         if path.exists():
             summary = resume_scan(path, self._port.url(), plan=plan, control=watch, recovery=self._recovery)
             if summary.findings:
@@ -209,7 +226,7 @@ class Acquisition:
         why = "every A-line is stored" if last is _S.COMPLETE else press.why if press else row.reason or "requested"
         for following in route(row.state, last):
             self._scans.transition(identifier, following, why=why, summary=figures)
-        _log.info("scan %s is %s: %s", identifier, last, figures)
+        _log.info("scan %s holds %s", identifier, figures)
 
     def _give_up(
         self, identifier: str, following: ScanState, code: str, message: str, *, link_is_well: bool = False
@@ -254,10 +271,15 @@ def main() -> None:
     with Heartbeat(data.heartbeat("acquisition")):
         end.start()
         try:
-            ScannerRepository(database).ensure(simulated=settings.simulated)
-            scans, plans = ScanRepository(database), PlanRepository(database)
+            ScannerRepository(database, scanner_id=settings.scanner_id).ensure(
+                simulated=settings.simulated, address=settings.address, follows=settings.follows
+            )
+            scans, plans = ScanRepository(database, scanner_id=settings.scanner_id), PlanRepository(database)
             recovery = Recovery(within=settings.resume_within)
-            Acquisition(scans, plans, data, port, stopping, recovery=recovery).run()
+            if isinstance(store := arrays_of(settings, database), ObjectStore):
+                keeper = ScanKeeper(store, scans, data)
+                threading.Thread(target=keeper.run, args=(stopping,), daemon=True).start()
+            Acquisition(scans, plans, data, port, stopping, recovery, store).run()
         finally:
             port.close()
             database.close()

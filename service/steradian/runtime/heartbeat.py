@@ -20,6 +20,7 @@ class Heartbeat:
 
     def __init__(self, path: Path) -> None:
         self._path, self._over = path, threading.Event()
+        self._about: dict[str, object] = {"pid": os.getpid()}
         self._thread = threading.Thread(target=self._beat, daemon=True)
 
     def __enter__(self) -> Self:
@@ -34,6 +35,11 @@ class Heartbeat:
         self._over.set()
         self._path.unlink(missing_ok=True)
 
+    def tell_gpu(self, name: str) -> None:
+        """Have the file say which GPU the process uses."""
+        self._about["gpu"] = name
+        self._write()
+
     def _beat(self) -> None:
         while not self._over.wait(INTERVAL):
             with suppress(OSError):  # a folder that is away comes back, or the process ends
@@ -43,7 +49,15 @@ class Heartbeat:
                     self._write()
 
     def _write(self) -> None:
-        self._path.write_text(json.dumps({"pid": os.getpid()}))
+        self._path.write_text(json.dumps(self._about))
+
+
+def gpu_of(path: Path) -> str | None:
+    """Name of the GPU that the process of a heartbeat file uses, if any."""
+    try:
+        return str(json.loads(path.read_text())["gpu"])
+    except (OSError, ValueError, LookupError, TypeError):
+        return None
 
 
 def is_alive(path: Path, now: float) -> bool:

@@ -13,6 +13,7 @@ from steradian.errors import DamagedFile, InvalidInput
 from steradian.jobs.kinds import resource_of
 from steradian.reconstructions.imported import read_imported
 from steradian.settings import Settings
+from steradian.storage.arrays import Arrays, Folder, result_name, scan_name
 from steradian.storage.database import Database, metadata_url
 from steradian.storage.imports import register_import
 from steradian.storage.integrity import fault_of, is_absent, removals, rows_of
@@ -45,8 +46,8 @@ class Finding:
 
 def inspect(settings: Settings) -> list[Finding]:
     """Compare folder and database, changing nothing; nobody else may use them meanwhile."""
-    data = DataDirectory(settings.data)
-    found = [*_databases(settings, data), *_scans(settings, data), *_results(settings, data)]
+    arrays: Arrays = Folder(data := DataDirectory(settings.data))
+    found = [*_databases(settings, data), *_scans(settings, data, arrays), *_results(settings, data, arrays)]
     going = removals(settings)
     return [finding for finding in found if finding.subject not in going]
 
@@ -86,13 +87,13 @@ def _databases(settings: Settings, data: DataDirectory) -> Iterator[Finding]:
         yield Finding("damaged-database", data.metadata_file.name, f"{fault}; --repair makes a new one")
 
 
-def _scans(settings: Settings, data: DataDirectory) -> Iterator[Finding]:
+def _scans(settings: Settings, data: DataDirectory, arrays: Arrays) -> Iterator[Finding]:
     rows = {row.id: row for row in rows_of(settings, select(ScanRow.id, ScanRow.summary))}
     for path in data.scan_files():
         if path.stem not in rows:
             yield _unknown_scan(path)
     for identifier, row in rows.items():
-        if (row.summary or {}).get("stored") and not data.scan_file(identifier).is_file():
+        if (row.summary or {}).get("stored") and arrays.stat(scan_name(identifier)) is None:
             yield Finding("missing-scan", identifier, f"{_alines(row.summary)} were stored; its file is gone")
 
 
@@ -106,7 +107,7 @@ def _unknown_scan(path: Path) -> Finding:
     return Finding("unknown-scan", path.stem, f"no row in the database; {_alines(said.summary)}; --repair registers it")
 
 
-def _results(settings: Settings, data: DataDirectory) -> Iterator[Finding]:
+def _results(settings: Settings, data: DataDirectory, arrays: Arrays) -> Iterator[Finding]:
     query = select(JobRow.id, JobRow.kind, JobRow.state, JobRow.result)
     rows = {row.id: row for row in rows_of(settings, query)}
     for path in data.job_folders():
@@ -122,7 +123,7 @@ def _results(settings: Settings, data: DataDirectory) -> Iterator[Finding]:
         if row.state is not ReconstructionState.SUCCEEDED:
             continue
         wanted = ["volume.h5"] if resource_of(row.kind) == "reconstruction" else (row.result or {}).get("files", [])
-        if gone := [name for name in wanted if not (data.job(identifier).root / name).is_file()]:
+        if gone := [name for name in wanted if arrays.stat(result_name(identifier, name)) is None]:
             yield Finding("missing-result", identifier, f"it has succeeded; {', '.join(gone)} is gone")
 
 

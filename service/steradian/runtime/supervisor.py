@@ -4,6 +4,9 @@ supervisor ─┬─ api            answers HTTP on a socket that the supervisor
             ├─ acquisition    runs scans; starts the simulated scanner
             └─ worker-0 …     take jobs; each job is a child of its worker
 
+Where a service is several nodes, an API node has no acquisition and no workers; the API of a scanner's node answers the
+other nodes, and its workers only do what grows with a scan.
+
 Each child holds the far end of a pipe as its standard input. When the supervisor is gone, however it went, the pipe
 closes and the child ends; its own children likewise.
 """
@@ -26,11 +29,12 @@ from typing import IO
 
 from sqlalchemy.exc import SQLAlchemyError
 
-from steradian.errors import Conflict, InvalidInput
+from steradian.errors import InvalidInput, StoreUnavailable
+from steradian.runtime.owning import owning_database, owning_scanner
 from steradian.runtime.watch import Watch, answers
 from steradian.security.admission import require_key
-from steradian.settings import Settings
-from steradian.storage import folder
+from steradian.settings import PREFIX, Settings
+from steradian.storage import belonging
 from steradian.storage.database import Database, metadata_url
 from steradian.storage.integrity import MANY, check_before_start
 from steradian.storage.paths import UMASK, DataDirectory
@@ -42,8 +46,6 @@ STEADY_AFTER = 30.0
 GRACE = 8.0
 """Seconds that the children get to end before they are killed."""
 BACKLOG = 512
-OWNER_INTERVAL = 2.0
-"""Seconds between proofs that the database is still this service's."""
 _log = logging.getLogger(__name__)
 
 
@@ -127,21 +129,24 @@ def serve(
     DataDirectoryInUse
         When another service owns the data directory.
     InvalidInput
-        When the address cannot be listened on, or the data directory cannot be written.
+        When the address cannot be listened on, or the data directory cannot be written, or a node lacks what it must
+        share with the others.
     """
+    _refuse_lone_node(settings)
     data = DataDirectory(settings.data)
     with ExitStack() as stack:
         stack.enter_context(data.lock())
         for deed in data.close_to_others():
             _log.warning("other users of this machine can %s; chmod go-rwx keeps them out", deed)
-        owner = stack.enter_context(_owning_database(settings))
+        owners = stack.enter_context(owning_database(settings)), stack.enter_context(owning_scanner(settings))
         _check(settings)
         listener = stack.enter_context(_listen(settings))
         _migrate(settings, announce)
         url = _url(settings.host, listener.getsockname()[1])
+        settings = _addressed(settings, listener.getsockname()[1])
         children = _children(settings, listener)
         stack.callback(_forget, data, children)
-        stack.callback(_end_all, children)
+        stack.callback(_end_all, children, GRACE + settings.drain_seconds)
         announced, watch = False, Watch(data, f"{url}/healthz", stop)
         while not stop.is_set():
             for child in children:
@@ -152,7 +157,8 @@ def serve(
                 announce(f"{on_ready} at {url}/api/v1 (data in {settings.data}); Ctrl-C ends it")
             if announced:
                 watch.look(children, time.monotonic())
-            owner()
+            for owner in owners:
+                owner()
             stop.wait(TICK)
 
 
@@ -168,6 +174,8 @@ def work(settings: Settings, announce: Callable[[str], None], stop: threading.Ev
         allowed = "postgresql://…, the database of the service; without one, `steradian serve` has its own workers"
         raise InvalidInput("STERADIAN_DATABASE_URL", "missing", allowed)
     _refuse_foreign_folder(settings)
+    if settings.store is not None:  # its own folder, not the service's
+        DataDirectory(settings.data).create()
     children = [_worker(settings, slot, None) for slot in range(settings.workers)]
     try:
         announce(f"{settings.workers} workers {settings.executor(0)} … on {settings.data}; Ctrl-C ends them")
@@ -175,52 +183,20 @@ def work(settings: Settings, announce: Callable[[str], None], stop: threading.Ev
             for child in children:
                 child.tend(time.monotonic())
     finally:
-        _end_all(children)
+        _end_all(children, GRACE + settings.drain_seconds)
 
 
 def _refuse_foreign_folder(settings: Settings) -> None:
     """Say at once what each worker would say; a database that does not answer yet is left to them."""
     database = Database(metadata_url(settings))
     try:
-        folder.check(database, DataDirectory(settings.data))
+        belonging.check(settings, database)
+    except StoreUnavailable as error:
+        _log.warning("%s", error)
     except SQLAlchemyError as error:
         _log.warning("the database does not answer yet: %s", error)
     finally:
         database.close()
-
-
-@contextmanager
-def _owning_database(settings: Settings) -> Iterator[Callable[[], None]]:
-    """Be the one service on a PostgreSQL database; yields what raises :class:`Conflict` when it is that no more."""
-    if settings.database_url is None:
-        yield lambda: None
-        return
-    from steradian.storage.advisory import Hold, SessionLock
-
-    lock, over, taken = SessionLock(settings.database_url, "service"), threading.Event(), threading.Event()
-
-    def stay() -> None:  # a thread's work: a connection that is cut off answers late, and the children are tended
-        while not over.wait(OWNER_INTERVAL):
-            if lock.renew() is Hold.TAKEN:
-                taken.set()
-
-    def check() -> None:
-        if taken.is_set():
-            raise Conflict("another service took over the database; this one ends")
-
-    hold = lock.acquire(seconds=10.0)
-    if hold is Hold.UNREACHABLE:
-        raise InvalidInput("STERADIAN_DATABASE_URL", "set", "a PostgreSQL database that answers")
-    if hold is Hold.TAKEN:
-        raise Conflict("another service runs on this database; stop it or choose another database")
-    keeper = threading.Thread(target=stay, daemon=True)
-    keeper.start()
-    try:
-        yield check
-    finally:
-        over.set()
-        keeper.join()
-        lock.release()
 
 
 @contextmanager
@@ -248,7 +224,7 @@ def running_worker(settings: Settings) -> Iterator[None]:
         finally:
             over.set()
             keeper.join()
-            _end_all([child])
+            _end_all([child], GRACE)
 
 
 def _keep(child: Child, over: threading.Event) -> None:
@@ -260,11 +236,10 @@ def _keep(child: Child, over: threading.Event) -> None:
 def _children(settings: Settings, listener: socket.socket) -> list[Child]:
     descriptor = listener.fileno()
     python, keyless = sys.executable, settings.environment(keys=False)
-    return [
-        Child("api", [python, "-P", "-m", "steradian.api", str(descriptor)], settings.environment(), (descriptor,)),
-        Child("acquisition", [python, "-P", "-m", "steradian.runtime.acquisition"], keyless),
-        *(_worker(settings, slot, None) for slot in range(settings.workers)),
-    ]
+    api = Child("api", [python, "-P", "-m", "steradian.api", str(descriptor)], settings.environment(), (descriptor,))
+    acquisition = Child("acquisition", [python, "-P", "-m", "steradian.runtime.acquisition"], keyless)
+    workers = [_worker(settings, slot, None) for slot in range(settings.workers)]
+    return [api] if settings.role == "api" else [api, acquisition, *workers]
 
 
 def _worker(settings: Settings, slot: int, output: IO[bytes] | None) -> Child:
@@ -272,8 +247,8 @@ def _worker(settings: Settings, slot: int, output: IO[bytes] | None) -> Child:
     return Child(settings.executor(slot), command, settings.environment(keys=False), output=output)
 
 
-def _end_all(children: Sequence[Child]) -> None:
-    deadline = time.monotonic() + GRACE
+def _end_all(children: Sequence[Child], grace: float) -> None:
+    deadline = time.monotonic() + grace
     for child in children:
         child.ask_to_end()
     for child in children:
@@ -298,11 +273,32 @@ def _migrate(settings: Settings, announce: Callable[[str], None]) -> None:
     database = Database(metadata_url(settings))
     try:
         database.migrate()
-        folder.bind(database, DataDirectory(settings.data))
+        belonging.bind(settings, database)
         if made := require_key(settings, database):
             announce(f"An admin key was made; it is in {made}")
     finally:
         database.close()
+
+
+def _refuse_lone_node(settings: Settings) -> None:
+    """Refuse a node without what makes several nodes one service."""
+    if settings.role != "service":
+        needed = {
+            "database_url": "postgresql://…, the database that all nodes share",
+            "store": "s3://…, the object store that all nodes share",
+            "node_secret": "32 characters or more, the same for all nodes: they prove themselves with it to each other",
+        }
+        for name, allowed in needed.items():
+            if getattr(settings, name) is None:
+                raise InvalidInput(f"{PREFIX}{name.upper()}", "missing", allowed)
+
+
+def _addressed(settings: Settings, port: int) -> Settings:
+    """Tell the API where the other nodes reach it, unless somebody has said so."""
+    if settings.address is not None or settings.node_secret is None:
+        return settings
+    everywhere = settings.host in {"0.0.0.0", "::"}  # noqa: S104 - compared, not bound
+    return settings.model_copy(update={"address": _url(socket.gethostname() if everywhere else settings.host, port)})
 
 
 def _listen(settings: Settings) -> socket.socket:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import sys
@@ -9,12 +10,14 @@ import threading
 
 from steradian.jobs.joining import join
 from steradian.jobs.kinds import KINDS
+from steradian.logs import configure_logging
+from steradian.runtime.gpu import gpu_of_this_machine
 from steradian.runtime.heartbeat import Heartbeat
 from steradian.runtime.lifeline import end_with_stdin
-from steradian.runtime.logs import configure_logging
 from steradian.settings import Settings
 from steradian.storage.paths import DataDirectory
 
+_log = logging.getLogger(__name__)
 CHILD = (sys.executable, "-P", "-m", "steradian.jobs.child")
 
 
@@ -25,7 +28,11 @@ def main(slot: int) -> None:
     stop = threading.Thread(target=end_with_stdin, args=(lambda: os.kill(os.getpid(), signal.SIGTERM),), daemon=True)
     stop.start()
     join(settings)
-    with Heartbeat(DataDirectory(settings.data).heartbeat(settings.executor(slot))):
+    with Heartbeat(DataDirectory(settings.data).heartbeat(settings.executor(slot))) as sign:
+        gpu = gpu_of_this_machine()  # which may take long where a driver hangs
+        _log.info("reconstructs on %s", gpu or "the processor")
+        if gpu is not None:
+            sign.tell_gpu(gpu)
         from steradian.jobs.engine import run_worker
 
         run_worker(settings, slot, dict.fromkeys(KINDS, CHILD))

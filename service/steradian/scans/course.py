@@ -61,6 +61,8 @@ class Course:
     pulse_rate: float
     averages: int
     gate: str = "none"
+    beams: int = 1
+    """How many beams record each place: points n·B … n·B + B − 1 are at the place of the first of them."""
 
     @classmethod
     def of_plan(cls, plan: ScanPlan) -> Self:
@@ -75,6 +77,7 @@ class Course:
             pulse_rate=plan.pulse_rate,
             averages=plan.averages,
             gate=plan.gate,
+            beams=plan.beam_count,
         )
 
     @classmethod
@@ -95,6 +98,7 @@ class Course:
             pulse_rate=float(plan.attrs["pulse_rate_hz"]),
             averages=int(plan.attrs["averages"]),
             gate=str(plan.attrs.get("gate", "none")),
+            beams=len(plan["beams"]) if "beams" in plan else 1,
         )
 
     @property
@@ -114,8 +118,11 @@ class Course:
         return (frames + self.visit).reshape(-1)
 
     def segments(self, wanted: NDArray[np.bool_]) -> Iterator[Segment]:
-        """Yield the rows that are ``wanted`` (F·M,) in the order of interrogation, cut where the laser is retuned."""
-        rows = self.order
+        """Yield the rows that are ``wanted`` (F·M,) in the order of interrogation, cut where the laser is retuned.
+
+        All rows of a place are measured again where one is wanted: its beams share their shots.
+        """
+        rows, wanted = self.order, np.repeat(wanted.reshape(-1, self.beams).any(axis=1), self.beams)
         rows = rows[wanted[rows]]
         excitation = np.asarray(self.excitation)[rows // self.points]
         cuts = np.flatnonzero(np.diff(excitation)) + 1
@@ -131,8 +138,14 @@ class Course:
         *,
         averages: int | None = None,
         resume: bool = False,
+        alone: bool = False,
     ) -> None:
-        """Give rows to a scanner, in this order; parameters as of :meth:`fabry_perot.Scanner.upload`."""
+        """Give rows to a scanner, in this order; parameters as of :meth:`fabry_perot.Scanner.upload`.
+
+        They are whole places; with ``alone`` any rows, which the first beam measures one by one.
+        """
+        beams = 1 if alone else self.beams
+        rows = rows[::beams]
         points = rows % self.points
         scanner.upload(
             self.positions[points],
@@ -144,6 +157,7 @@ class Course:
             gated=self.gated(rows),
             resume=resume,
             tag=tag,
+            beams=beams,
         )
 
     def gated(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:

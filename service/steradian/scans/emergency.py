@@ -10,6 +10,7 @@ from contextlib import contextmanager, suppress
 
 import fabry_perot
 from fabry_perot.wire.states import RUNNING, DeviceState
+from steradian.logs import caused_by, request_id
 from steradian.storage.emergency import Deed, EmergencyLatch, Press
 
 LOOK = 0.01
@@ -30,6 +31,8 @@ class EmergencyWatch:
     def __init__(self, latch: EmergencyLatch) -> None:
         self._latch = latch
         self._scanner: fabry_perot.Scanner | None = None
+        self._cause = ""
+        """The request that the scanner works for."""
         self._told: Deed | None = None
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="emergency-stop", daemon=True)
@@ -52,11 +55,11 @@ class EmergencyWatch:
     @contextmanager
     def guarding(self, scanner: fabry_perot.Scanner) -> Iterator[None]:
         """Answer for a connected scanner until the block ends."""
-        self._scanner = scanner
+        self._scanner, self._cause = scanner, request_id.get()
         try:
             yield
         finally:
-            self._scanner = None
+            self._scanner, self._cause = None, ""
 
     def _run(self) -> None:
         while not self._over.wait(LOOK):
@@ -68,7 +71,7 @@ class EmergencyWatch:
                 _log.exception("the emergency stop cannot be looked at")
 
     def _make_safe(self, press: Press) -> None:
-        scanner, told = self._scanner, self._told
+        scanner, cause, told = self._scanner, self._cause, self._told
         if told is None or told.number != press.number:
             told = self._told = self._latch.deed(press.number)  # a former process may have answered
         settled = told is not None and told.laser != "unconfirmed"
@@ -79,7 +82,8 @@ class EmergencyWatch:
         self._told = Deed(press.number, laser, round(passed, 4) if passed >= 0 else None)
         if not settled:
             self._latch.answer(self._told)
-            _log.warning("%s, pressed by %s: laser %s", press.why, press.who, laser)
+            with caused_by(cause):
+                _log.warning("%s, pressed by %s: laser %s", press.why, press.who, laser)
 
 
 def _switch_off(scanner: fabry_perot.Scanner) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from steradian.scans.locking import open_to_read
 from steradian.scans.reading import _check_kind, list_frames, shots_of
 from steradian.scans.recording import Recording, Shots
 from steradian.scans.rows import RowTable
+from steradian.scans.sensitivity import sensitivity_of
 
 _GAP = 16  # rows not wanted that are rather read than skipped
 
@@ -132,7 +133,8 @@ class ScanFollower:
         self._seen[points] = True
         self._checksums[points] = checksums[points]
         traces = np.multiply(samples, table["scale"][:, None], dtype=np.float32)
-        return NewAlines(points, traces, replaced, shots_of(table), known)
+        shots = replace(shots_of(table), sensitivity=sensitivity_of(file, table, points))
+        return NewAlines(points, traces, replaced, shots, known)
 
 
 def has_alines(path: Path, frame: int = 0) -> bool:

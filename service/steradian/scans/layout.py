@@ -41,6 +41,7 @@ def create_scan_file(
     created: str | None = None,
     visit: NDArray[np.int64] | None = None,
     bias: NDArray[np.float64] | None = None,
+    pulse_energy: float = 0.0,
 ) -> None:
     """Make an empty scan file of its final size.
 
@@ -66,6 +67,8 @@ def create_scan_file(
         (M,) points in the order of interrogation where that is not the plan's own, as an older program found it.
     bias
         (M,) wavelengths in m that were set at the points, if there were any, where they are not the plan's own.
+    pulse_energy
+        Nominal energy of a pulse in J, to which the A-lines' is relative; 0: not known.
 
     Raises
     ------
@@ -86,6 +89,8 @@ def create_scan_file(
             _write_plan(file, plan, time_zero, visit, bias)
             file.attrs["geometry_crc32c"] = geometry_checksum(file)
             _allocate(file, plan.aline_count, plan.samples, sample_kind)
+            if pulse_energy:
+                file["alines/energy"].attrs[schema.NOMINAL] = pulse_energy
         with draft.open("r+b") as raw:
             _reserve_disk(raw.fileno(), draft.stat().st_size)
             os.fsync(raw.fileno())
@@ -142,6 +147,7 @@ GEOMETRY = (
     *(f"plan/{name}" for name in ("visit", "wavelengths", "frame_excitation")),
     "mask/outline",
     "plan/bias",
+    *(f"plan/{name}" for name in ("beams", "beam")),
 )
 """All that says what the A-lines mean, in the order of its checksum."""
 
@@ -213,6 +219,9 @@ def _write_plan(
     if plan.wavelengths is not None:
         group.create_dataset("wavelengths", data=plan.wavelengths).attrs["units"] = "m"
         group.create_dataset("bias", data=plan.bias if bias is None else bias).attrs["units"] = "m"
+    if plan.beams:
+        group.create_dataset("beams", data=np.asarray(plan.beams)).attrs.update({"units": "m", "axes": "beam, (x, y)"})
+        group.create_dataset("beam", data=(np.arange(plan.mask.count) % plan.beam_count).astype("<u1"))
     group.create_dataset("frame_excitation", data=np.asarray(plan.frame_excitation)).attrs["units"] = "m"
 
 

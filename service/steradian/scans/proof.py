@@ -138,6 +138,7 @@ def compare_reference(
 ) -> list[Finding]:
     """Measure the point of the strongest stored A-line again and compare; nothing when all are too weak."""
     usable = np.where(store.column("quality") == 0, report.strength, 0)
+    usable[np.arange(len(usable)) % store.course.beams > 0] = 0  # the first beam alone measures it again
     row = int(usable.argmax())
     then = store.read_row(row).astype(np.float64)
     if not usable[row] or _power_over_noise(then) < WEAK:
@@ -176,7 +177,7 @@ def _measure(scanner: fabry_perot.Scanner, store: AlineStore, row: int) -> fabry
     course = store.course
     tune_excitation(scanner, course.excitation[row // course.points])
     shots, tag = min(SHOTS, scanner.capabilities.averages[1]), 1 + secrets.randbelow(0xFFFFFFFE)
-    course.upload(scanner, np.array([row]), tag, averages=shots)
+    course.upload(scanner, np.array([row]), tag, averages=shots, alone=True)
     scanner.start(scanner.arm())
     found: list[fabry_perot.ALine] = []
     for batch in scanner.alines():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
@@ -14,6 +14,7 @@ from steradian.scans.course import Course
 from steradian.scans.locking import open_to_read
 from steradian.scans.recording import Recording, Shots
 from steradian.scans.rows import RowTable
+from steradian.scans.sensitivity import sensitivity_of
 
 
 @dataclass(frozen=True)
@@ -137,9 +138,10 @@ def _read(path: Path, file: h5py.File, frame: int) -> Recording:
             "mask_id": str(mask.attrs["id"]),
             "scanner": str(file.attrs["scanner"]),
             "simulated": str(bool(file.attrs["simulated"])),
+            **({"beams": str(len(plan["beams"]))} if "beams" in plan else {}),
             **_frame_provenance(file, frame, frames),
         },
-        shots=shots_of(table),
+        shots=replace(shots_of(table), sensitivity=sensitivity_of(file, table, stored)),
     )
 
 

@@ -29,6 +29,8 @@ class Shots:
         (M,) DC level of the interferometer in V.
     gain
         (M,) gain of the receiver in dB over its usual one; ``scale`` has taken it into account.
+    sensitivity
+        (M,) share of the film's best sensitivity that each A-line was read with; ``None``: not known.
     """
 
     energy: FloatArray
@@ -37,6 +39,7 @@ class Shots:
     averages: NDArray[np.uint32]
     level: FloatArray
     gain: FloatArray
+    sensitivity: FloatArray | None = None
 
     @classmethod
     def usual(cls, time_zero: FloatArray) -> Shots:
@@ -47,7 +50,9 @@ class Shots:
 
     def take(self, index: NDArray[np.int64] | NDArray[np.bool_]) -> Shots:
         """Return those of some A-lines."""
-        return Shots(**{each.name: getattr(self, each.name)[index] for each in fields(self)})
+        values: dict[str, Any] = {each.name: getattr(self, each.name) for each in fields(self)}
+        taken: dict[str, Any] = {name: None if value is None else value[index] for name, value in values.items()}
+        return Shots(**taken)
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+
+import numpy as np
 
 import fabry_perot
 from steradian.errors import Cancelled, Conflict, InvalidInput, ScanFailed, ScanInterrupted
@@ -29,6 +31,8 @@ from steradian.scans.session import DEFAULT, ScanSession
 from steradian.scans.store import AlineStore
 
 _log = logging.getLogger(__name__)
+PATTERN = 1e-7
+"""Beams are where a plan says to so many metres."""
 BAD = 0xF
 """Quality flags of an A-line worth measuring again: saturated, mistuned, misfire, partial average."""
 
@@ -121,6 +125,7 @@ def run_scan(
             scanner=model.serial,
             scanner_model=model.model,
             simulated=model.simulated,
+            pulse_energy=model.pulse_energy,
         )
         with AlineStore(path) as store:
             note_tuning(scanner, store)
@@ -193,8 +198,9 @@ def resume_scan(
 
 def check_scanner(plan: ScanPlan, capabilities: fabry_perot.Capabilities) -> None:
     """Raise what the scanner cannot do of a plan, before a file is made."""
+    check_pattern(plan.beams, capabilities)
     capabilities.check(
-        plan.mask.film_positions,
+        plan.places,
         samples=plan.samples,
         sampling_interval=plan.sampling_interval,
         pulse_rate=plan.pulse_rate,
@@ -204,6 +210,17 @@ def check_scanner(plan: ScanPlan, capabilities: fabry_perot.Capabilities) -> Non
     capabilities.gated(plan.gate != "none", plan.mask.count)
     for wavelength in plan.excitation:
         check_excitation(capabilities, wavelength)
+
+
+def check_pattern(beams: Sequence[tuple[float, float]], capabilities: fabry_perot.Capabilities) -> None:
+    """Raise InvalidInput where a plan's beams are not the scanner's first ones."""
+    theirs = capabilities.beam_offsets
+    if len(beams) > len(theirs):
+        raise InvalidInput("beams", f"{len(beams)} of them", f"at most {len(theirs)}, which this scanner has")
+    if beams and not np.allclose(beams, theirs[: len(beams)], rtol=0, atol=PATTERN):
+        worst = int(np.abs(np.subtract(beams, theirs[: len(beams)])).max(axis=1).argmax())
+        (x, y), (u, v) = beams[worst], theirs[worst]
+        raise InvalidInput(f"beams[{worst}]", f"({x:g}, {y:g}) m", f"({u:g}, {v:g}) m, where this scanner's is")
 
 
 @contextmanager

@@ -13,6 +13,8 @@
                                             sound_speed_m_s, order, time_zero_s, frames, document (JSON)
         visit     (M,)   i8     indices of points in the order of interrogation
         wavelengths (M,) f8     bias wavelengths in m; absent when the scanner has its own map
+        beams     (B, 2) f8     where each interrogation beam is beside the first one, in m; absent with one beam
+        beam      (M,)   u1     which of them measures each point: B points in a row are a place, and share their shots
         frame_excitation (F,) f8  excitation wavelength of each frame in m; 0: as the laser stood
     /alines                     row f·M + m belongs to frame f and point m of the mask, whatever the order of visit
         samples   (F·M, N_t) i2 digitised pressure; multiply by scale for the pressure unit; f4 where an import was
@@ -79,6 +81,8 @@ UPLOAD = np.dtype("<i8")
 UPLOAD_FIELDS = 5
 REFERENCE = np.dtype("<f8")
 
+NOMINAL = "nominal_j"
+"""Attribute of the energies: the pulse energy in J that is 1, where the scanner says so."""
 UNITS = {
     "energy": "relative to nominal",
     "wavelength_m": "m",

@@ -337,7 +337,7 @@ class ScanSession:
 
     def _count(self, fired: int) -> None:
         """Note shots; a scanner that has forgotten some cannot take them back."""
-        fired = max(fired, self._store.stored * self._course.averages)
+        fired = max(fired, self._store.stored // self._course.beams * self._course.averages)
         if fired > self._store.fired:
             self._store.set_fired(fired)
 

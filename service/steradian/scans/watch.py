@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextvars
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from sqlalchemy.exc import SQLAlchemyError
 
@@ -14,6 +15,8 @@ import fabry_perot
 from steradian.errors import ScanFailed, SteradianError
 from steradian.scans.control import Control, Phase, Wish
 from steradian.scans.emergency import EmergencyWatch
+from steradian.scans.guards import Guards
+from steradian.storage.scanners import ScannerRepository
 from steradian.storage.scans import ScanRepository
 from steradian.storage.states import DesiredScanState, ScanState, route
 
@@ -60,6 +63,9 @@ class ScanWatch(Control):
     ) -> None:
         super().__init__()
         self._scans, self._id, self._stopping, self._emergency = scans, identifier, stopping, emergency
+        self._row = ScannerRepository(scans.database, scans.clock, scans.scanner_id)
+        self._scanner: fabry_perot.Scanner | None = None
+        self._guards = Guards()
         self._wish, self._why, self._who = Wish.RUN, "", "acquisition"
         self._notes: deque[Callable[[], None]] = deque()
         self._last: tuple[str, int, int] | None = None
@@ -68,12 +74,19 @@ class ScanWatch(Control):
         self._answers = True
         self._news, self._closing = threading.Event(), threading.Event()
         self._settle()
-        self._clerk = threading.Thread(target=self._work, name="scan-watch", daemon=True)
+        context = contextvars.copy_context()  # so that its lines bear the scan's request, too
+        self._clerk = threading.Thread(target=context.run, args=(self._work,), name="scan-watch", daemon=True)
         self._clerk.start()
 
-    def guarding(self, scanner: fabry_perot.Scanner) -> AbstractContextManager[None]:
-        """Have the emergency stop reach a connected scanner until the block ends."""
-        return self._emergency.guarding(scanner)
+    @contextmanager
+    def guarding(self, scanner: fabry_perot.Scanner) -> Iterator[None]:
+        """Have the emergency stop reach a connected scanner, and note what it says, until the block ends."""
+        with self._emergency.guarding(scanner):
+            self._scanner = scanner
+            try:
+                yield
+            finally:
+                self._scanner = None
 
     def wish(self) -> Wish:
         """Return what is wanted now, as far as the database has told; raises what it says against the scan."""
@@ -144,6 +157,9 @@ class ScanWatch(Control):
             if (last := self._last) is not None and last != self._reported:
                 self._scans.report(self._id, *last)
                 self._reported = last
+            if (guards := Guards.of(self._scanner)) != self._guards:
+                self._row.note_guards(guards.interlock, guards.key, guards.shutter)
+                self._guards = guards
             self._answers = True
         except SQLAlchemyError as error:
             if self._answers:

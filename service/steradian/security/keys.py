@@ -6,7 +6,6 @@ import hashlib
 import hmac
 import re
 import secrets
-from collections import Counter
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -83,7 +82,6 @@ class KeyStore:
     def __init__(self, database: Database, clock: Clock = utc_now, fixed: str | None = None) -> None:
         self.database, self.clock = database, clock
         self._remembered: dict[str, KeyRow] = {}
-        self._streams: Counter[str] = Counter()
         self._fixed = None if fixed is None else _hash(fixed)
 
     def create(self, name: str, scopes: Iterable[Scope], lifetime: timedelta | None = None) -> str:
@@ -153,7 +151,29 @@ class KeyStore:
         proven = hmac.compare_digest(_hash(rest.partition("_")[2]), row.hash if row else _hash(""))
         if prefix != PREFIX or row is None or not proven or not self._is_valid(row):
             raise Unauthorized("the key is unknown, revoked or expired")
-        return Principal(f"key {row.name} ({row.id})", frozenset(Scope(scope) for scope in row.scopes), row.id)
+        return _principal_of(row)
+
+    def issuer(self, principal: Principal) -> str | None:
+        """Name the key of a principal, so that :meth:`of_issuer` finds it; ``None`` of one without."""
+        return self._fixed if principal is _SETTINGS else principal.key_id
+
+    def of_issuer(self, issuer: str, *, from_memory: bool = False) -> Principal:
+        """Tell whose key it is that was named; as far as the last look knows, where the database may not be asked.
+
+        Raises
+        ------
+        Unauthorized
+            When it is revoked or expired, or the settings name another one by now.
+        """
+        if self._fixed is not None and hmac.compare_digest(issuer, self._fixed):
+            return _SETTINGS
+        row = self._remembered.get(issuer)
+        if not from_memory:
+            with self.database.read() as session:
+                row = session.scalars(select(KeyRow).where(KeyRow.id == issuer)).one_or_none()
+        if row is None or not self._is_valid(row):
+            raise Unauthorized("the key of this session is revoked or expired")
+        return _principal_of(row)
 
     def issue_ticket(self, principal: Principal) -> str:
         """Make a ticket that opens one event stream within :data:`TICKET_SECONDS`; see :meth:`open_stream`."""
@@ -194,18 +214,18 @@ class KeyStore:
                 raise Unauthorized(_WORTHLESS)
             row.opened = row.opened or self.clock()
             row.expires = row.opened + timedelta(seconds=STREAM_SECONDS)
-            self._streams[name] += 1
+            row.streams += 1
 
     def close_stream(self, ticket: str) -> None:
         """Note that the ticket's stream has ended."""
         name = _hash(ticket)
         with self.database.write() as session:
             row = session.get(TicketRow, name, with_for_update=True)
-            self._streams[name] -= 1
-            if not self._streams[name]:
-                del self._streams[name]
-                if row is not None:
-                    row.expires = min(row.expires, self.clock() + timedelta(seconds=RETURN_SECONDS))
+            if row is None:
+                return
+            row.streams = max(0, row.streams - 1)
+            if not row.streams:
+                row.expires = min(row.expires, self.clock() + timedelta(seconds=RETURN_SECONDS))
 
     def _bearer(self, row: TicketRow | None) -> Principal:
         if row is None or row.expires < self.clock():
@@ -223,6 +243,10 @@ class KeyStore:
 
     def _is_valid(self, row: KeyRow) -> bool:
         return row.revoked is None and (row.expires is None or row.expires > self.clock())
+
+
+def _principal_of(row: KeyRow) -> Principal:
+    return Principal(f"key {row.name} ({row.id})", frozenset(Scope(scope) for scope in row.scopes), row.id)
 
 
 def _identifier(key: str) -> str:

@@ -53,10 +53,12 @@ class SessionLock:
         Of the database, as libpq takes it.
     name
         What is locked.
+    shared
+        Whether others may share it, as long as nobody has it alone.
     """
 
-    def __init__(self, url: str, name: str) -> None:
-        self._url, self.name = url, name
+    def __init__(self, url: str, name: str, *, shared: bool = False) -> None:
+        self._url, self.name, self._shared = url, name, shared
         self._session: psycopg.Connection[tuple[bool]] | None = None
         self._held_by = 0
 
@@ -67,7 +69,7 @@ class SessionLock:
                 _ask(self._session, "SELECT 1")
                 return Hold.HELD
             session = psycopg.connect(self._url, autocommit=True, options=LEASE, **TIMEOUTS)  # type: ignore[arg-type]
-            if not _try(session, self.name):
+            if not _try(session, self.name, shared=self._shared):
                 # A server that has not heard yet that the session before was cut keeps the lock for that one.
                 own = _ask(session, HOLDS, self._held_by, _key(self.name))
                 session.close()
@@ -108,8 +110,9 @@ class SessionLock:
             self._session = None
 
 
-def _try(session: psycopg.Connection[tuple[bool]], name: str) -> bool:
-    return _ask(session, "SELECT pg_try_advisory_lock(%s)", _key(name))
+def _try(session: psycopg.Connection[tuple[bool]], name: str, *, shared: bool = False) -> bool:
+    how: LiteralString = "SELECT pg_try_advisory_lock_shared(%s)" if shared else "SELECT pg_try_advisory_lock(%s)"
+    return _ask(session, how, _key(name))
 
 
 def _ask(session: psycopg.Connection[tuple[bool]], question: LiteralString, *values: int) -> bool:

@@ -8,7 +8,6 @@ do: :func:`remove_files` may be repeated at any time.
 from __future__ import annotations
 
 import logging
-import shutil
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final
 
@@ -16,6 +15,7 @@ from sqlalchemy import delete, or_, select
 from sqlalchemy.orm import Session
 
 from steradian.errors import Conflict, NotFound
+from steradian.storage.arrays import Arrays, result_name, scan_name, upload_name
 from steradian.storage.database import Database
 from steradian.storage.dependence import TABLES, Resource, closure, jobs
 from steradian.storage.events import record
@@ -101,7 +101,7 @@ def waiting_import(database: Database, upload_id: str) -> str | None:
         return session.scalars(select(JobRow.id).where(or_(*named), JobRow.ended.is_(None))).first()
 
 
-def delete_upload(database: Database, data: DataDirectory, upload_id: str) -> None:
+def delete_upload(database: Database, arrays: Arrays, upload_id: str) -> None:
     """Delete a file that came over HTTP.
 
     Raises
@@ -111,16 +111,16 @@ def delete_upload(database: Database, data: DataDirectory, upload_id: str) -> No
     InUse
         When an import has still to read it.
     """
-    path = data.upload(upload_id)
-    if not (upload_id.isascii() and upload_id.isalnum() and path.is_file()):
+    name = upload_name(upload_id)
+    if not (upload_id.isascii() and upload_id.isalnum() and arrays.stat(name)):
         raise NotFound("upload", upload_id)
     if (job := waiting_import(database, upload_id)) is not None:
         raise InUse(f"upload {upload_id} cannot be deleted while job {job} waits or runs")
-    path.unlink(missing_ok=True)
+    arrays.delete(name)
 
 
 def remove_files(
-    database: Database, data: DataDirectory, forget_jobs: Callable[[Sequence[str]], object] | None
+    database: Database, data: DataDirectory, arrays: Arrays, forget_jobs: Callable[[Sequence[str]], object] | None
 ) -> None:
     """Remove the files of all that was deleted, then the notes of it; what cannot go yet is left for the next time.
 
@@ -133,7 +133,7 @@ def remove_files(
         notes = list(session.scalars(select(RemovalRow).order_by(RemovalRow.sequence)))
     for note in notes:
         try:
-            if not _remove(data, note, forget_jobs):
+            if not _remove(data, arrays, note, forget_jobs):
                 continue
         except OSError as error:
             _log.warning("files of %s %s cannot be removed yet: %s", note.kind, note.resource_id, error)
@@ -144,20 +144,20 @@ def remove_files(
             session.execute(delete(RemovalRow).where(*same))
 
 
-def _remove(data: DataDirectory, note: RemovalRow, forget_jobs: Callable[[Sequence[str]], object] | None) -> bool:
+def _remove(
+    data: DataDirectory, arrays: Arrays, note: RemovalRow, forget_jobs: Callable[[Sequence[str]], object] | None
+) -> bool:
     match note.kind:
         case "mask":
             data.picture(note.resource_id).unlink(missing_ok=True)
         case "scan":
-            data.scan_file(note.resource_id).unlink(missing_ok=True)
+            arrays.delete(scan_name(note.resource_id))
             for image in data.references.glob(f"{note.resource_id}-*"):
                 image.unlink(missing_ok=True)
         case "job" | "reconstruction":
-            folder = data.job(note.resource_id)
-            if folder.is_running:  # its process is still dying
+            if data.job(note.resource_id).is_running:  # its process is still dying
                 return False
-            if folder.root.exists():
-                shutil.rmtree(folder.root)
+            arrays.delete(result_name(note.resource_id))
             if forget_jobs is None:
                 return False
             forget_jobs([note.resource_id])

@@ -26,7 +26,7 @@ def record(session: Session, at: datetime, kind: str, resource_id: str, data: di
     Parameters
     ----------
     kind
-        ``scan``, ``reconstruction``, ``job``, ``batch`` or ``scanner``.
+        ``scan``, ``reconstruction``, ``revision``, ``job``, ``batch`` or ``scanner``.
     data
         What changed, plain JSON; its ``scan_id`` is what streams are filtered by.
     """

@@ -83,7 +83,9 @@ class Answers:
                 return make(session)
             if (kept := self._replay(session, key)) is not None:
                 return kept
-            session.execute(delete(IdempotencyRow).where(IdempotencyRow.key == key.name))  # too old
+            # One that is too old only: since the look above the same request may have been answered beside this one.
+            old = (IdempotencyRow.key == key.name) & (IdempotencyRow.created < self.clock() - LIFETIME)
+            session.execute(delete(IdempotencyRow).where(old))
             answer = make(session)
             about = {"status": answer.status, "location": answer.location, "answer": answer.body}
             session.add(IdempotencyRow(key=key.name, created=self.clock(), body_hash=key.body_hash, **about))

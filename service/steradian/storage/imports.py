@@ -6,6 +6,7 @@ from typing import Any
 
 from sqlalchemy import select
 
+from steradian.logs import request_id
 from steradian.plans import ScanPlan
 from steradian.storage.database import Database
 from steradian.storage.events import record
@@ -50,6 +51,7 @@ def register_import(
             id=scan_id,
             plan_id=row.id,
             mask_id=row.mask_id,
+            request_id=request_id.get() or None,
             simulated=simulated,
             labels=labels,
             fence=0,

@@ -6,6 +6,7 @@ DATA/scans/<id>.h5             A-lines
 DATA/uploads/<id>              files that came over HTTP and wait to be imported
 DATA/pictures/<mask id>.png    pictures of masks, once they have been asked for
 DATA/references/<scan id>-….h5 images of all A-lines, shared by jobs that compare with them, kept for a day
+DATA/cache/                    copies of what an object store keeps, if there is one
 DATA/jobs/<id>/                what one job left: a volume with projections and report, an export, its log
 DATA/emergency-stop/           whether the stop is pressed (:mod:`steradian.storage.emergency`)
 DATA/run/<process>.json        heartbeats of the running processes
@@ -24,11 +25,11 @@ from typing import Final
 
 import filelock
 
-from steradian.drafts import sweep
-from steradian.errors import Conflict, InvalidInput, Superseded
+from steradian.errors import Conflict, InvalidInput
+from steradian.storage.job_directory import JobDirectory
 
 FOLDERS: Final = ("scans", "uploads", "pictures", "references", "jobs", "run")
-NAMES: Final = frozenset({*FOLDERS, "reconstructions", "emergency-stop", "identity", "lock"})
+NAMES: Final = frozenset({*FOLDERS, "reconstructions", "emergency-stop", "identity", "lock", "cache"})
 DATABASES: Final = ("steradian.sqlite", "queue.sqlite")
 PRIVATE: Final = 0o700
 """Mode of folders, and with :data:`UMASK` of all files: for this user alone."""
@@ -39,12 +40,6 @@ class DataDirectoryInUse(Conflict):
     """Another service owns the data directory."""
 
     code = "data-directory-in-use"
-
-
-class StillRunning(Conflict):
-    """Another process is at a job."""
-
-    code = "still-running"
 
 
 @dataclass(frozen=True)
@@ -101,6 +96,11 @@ class DataDirectory:
     def picture(self, mask_id: str) -> Path:
         """Picture of a mask."""
         return self.root.absolute() / "pictures" / f"{mask_id}.png"
+
+    @property
+    def cache(self) -> Path:
+        """Folder of copies of what an object store keeps."""
+        return self.root.absolute() / "cache"
 
     @property
     def references(self) -> Path:
@@ -196,101 +196,6 @@ class DataDirectory:
             for folder in earlier.iterdir():
                 folder.rename(self.root / "jobs" / folder.name)
             earlier.rmdir()
-
-
-@dataclass(frozen=True)
-class JobDirectory:
-    """What one job leaves behind."""
-
-    root: Path
-
-    @property
-    def log(self) -> Path:
-        """What the job and its worker had to say, all attempts in one file."""
-        return self.root / "log.txt"
-
-    @property
-    def volume(self) -> Path:
-        """The volume as HDF5."""
-        return self.root / "volume.h5"
-
-    @property
-    def report(self) -> Path:
-        """Figures and provenance."""
-        return self.root / "report.json"
-
-    @property
-    def revision(self) -> Path:
-        """Figures of the newest image of a scan that is being followed."""
-        return self.root / "revision.json"
-
-    def mip(self, axis: str) -> Path:
-        """PNG of the maximum-intensity projection along ``axis``."""
-        return self.root / f"mip-{axis}.png"
-
-    def begin(self, start: int) -> None:
-        """Note that a start of the job has begun; an earlier one that still lives somewhere then counts no more.
-
-        Raises
-        ------
-        Superseded
-            When a later one has begun already.
-        """
-        self.root.mkdir(parents=True, exist_ok=True)
-        self.check(start)
-        draft = self._start.with_name(f"start.{start}")
-        draft.write_text(str(start))
-        draft.replace(self._start)
-
-    def check(self, start: int) -> None:
-        """Raise :class:`Superseded` when a later start of the job has begun."""
-        if (newest := self.newest) > start:
-            raise Superseded(f"start {start} of job {self.root.name} counts no more; start {newest} has begun")
-
-    @property
-    def newest(self) -> int:
-        """Number of the newest start; 0 before the first, and where a power cut has emptied the note of it."""
-        with suppress(OSError, ValueError):
-            return int(self._start.read_text())
-        return 0
-
-    @property
-    def _start(self) -> Path:
-        return self.root / "start"
-
-    @contextmanager
-    def running(self, timeout: float = 10.0) -> Iterator[None]:
-        """Mark the job as running in this process; waits for an earlier attempt that is still dying.
-
-        Raises
-        ------
-        StillRunning
-            When another process runs the job and does not end within ``timeout`` seconds.
-        """
-        self.root.mkdir(parents=True, exist_ok=True)
-        lock = filelock.FileLock(self.root / "lock")
-        try:
-            lock.acquire(timeout=timeout)
-        except filelock.Timeout:
-            raise StillRunning(f"another process still runs job {self.root.name}") from None
-        try:
-            sweep(self.root)  # what earlier starts left
-            yield
-        finally:
-            lock.release()
-
-    @property
-    def is_running(self) -> bool:
-        """Whether a process runs the job at this moment."""
-        if not (self.root / "lock").exists():
-            return False
-        lock = filelock.FileLock(self.root / "lock")
-        try:
-            lock.acquire(timeout=0)
-        except filelock.Timeout:
-            return True
-        lock.release()
-        return False
 
 
 def _read_pid(path: Path) -> int | str:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 from pydantic import TypeAdapter
 from sqlalchemy.exc import IntegrityError
 
-from steradian.plans import ScanPlan, preview
+from steradian.plans import ScanPlan
+from steradian.plans.preview import Preview, preview
 from steradian.storage.dependence import hold
 from steradian.storage.masks import MaskRepository
 from steradian.storage.repository import Repository
@@ -16,9 +18,13 @@ from steradian.storage.tables import PlanRow
 
 def preview_document(plan: ScanPlan) -> dict[str, Any]:
     """Work out what a plan costs, as plain JSON."""
-    cost = preview(plan)
-    document: dict[str, Any] = TypeAdapter(type(cost)).dump_python(cost, mode="json")
+    document: dict[str, Any] = _adapter().dump_python(preview(plan), mode="json")
     return document
+
+
+@cache
+def _adapter() -> TypeAdapter[Preview]:
+    return TypeAdapter(Preview)  # once, as that takes longer than all else
 
 
 class PlanRepository(Repository[PlanRow]):

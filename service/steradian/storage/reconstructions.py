@@ -34,6 +34,11 @@ class ReconstructionRepository(Repository[ReconstructionRow]):
         session.add(row)
         return row
 
+    def tell_revision(self, identifier: str, scan_id: str, figures: dict[str, Any]) -> None:
+        """Log that there is a newer image of a scan that is followed."""
+        with self.database.write() as session:
+            record(session, self.clock(), "revision", identifier, {"scan_id": scan_id, **figures})
+
     def of_batch(self, batch_id: str) -> list[ReconstructionRow]:
         """Return a batch's reconstructions in the order they were asked for."""
         query = select(ReconstructionRow).where(ReconstructionRow.batch_id == batch_id)

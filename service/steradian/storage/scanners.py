@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from datetime import timedelta
+from typing import Self
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from steradian.errors import Conflict
+from steradian.settings import FIRST_SCANNER
+from steradian.storage.database import Database, take_turns
 from steradian.storage.events import record
-from steradian.storage.repository import Repository
+from steradian.storage.repository import Clock, Repository, utc_now
 from steradian.storage.states import ACTIVE_SCAN_STATES, DesiredScanState, ScanState
 from steradian.storage.tables import ScannerRow, ScanRow
 
-SCANNER_ID = "scanner-0"
-"""The one scanner of a service; an address in the API, so that a second one would be no change of it."""
+SCANNER_ID = FIRST_SCANNER
+"""The scanner where nobody says which."""
+ENSURE_LOCK = 0x57E2AD1E
+"""Number of the PostgreSQL advisory lock under which a scanner is noted."""
 
 
 class LeaseHeld(Conflict):
@@ -30,31 +35,72 @@ class EmergencyStopped(Conflict):
 
 
 class ScannerRepository(Repository[ScannerRow]):
-    """Scanners."""
+    """Scanners, one of which it is about.
+
+    Parameters
+    ----------
+    scanner_id
+        The one that everything but :meth:`get` and lists is about.
+    """
 
     kind, table = "scanner", ScannerRow
 
-    def ensure(self, *, simulated: bool) -> ScannerRow:
-        """Return the service's scanner, which is noted at the first start."""
+    def __init__(self, database: Database, clock: Clock = utc_now, scanner_id: str = SCANNER_ID) -> None:
+        super().__init__(database, clock)
+        self.id = scanner_id
+
+    def of(self, scanner_id: str) -> Self:
+        """Return the same about another scanner."""
+        return type(self)(self.database, self.clock, scanner_id)
+
+    def ensure(self, *, simulated: bool, address: str | None = None, follows: bool = False) -> ScannerRow:
+        """Return the scanner, which is noted at the first start.
+
+        Parameters
+        ----------
+        address
+            Where its node answers the others.
+        follows
+            Whether that node has workers of its own, for images that grow with a scan.
+        """
         with self.database.write() as session:
-            row = session.scalars(select(ScannerRow).where(ScannerRow.id == SCANNER_ID)).one_or_none()
+            take_turns(session, ENSURE_LOCK)  # API and acquisition of a node start at once
+            row = session.scalars(select(ScannerRow).where(ScannerRow.id == self.id)).one_or_none()
             if row is None:
                 now = self.clock()
                 state = {"connection": "unknown", "state": "idle", "since": now, "fence": 0}
-                row = ScannerRow(id=SCANNER_ID, simulated=simulated, **state)
+                row = ScannerRow(id=self.id, simulated=simulated, **state)
                 session.add(row)
-            row.simulated = simulated
+            row.simulated, row.address, row.follows = simulated, address, follows
         return row
+
+    def rows(self) -> list[ScannerRow]:
+        """Return all scanners, by name."""
+        with self.database.read() as session:
+            return list(session.scalars(select(ScannerRow).order_by(ScannerRow.id)))
 
     def report(self, connection: str, state: str, error: str | None = None) -> None:
         """Note how the scanner stands: whether it is connected, what it does, and what went wrong last."""
         with self.database.write() as session:
-            row = self._find(session, SCANNER_ID, lock=True)
+            row = self._find(session, self.id, lock=True)
             if (row.connection, row.state) == (connection, state) and error is None:
                 return
             row.connection, row.state, row.since = connection, state, self.clock()
             row.last_error = error or row.last_error
+            if state == "idle":  # nobody asks it any more
+                row.interlock = row.key_switch = row.shutter = "unknown"
             self._event(session, row, "acquisition", error or state)
+
+    def note_guards(self, interlock: str, key: str, shutter: str) -> None:
+        """Note what a connected scanner says of its interlock (open, closed), key (on, off) and shutter."""
+        with self.database.write() as session:
+            query = select(ScannerRow).where(ScannerRow.id == self.id).with_for_update()
+            row = session.scalars(query).one_or_none()  # no scan ends because nobody can be told of its guards
+            told = {"interlock": interlock, "key": key, "shutter": shutter}
+            if row is not None and (row.interlock, row.key_switch, row.shutter) != (interlock, key, shutter):
+                row.interlock, row.key_switch, row.shutter = interlock, key, shutter
+                why = ", ".join(f"{name} {value}" for name, value in told.items())
+                self._event(session, row, "acquisition", why)
 
     def lease(self, holder: str, seconds: float, note: str | None, who: str, fence: int | None = None) -> ScannerRow:
         """Take the scanner, or hold it for longer; a new lease gets a new, greater fencing number.
@@ -74,7 +120,7 @@ class ScannerRepository(Repository[ScannerRow]):
             When another principal holds it, or a client of the same one with another name and without its number.
         """
         with self.database.write() as session:
-            row = self._find(session, SCANNER_ID, lock=True)
+            row = self._find(session, self.id, lock=True)
             mine = row.held_by == who and (row.holder == holder or row.fence == fence)
             if self._is_held(row) and not mine:
                 raise LeaseHeld(f"the scanner is held by {_holder(row)} until {row.lease_ends:%H:%M:%S} UTC")
@@ -99,7 +145,7 @@ class ScannerRepository(Repository[ScannerRow]):
             When the lease has another number, or is another's.
         """
         with self.database.write() as session:
-            row = self._find(session, SCANNER_ID, lock=True)
+            row = self._find(session, self.id, lock=True)
             if not self._is_held(row):
                 return
             if row.held_by != who and not whoever:
@@ -126,7 +172,7 @@ class ScannerRepository(Repository[ScannerRow]):
         EmergencyStopped
             When the emergency stop is pressed.
         """
-        row = self._find(session, SCANNER_ID, lock=True)
+        row = self._find(session, self.id, lock=True)
         if row.stopped_at is not None:
             raise EmergencyStopped(f"{row.stopped_by} pressed the emergency stop; release it first")
         if self._is_held(row) and row.held_by != who:
@@ -139,22 +185,30 @@ class ScannerRepository(Repository[ScannerRow]):
 
     def refusal(self, scan: ScanRow) -> str | None:
         """Say why a queued scan must not fire, or ``None``: checked when the scanner is about to be armed."""
-        row = self.get(SCANNER_ID)
+        row = self.get(self.id)
         if row.stopped_at is not None:
             return "the emergency stop is pressed"
         if self._is_held(row) and scan.fence != row.fence:
             return f"it was asked for under lease {scan.fence}, and the scanner is held under {row.fence}"
         return None
 
-    def stop(self, who: str, reason: str | None) -> ScannerRow:
-        """Press the emergency stop: every scan that runs or waits is aborted, and no other begins."""
+    def stop(self, who: str, reason: str | None, number: str | None = None) -> ScannerRow:
+        """Press the emergency stop: every scan that runs or waits is aborted, and no other begins.
+
+        Parameters
+        ----------
+        number
+            Of the press, if its node has numbered it.
+        """
         now = self.clock()
         with self.database.write() as session:
-            row = self._find(session, SCANNER_ID, lock=True)
+            row = self._find(session, self.id, lock=True)
             row.stopped_at, row.stopped_by, row.stop_reason = row.stopped_at or now, row.stopped_by or who, reason
+            if number is not None or row.stop_number is None:
+                row.stop_number, row.stop_laser, row.stop_seconds = number, None, None
             why = f"emergency stop: {reason or 'no reason given'}"
-            states = [*ACTIVE_SCAN_STATES, ScanState.QUEUED]
-            for scan in session.scalars(select(ScanRow).where(ScanRow.state.in_(states)).with_for_update()):
+            mine = (ScanRow.scanner_id == self.id) & ScanRow.state.in_([*ACTIVE_SCAN_STATES, ScanState.QUEUED])
+            for scan in session.scalars(select(ScanRow).where(mine).with_for_update()):
                 if scan.desired_state is not DesiredScanState.ABORTED:
                     scan.desired_state, scan.reason, scan.wished_by = DesiredScanState.ABORTED, why, who
                     wished = {"state": scan.state, "desired_state": "aborted", "who": who, "why": why}
@@ -162,13 +216,20 @@ class ScannerRepository(Repository[ScannerRow]):
             self._event(session, row, who, why)
         return row
 
-    def release_stop(self, who: str) -> ScannerRow:
+    def note_deed(self, number: str, laser: str, seconds: float | None) -> None:
+        """Note what became of the press that stands, which its scanner's node knows by this number."""
+        with self.database.write() as session:
+            row = self._find(session, self.id, lock=True)
+            if row.stopped_at is not None:
+                row.stop_number, row.stop_laser, row.stop_seconds = number, laser, seconds
+
+    def release_stop(self, who: str, reason: str | None = None) -> ScannerRow:
         """Release the emergency stop; scans begin again only when somebody asks for them."""
         with self.database.write() as session:
-            row = self._find(session, SCANNER_ID, lock=True)
+            row = self._find(session, self.id, lock=True)
             if row.stopped_at is not None:
-                row.stopped_at = row.stopped_by = row.stop_reason = None
-                self._event(session, row, who, "emergency stop released")
+                row.stopped_at = row.stopped_by = row.stop_reason = row.stop_number = None
+                self._event(session, row, who, "emergency stop released" + (f": {reason}" if reason else ""))
         return row
 
     def is_held(self, row: ScannerRow) -> bool:
@@ -181,6 +242,7 @@ class ScannerRepository(Repository[ScannerRow]):
     def _event(self, session: Session, row: ScannerRow, who: str, why: str) -> None:
         stopped = row.stopped_at is not None
         data = {"connection": row.connection, "state": row.state, "emergency_stop": stopped, "who": who, "why": why}
+        data |= {"interlock": row.interlock, "key": row.key_switch, "shutter": row.shutter}
         record(session, self.clock(), "scanner", row.id, data)
 
 

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from typing import Any
 
-from sqlalchemy import func, select, update
+from sqlalchemy import ColumnElement, func, select, update
 from sqlalchemy.orm import Session
 
 from steradian.errors import Conflict
+from steradian.logs import caused_by, request_id
+from steradian.storage.database import Database
 from steradian.storage.dependence import hold
 from steradian.storage.events import record
-from steradian.storage.repository import Repository, new_id
+from steradian.storage.repository import Clock, Repository, new_id, utc_now
+from steradian.storage.scanners import SCANNER_ID
 from steradian.storage.states import (
     ACTIVE_SCAN_STATES,
     DESIRABLE,
@@ -23,16 +27,28 @@ from steradian.storage.states import (
 )
 from steradian.storage.tables import PlanRow, ScannerRow, ScanRow
 
+_log = logging.getLogger(__name__)
+
 
 class ScanRepository(Repository[ScanRow]):
-    """Scans, their states and their history."""
+    """Scans, their states and their history.
+
+    Parameters
+    ----------
+    scanner_id
+        Whose scans are meant where a scanner's node looks for work.
+    """
 
     kind, table = "scan", ScanRow
+
+    def __init__(self, database: Database, clock: Clock = utc_now, scanner_id: str = SCANNER_ID) -> None:
+        super().__init__(database, clock)
+        self.scanner_id = scanner_id
 
     def queue(self, plan: PlanRow, *, simulated: bool) -> ScanRow:
         """Queue a run of a plan in a transaction of its own; see :meth:`add`."""
         with self.database.write() as session:
-            return self.add(session, plan, simulated=simulated)
+            return self.add(session, plan, simulated=simulated, scanner_id=self.scanner_id)
 
     def add(
         self,
@@ -43,22 +59,33 @@ class ScanRepository(Repository[ScanRow]):
         labels: dict[str, str] | None = None,
         fence: int = 0,
         who: str = "local",
+        completes: str | None = None,
+        scanner_id: str = SCANNER_ID,
     ) -> ScanRow:
         """Queue a run of a plan.
 
         Parameters
         ----------
+        scanner_id
+            Who is to run it.
+        completes
+            The scan of this plan whose A-lines it begins with; only what is missing is measured.
         fence
             Number of the scanner lease under which it is asked for.
         who
             The principal who asks.
         """
         hold(session, "plan", plan.id)
+        if completes is not None:
+            hold(session, "scan", completes)
         now = self.clock()
         row = ScanRow(
             id=new_id("s"),
             plan_id=plan.id,
             mask_id=plan.mask_id,
+            scanner_id=scanner_id,
+            completes=completes,
+            request_id=request_id.get() or None,
             simulated=simulated,
             labels=labels or {},
             fence=fence,
@@ -77,35 +104,33 @@ class ScanRepository(Repository[ScanRow]):
 
     def next_queued(self) -> ScanRow | None:
         """Return the oldest scan that waits for the scanner."""
-        query = select(ScanRow).where(ScanRow.state == ScanState.QUEUED).order_by(ScanRow.sequence).limit(1)
+        query = select(ScanRow).where(self._mine(ScanState.QUEUED)).order_by(ScanRow.sequence).limit(1)
         with self.database.read() as session:
             return session.scalars(query).one_or_none()
 
     def under_way(self) -> list[ScanRow]:
-        """Return the scans that a process is at work on."""
+        """Return the scans that any scanner is at work on."""
         with self.database.read() as session:
             return list(session.scalars(select(ScanRow).where(ScanRow.state.in_(ACTIVE_SCAN_STATES))))
 
     def wished_settled(self) -> list[ScanRow]:
-        """Return interrupted scans that a person wants to have ended."""
+        """Return the scanner's interrupted scans that a person wants to have ended."""
         wishes = (DesiredScanState.STOPPED, DesiredScanState.ABORTED)
-        query = select(ScanRow).where(ScanRow.state == ScanState.INTERRUPTED, ScanRow.desired_state.in_(wishes))
+        query = select(ScanRow).where(self._mine(ScanState.INTERRUPTED), ScanRow.desired_state.in_(wishes))
         with self.database.read() as session:
             return list(session.scalars(query))
 
     def wished_resumed(self) -> ScanRow | None:
         """Return the oldest interrupted scan that a person wants to go on."""
-        query = select(ScanRow).where(
-            ScanRow.state == ScanState.INTERRUPTED, ScanRow.desired_state == DesiredScanState.RUNNING
-        )
+        wished = ScanRow.desired_state == DesiredScanState.RUNNING
+        query = select(ScanRow).where(self._mine(ScanState.INTERRUPTED), wished)
         with self.database.read() as session:
             return session.scalars(query.order_by(ScanRow.sequence).limit(1)).one_or_none()
 
     def forget_wishes(self, why: str) -> None:
         """Take back that interrupted scans are to run: a wish that nobody was there to hear is not one for later."""
-        query = select(ScanRow).where(
-            ScanRow.state == ScanState.INTERRUPTED, ScanRow.desired_state == DesiredScanState.RUNNING
-        )
+        wished = ScanRow.desired_state == DesiredScanState.RUNNING
+        query = select(ScanRow).where(self._mine(ScanState.INTERRUPTED), wished)
         with self.database.write() as session:
             for row in session.scalars(query.with_for_update()):
                 row.desired_state, row.reason = DesiredScanState.PAUSED, why
@@ -163,6 +188,7 @@ class ScanRepository(Repository[ScanRow]):
             if summary is not None:
                 row.summary = summary
             record(session, now, "scan", row.id, {"state": following, "who": who, "why": why})
+        _tell(row, following, who, why)
         return row
 
     def tell(self, identifier: str, stage: str, why: str, who: str = "acquisition") -> None:
@@ -201,7 +227,7 @@ class ScanRepository(Repository[ScanRow]):
         reason: str | None,
         who: str = "local",
         revision: int | None = None,
-        admit: Callable[[Session], int] | None = None,
+        admit: Callable[[Session, ScanRow], int] | None = None,
     ) -> ScanRow:
         """Note what a person wants of a scan; wishing the same again changes nothing.
 
@@ -218,7 +244,7 @@ class ScanRepository(Repository[ScanRow]):
         """
         with self.database.write() as session:
             if admit is not None and wish is DesiredScanState.RUNNING:  # the scanner first, as an emergency stop does
-                session.execute(select(ScannerRow.id).with_for_update())
+                session.execute(select(ScannerRow.id).order_by(ScannerRow.sequence).with_for_update())
             row = self._find(session, identifier, lock=True)
             if revision is not None and row.revision != revision:
                 raise Outdated(f"scan {identifier} has changed since; read it again")
@@ -229,18 +255,28 @@ class ScanRepository(Repository[ScanRow]):
                 allowed = ", ".join(sorted(possible)) or "nothing, it is over or about to be"
                 raise Conflict(f"scan {identifier} is {row.state} and cannot be {wish}; allowed: {allowed}")
             if admit is not None and wish is DesiredScanState.RUNNING:
-                row.fence = admit(session)
+                row.fence = admit(session, row)
             row.desired_state, row.reason, row.wished_by = wish, reason, who
             wished = {"state": row.state, "desired_state": wish, "who": who, "why": reason}
             record(session, self.clock(), "scan", row.id, wished)
+        _tell(row, f"wished {wish}", who, reason)
         return row
 
     def interrupt_all(self, why: str) -> list[str]:
-        """Mark every scan that a process should be at work on as interrupted; returns their identifiers."""
-        found = [row.id for row in self.under_way()]
+        """Mark every scan that the scanner's process should be at work on as interrupted; returns their names."""
+        found = [row.id for row in self.under_way() if row.scanner_id == self.scanner_id]
         for identifier in found:
             self.transition(identifier, ScanState.INTERRUPTED, why=why)
         return found
+
+    def _mine(self, state: ScanState) -> ColumnElement[bool]:
+        return (ScanRow.scanner_id == self.scanner_id) & (ScanRow.state == state)
+
+
+def _tell(row: ScanRow, what: str, who: str, why: str | None) -> None:
+    """Log what became of a scan, under the request that is being served or else the one that asked for the scan."""
+    with caused_by(request_id.get() or row.request_id):
+        _log.info("scan %s is %s: %s (%s)", row.id, what, why or "no reason given", who)
 
 
 class Outdated(Conflict):

@@ -6,50 +6,14 @@ Times are UTC in ISO 8601 text, the same on SQLite and PostgreSQL.
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
-from enum import StrEnum
+from datetime import datetime
 from typing import Any, ClassVar
 
-from sqlalchemy import JSON, BigInteger, Double, ForeignKey, Index, String, Text
-from sqlalchemy.engine import Dialect
+from sqlalchemy import JSON, BigInteger, Double, ForeignKey, Index, String, Text, false
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
-from sqlalchemy.types import TypeDecorator
 
+from steradian.storage.column_types import Name, UtcTime
 from steradian.storage.states import DesiredJobState, DesiredScanState, ReconstructionState, ScanState
-
-
-class UtcTime(TypeDecorator[datetime]):
-    """An aware UTC time as sortable ISO 8601 text."""
-
-    impl = String(32)
-    cache_ok = True
-
-    def process_bind_param(self, value: datetime | None, dialect: Dialect) -> str | None:
-        """Write."""
-        return None if value is None else value.astimezone(UTC).isoformat(timespec="microseconds")
-
-    def process_result_value(self, value: str | None, dialect: Dialect) -> datetime | None:
-        """Read."""
-        return None if value is None else datetime.fromisoformat(value)
-
-
-class Name(TypeDecorator[str]):
-    """A member of a string enum, by its value."""
-
-    impl = String(32)
-    cache_ok = True
-
-    def __init__(self, kind: type[StrEnum]) -> None:
-        super().__init__()
-        self.kind = kind
-
-    def process_bind_param(self, value: str | None, dialect: Dialect) -> str | None:
-        """Write."""
-        return None if value is None else str(value)
-
-    def process_result_value(self, value: str | None, dialect: Dialect) -> str | None:
-        """Read."""
-        return None if value is None else self.kind(value)
 
 
 class Table(DeclarativeBase):
@@ -96,7 +60,9 @@ class PlanRow(Table):
 class ScanRow(Table):
     """A run of a plan, its state and its progress.
 
-    ``revision`` grows with every change of the row; ``fence`` is the scanner lease under which it was queued.
+    ``revision`` grows with each change, ``fence`` is its scanner lease, ``completes`` the scan that it begins with,
+    ``request_id`` the HTTP request that asked for it, if one did, ``scanner_id`` whose it is: nobody's if it was
+    imported, or over before scanners had names.
     """
 
     __tablename__ = "scans"
@@ -105,6 +71,9 @@ class ScanRow(Table):
     revision: Mapped[int] = mapped_column()
     plan_id: Mapped[str] = mapped_column(ForeignKey("plans.id"), index=True)
     mask_id: Mapped[str] = mapped_column(String(40), index=True)
+    scanner_id: Mapped[str | None] = mapped_column(String(40), index=True)
+    completes: Mapped[str | None] = mapped_column(String(40))
+    request_id: Mapped[str | None] = mapped_column(String(64))
     simulated: Mapped[bool]
     labels: Mapped[dict[str, str]]
     fence: Mapped[int]
@@ -130,7 +99,8 @@ class JobRow(Table):
 
     The queue's engine decides who runs a job and when; this row is what everybody else reads. ``fence`` counts its
     starts, also those that were put back: what an earlier start than the newest has to say is refused. ``promised`` is
-    how many bytes it may write; ``scan_id`` repeats the payload's, for lists.
+    how many bytes it may write; ``scan_id`` repeats the payload's, for lists; ``request_id`` is that of
+    the HTTP request that asked for it, if one did.
     """
 
     __tablename__ = "jobs"
@@ -141,6 +111,7 @@ class JobRow(Table):
     payload: Mapped[dict[str, Any]]
     scan_id: Mapped[str | None] = mapped_column(String(40), index=True)
     batch_id: Mapped[str | None] = mapped_column(String(40), index=True)
+    request_id: Mapped[str | None] = mapped_column(String(64))
     priority: Mapped[int]
     timeout: Mapped[float | None]
     promised: Mapped[int] = mapped_column(BigInteger, default=0, server_default="0")
@@ -191,7 +162,9 @@ class ReconstructionRow(Table):
 class ScannerRow(Table):
     """A scanner: how it stands, who holds it, and whether somebody pressed the emergency stop.
 
-    The lease is the principal's in ``held_by``; ``holder`` is how that one calls itself.
+    The lease is the principal's in ``held_by``; ``holder`` is how that one calls itself. ``address`` is where its node
+    answers the others, ``follows`` whether it has workers for images that grow with a scan. ``stop_number``,
+    ``stop_laser`` and ``stop_seconds`` tell of the press that stands.
     """
 
     __tablename__ = "scanners"
@@ -201,6 +174,9 @@ class ScannerRow(Table):
     simulated: Mapped[bool]
     connection: Mapped[str] = mapped_column(String(32))
     state: Mapped[str] = mapped_column(String(32))
+    interlock: Mapped[str] = mapped_column(String(16), default="unknown")
+    key_switch: Mapped[str] = mapped_column(String(16), default="unknown")
+    shutter: Mapped[str] = mapped_column(String(16), default="unknown")
     since: Mapped[datetime]
     last_error: Mapped[str | None] = mapped_column(Text)
     fence: Mapped[int]
@@ -211,6 +187,11 @@ class ScannerRow(Table):
     stopped_at: Mapped[datetime | None]
     stopped_by: Mapped[str | None] = mapped_column(String(120))
     stop_reason: Mapped[str | None] = mapped_column(Text)
+    stop_number: Mapped[str | None] = mapped_column(String(40))
+    stop_laser: Mapped[str | None] = mapped_column(String(16))
+    stop_seconds: Mapped[float | None]
+    address: Mapped[str | None] = mapped_column(String(200))
+    follows: Mapped[bool] = mapped_column(default=False, server_default=false())
     __mapper_args__ = {"version_id_col": revision}  # noqa: RUF012 - so the base class has it
 
 
@@ -221,6 +202,16 @@ class RemovalRow(Table):
     sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
     kind: Mapped[str] = mapped_column(String(40))
     resource_id: Mapped[str] = mapped_column(String(40))
+
+
+class ObjectRow(Table):
+    """Something that an object store keeps; ``sha256`` is of its content, and with the name its key."""
+
+    __tablename__ = "objects"
+    name: Mapped[str] = mapped_column(String(200), primary_key=True)
+    sha256: Mapped[str] = mapped_column(String(64))
+    size: Mapped[int] = mapped_column(BigInteger)
+    created: Mapped[datetime]
 
 
 class EventRow(Table):
@@ -263,13 +254,25 @@ class KeyRow(Table):
 
 
 class TicketRow(Table):
-    """A ticket for one event stream, by the hash of its secret."""
+    """A ticket for one event stream, by the hash of its secret; ``streams`` counts where it is open, on all nodes."""
 
     __tablename__ = "tickets"
     hash: Mapped[str] = mapped_column(String(64), primary_key=True)
     principal: Mapped[str] = mapped_column(String(160))
     expires: Mapped[datetime]
     opened: Mapped[datetime | None]
+    streams: Mapped[int] = mapped_column(default=0, server_default="0")
+
+
+class SessionRow(Table):
+    """A browser that somebody has signed in with a key, by the hash of its secret."""
+
+    __tablename__ = "sessions"
+    hash: Mapped[str] = mapped_column(String(64), primary_key=True)
+    issuer: Mapped[str] = mapped_column(String(64), index=True)
+    """Identifier of the key, or hash of the settings' one."""
+    created: Mapped[datetime]
+    expires: Mapped[datetime]
 
 
 class IdempotencyRow(Table):

@@ -39,7 +39,7 @@ def server(database, tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def http(server):
-    with httpx.Client(base_url=f"{server.url}/api/v1", timeout=90) as client:
+    with httpx.Client(base_url=f"{server.url}/api/v1", timeout=250) as client:
         yield client
 
 

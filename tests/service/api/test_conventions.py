@@ -24,6 +24,7 @@ READS = {
     "/metrics": set(),
     V1: set(),
     f"{V1}/storage": set(),
+    f"{V1}/session": set(),
     f"{V1}/masks": set(),
     f"{V1}/masks/{{mask_id}}": {TAG},
     f"{V1}/masks/{{mask_id}}/points": {TAG, ACCEPT},
@@ -37,13 +38,15 @@ READS = {
     f"{V1}/scans/{{scan_id}}/file": {TAG, RANGE, PREFER},
     f"{V1}/scans/{{scan_id}}/shots": set(),
     f"{V1}/scans/{{scan_id}}/alines": {TAG, ACCEPT},
+    f"{V1}/scans/{{scan_id}}/alines/latest": {TAG, ACCEPT},
     f"{V1}/scans/{{scan_id}}/coverage": set(),
     f"{V1}/reconstructions": set(),
     f"{V1}/reconstructions/{{reconstruction_id}}": {TAG, PREFER},
     f"{V1}/reconstructions/{{reconstruction_id}}/attempts": set(),
     f"{V1}/reconstructions/{{reconstruction_id}}/log": set(),
-    f"{V1}/reconstructions/{{reconstruction_id}}/mip": {TAG, PREFER},
+    f"{V1}/reconstructions/{{reconstruction_id}}/mip": {TAG, ACCEPT, PREFER},
     f"{V1}/reconstructions/{{reconstruction_id}}/volume": {TAG, ACCEPT, PREFER},
+    f"{V1}/reconstructions/{{reconstruction_id}}/volume.ome.zarr/{{path}}": {TAG, PREFER},
     f"{V1}/reconstructions/{{reconstruction_id}}/quality": set(),
     f"{V1}/reconstructions/{{reconstruction_id}}/revision": {TAG},
     f"{V1}/batches": set(),
@@ -79,7 +82,7 @@ def names(server, http, scan_with_alines, mask, plan):
     axes = Axes(np.arange(4) * 1e-3, np.arange(4) * 1e-3, np.arange(8) * 1e-4)
     values = np.random.default_rng(1).normal(size=(4, 4, 8)).astype(np.float32)
     write_volume(folder.volume, Volume(values, axes, (1e-3, 1e-3, 1e-4)), parameters={}, provenance={})
-    folder.mip("z").write_bytes(b"a picture")
+    (folder.root / "mip-z.png").write_bytes(b"a picture")
     folder.revision.write_text(json.dumps(REVISION))
     folder.log.write_text("a line\n")
     ledger = JobLedger(server.database)
@@ -87,7 +90,13 @@ def names(server, http, scan_with_alines, mask, plan):
     ledger.settle(made, 1, Succeeded({"shape": [4, 4, 8], "files": [folder.volume.name]}), "worker-9")
     batch = http.post("/batches", json={"scan_id": scan_id, "vary": {"modes": [4, 8]}}).json()["id"]
     found = {"mask_id": mask["id"], "plan_id": plan["id"], "scan_id": scan_id, "scanner_id": "scanner-0"}
-    found |= {"reconstruction_id": made, "job_id": made, "batch_id": batch, "name": folder.volume.name}
+    found |= {
+        "reconstruction_id": made,
+        "job_id": made,
+        "batch_id": batch,
+        "name": folder.volume.name,
+        "path": "zarr.json",
+    }
     return found | {"upload_id": http.post("/uploads", content=b"x").json()["id"]}
 
 
@@ -108,7 +117,7 @@ def test_the_table_names_every_address_and_what_the_document_declares():
 
 @pytest.mark.parametrize("path", READS)
 def test_an_address_keeps_the_conventions_that_it_declares(server, names, path):
-    with httpx.Client(base_url=server.url, timeout=90) as client:
+    with httpx.Client(base_url=server.url, timeout=250) as client:
         address, known = path.format(**names), READS[path]
         check_head(client, address)
         if path.endswith("/events"):
@@ -189,12 +198,12 @@ def check_representations(client, address, operation):
         assert other.headers["content-type"].partition(";")[0] != kind, "q=0 is a no, whatever the rest allows"
         least = client.get(address, headers={"Accept": f"*/*;q=0.9, {kind};q=0.1"})
         assert least.headers["content-type"].partition(";")[0] != kind, "what is named says more than what is not"
-        most = client.get(address, headers={"Accept": f"image/png, */*;q=0.1, {kind};q=0.2"})
+        most = client.get(address, headers={"Accept": f"image/webp, */*;q=0.1, {kind};q=0.2"})
         assert most.headers["content-type"].partition(";")[0] == kind
         told = client.get(address, headers={"Accept": f"{kind}; charset=utf-8"})
         assert told.status_code == 200, "what some clients add says nothing about which of these it is"
     assert len(tags) == len(kinds)
-    for accept in ("image/png", "*/*;q=0"):
+    for accept in ("image/webp", "*/*;q=0"):
         refused = client.get(address, headers={"Accept": accept})
         assert (refused.status_code, refused.json()["code"]) == (406, "not-acceptable")
 
@@ -257,7 +266,7 @@ def test_what_is_made_is_waited_for_as_long_as_is_preferred(http, names, plan, n
 
 def test_what_an_address_knows_is_told_to_who_asks_for_something_else(server, names):
     """The Allow header of a refusal names every method of the address."""
-    with httpx.Client(base_url=server.url, timeout=90) as client:
+    with httpx.Client(base_url=server.url, timeout=250) as client:
         for path, operations in DOCUMENT["paths"].items():
             methods = {method.upper() for method in operations} | ({"HEAD"} if "get" in operations else set())
             refused = client.request("TRACE", path.format(**names))

@@ -188,7 +188,7 @@ def test_a_waiting_reconstruction_can_be_moved_in_the_queue(http, scan_with_alin
 
 def test_metrics_count_jobs_scans_and_requests(server, http, scan):
     http.get("/scans/none")
-    text = httpx.get(f"{server.url}/metrics", timeout=90).text
+    text = httpx.get(f"{server.url}/metrics", timeout=250).text
     assert 'steradian_scans{state="queued"}' in text
     assert 'steradian_jobs{state="queued"}' in text
     assert 'route="/api/v1/scans/{scan_id}",status="404"' in text

@@ -11,6 +11,7 @@ from sqlalchemy import func, select
 
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import JobRequest, Succeeded
+from steradian.storage.arrays import Folder
 from steradian.storage.deletion import remove_files
 from steradian.storage.events import EventLog
 from steradian.storage.scans import ScanRepository
@@ -179,8 +180,8 @@ def test_a_batch_says_how_many_of_its_members_are_gone_and_goes_with_the_others(
 def test_a_deletion_that_is_killed_before_the_files_went_is_finished_at_the_next_start(tmp_path):
     server = api_of(tmp_path)
     server.wait()
-    with httpx.Client(base_url=f"{server.url}/api/v1", timeout=90) as http:
-        until(lambda: httpx.get(f"{server.url}/readyz", timeout=90).json()["checks"]["queue"])
+    with httpx.Client(base_url=f"{server.url}/api/v1", timeout=250) as http:
+        until(lambda: httpx.get(f"{server.url}/readyz", timeout=250).json()["checks"]["queue"])
         bench = Bench(server, http, 4)
         blocked = server.data.job(bench.first)
         with blocked.running():  # its process is still dying: the files stay for now
@@ -207,7 +208,7 @@ def test_a_deletion_cut_at_any_point_leaves_no_row_without_its_file(tmp_path):
     """Killed at a random moment of many deletions: a scan is whole, or gone; what is left of the files goes too."""
     server = api_of(tmp_path)
     server.wait()
-    with httpx.Client(base_url=f"{server.url}/api/v1", timeout=90) as http:
+    with httpx.Client(base_url=f"{server.url}/api/v1", timeout=250) as http:
         bench = Bench(server, http, 4)
         scans = [bench.add_scan(ScanState.COMPLETE) for _ in range(12)]
         pid = os.fork()
@@ -228,7 +229,7 @@ def test_a_deletion_cut_at_any_point_leaves_no_row_without_its_file(tmp_path):
         again.wait()
         bench.server = again
         until(lambda: bench.left() == 0)
-        with httpx.Client(base_url=f"{again.url}/api/v1", timeout=90) as http:
+        with httpx.Client(base_url=f"{again.url}/api/v1", timeout=250) as http:
             for scan in scans:
                 there = http.get(f"/scans/{scan}").status_code == 200
                 assert again.data.scan_file(scan).exists() == there
@@ -240,7 +241,7 @@ def test_two_who_remove_at_once_do_not_forget_what_a_third_deletes(server):
     """SQLite gives the number of the last note that is gone to the next one."""
     data, database = server.data, server.database
     first, second = (f"j{uuid.uuid4().hex[:26]}" for _ in range(2))
-    remove_files(database, data, lambda _jobs: None)  # what earlier tests left
+    remove_files(database, data, Folder(data), lambda _jobs: None)  # what earlier tests left
 
     def note(job):
         data.job(job).root.mkdir(parents=True)
@@ -248,11 +249,11 @@ def test_two_who_remove_at_once_do_not_forget_what_a_third_deletes(server):
             session.add(RemovalRow(kind="job", resource_id=job))
 
     def meanwhile(_jobs):
-        remove_files(database, data, lambda _jobs: None)
+        remove_files(database, data, Folder(data), lambda _jobs: None)
         note(second)
 
     note(first)
-    remove_files(database, data, meanwhile)
-    remove_files(database, data, lambda _jobs: None)
+    remove_files(database, data, Folder(data), meanwhile)
+    remove_files(database, data, Folder(data), lambda _jobs: None)
     assert not data.job(first).root.exists()
     assert not data.job(second).root.exists()

@@ -1,15 +1,17 @@
 """Latch and database agree on the emergency stop, however a press and a release meet."""
 
+import asyncio
 import threading
 
 import pytest
 
+from steradian.api import emergency
 from steradian.api.emergency import EmergencyDesk
-from steradian.security.keys import KeyStore
 from steradian.storage.database import Database
-from steradian.storage.emergency import EmergencyLatch
+from steradian.storage.emergency import Deed, EmergencyLatch
 from steradian.storage.paths import DataDirectory
-from steradian.storage.scanners import SCANNER_ID, ScannerRepository
+from steradian.storage.scanners import SCANNER_ID, EmergencyStopped, ScannerRepository
+from support.waiting import until
 
 HELD = 1.0
 """Seconds for which one side is held up, or less where the other does not wait for it."""
@@ -20,15 +22,15 @@ class HeldUp(ScannerRepository):
 
     late = ""
 
-    def __init__(self, database):
-        super().__init__(database)
+    def __init__(self, database, *about):
+        super().__init__(database, *about)
         self.reached, self.other = threading.Event(), threading.Event()
 
-    def stop(self, who, reason):
-        return self._do("stop", super().stop, who, reason)
+    def stop(self, who, reason, number=None):
+        return self._do("stop", super().stop, who, reason, number)
 
-    def release_stop(self, who):
-        return self._do("release", super().release_stop, who)
+    def release_stop(self, who, reason=None):
+        return self._do("release", super().release_stop, who, reason)
 
     def _do(self, name, deed, *about):
         if name == self.late:
@@ -49,7 +51,7 @@ def desk(tmp_path):
     database.migrate()
     scanner = HeldUp(database)
     scanner.ensure(simulated=True)
-    desk = EmergencyDesk(EmergencyLatch(data.emergency), scanner, KeyStore(database))
+    desk = EmergencyDesk(EmergencyLatch(data.emergency), scanner)
     desk.latch, desk.scanner = desk._latch, scanner
     yield desk
     database.close()
@@ -69,7 +71,7 @@ def test_a_press_that_is_released_while_it_is_recorded_does_not_stand_in_the_dat
     desk.scanner.late = "stop"
     desk.latch.press("Ada", "smoke")
     record = in_thread(desk._record)
-    assert desk.scanner.reached.wait(60)
+    assert desk.scanner.reached.wait(250)
     desk.release("Ben")
     record.join()
     assert desk.standing is None
@@ -81,9 +83,67 @@ def test_a_press_that_comes_while_another_is_released_stands_in_the_database(des
     desk._record()
     desk.scanner.late = "release"
     release = in_thread(desk.release, "Ben")
-    assert desk.scanner.reached.wait(60)
+    assert desk.scanner.reached.wait(250)
     desk.latch.press("Cid", "fire")
     desk._record()
     release.join()
     assert desk.standing.who == "Cid"
     assert is_stopped(desk)
+
+
+def test_a_press_that_another_node_could_only_write_into_the_database_stands_here_until_it_is_released(desk):
+    desk._record()
+    assert desk.standing is None
+    desk.scanner.of(SCANNER_ID).stop("Ada", "smoke")
+    desk._record()
+    assert (desk.standing.who, desk.standing.reason) == ("Ada", "smoke")
+    assert desk.scanner.get(SCANNER_ID).stop_number == desk.standing.number, "who sees it elsewhere can release it"
+    desk.latch.answer(Deed(desk.standing.number, "off", 0.1))
+    desk._record()
+    row = desk.scanner.get(SCANNER_ID)
+    assert (row.stop_number, row.stop_laser, row.stop_seconds) == (desk.standing.number, "off", 0.1)
+    desk.release("Ben", row.stop_number)
+    desk._record()
+    assert desk.standing is None
+    assert not is_stopped(desk)
+
+
+def test_who_releases_a_press_he_saw_does_not_release_one_that_only_the_database_knows_yet(desk):
+    desk.latch.press("Ada", "smoke")
+    desk._record()
+    seen = desk.standing.number
+    desk.release("Ben", seen)
+    desk.scanner.of(SCANNER_ID).stop("Cid", "fire")
+    with pytest.raises(EmergencyStopped, match="Cid"):
+        desk.release("Ben", seen)
+    assert is_stopped(desk)
+    assert desk.standing.who == "Cid"
+    desk.release("Ben", desk.standing.number)
+    assert not is_stopped(desk)
+
+
+def test_a_press_that_another_node_brings_again_is_one_press_also_after_its_release(desk, monkeypatch):
+    monkeypatch.setattr(emergency, "PATIENCE", 0.0)
+    first, _ = asyncio.run(desk.press("Ada", "smoke", "errand"))
+    again, _ = asyncio.run(desk.press("Ada", "smoke", "errand"))
+    assert again == first == desk.standing
+    desk.release("Ben")
+    late, _ = asyncio.run(desk.press("Ada", "smoke", "errand"))
+    assert (late, desk.standing) == (first, None)
+    other, _ = asyncio.run(desk.press("Ada", "smoke", "another"))
+    assert other == desk.standing != first
+
+
+def test_what_came_of_a_press_is_in_the_database_as_soon_as_the_answer_says_it(desk, monkeypatch):
+    """Other nodes, and pages that ask them, would say for a while that nobody answers."""
+    monkeypatch.setattr(emergency, "PATIENCE", 250.0)
+    monkeypatch.setattr(emergency, "EVERY", 250.0)
+    desk.open()
+    try:
+        press = in_thread(lambda: asyncio.run(desk.press("Ada", "smoke")))
+        until(lambda: is_stopped(desk))
+        desk.latch.answer(Deed(desk.standing.number, "off", 0.1))
+        press.join()
+        until(lambda: desk.scanner.get(SCANNER_ID).stop_laser == "off", 100)
+    finally:
+        desk.close()

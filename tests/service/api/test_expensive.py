@@ -16,6 +16,7 @@ import pytest
 from steradian.api.problem_kinds import PROBLEMS
 from steradian.api.services import Services
 from steradian.api.workshop import OutOfReach, Workshop
+from support.processes import children_of
 
 from .conftest import api_of
 
@@ -85,10 +86,39 @@ def test_a_large_body_of_nonsense_is_refused_in_one_sentence(server, positions, 
     assert len(answer.text) < 2000
 
 
+@pytest.mark.parametrize(
+    ("path", "body"),
+    [
+        ("masks", '{"arrangement": "points", "aperture": 0.01, "positions": [' + "[1, 2], " * 20_000 + "[1]]}"),
+        ("masks", '{"arrangement": "grid", "aperture": 0.01, "count": 60, "interval": 1e-5}'),
+        ("masks/preview", '{"arrangement": "grid", "aperture": 0.01, "count": 5, "interval": 1e-4}'),
+    ],
+    ids=["parsed", "made", "previewed"],
+)
+def test_what_takes_long_stands_still_with_the_processes_beside_the_api_and_others_are_answered(server, path, body):
+    ask = lambda: httpx.post(  # noqa: E731
+        f"{server.url}/api/v1/{path}", content=body, headers={"Content-Type": "application/json"}, timeout=300
+    )
+    assert ask().status_code in {200, 201, 422}  # now there is such a process
+    beside, answers = children_of(server.process.pid), []
+    asking = threading.Thread(target=lambda: answers.append(ask()))
+    for pid in beside:
+        os.kill(pid, signal.SIGSTOP)
+    try:
+        asking.start()
+        for _ in range(20):
+            assert httpx.get(f"{server.url}/healthz", timeout=300).status_code == 200
+    finally:
+        for pid in beside:
+            os.kill(pid, signal.SIGKILL)
+    asking.join()
+    assert (answers[0].status_code, answers[0].json().get("code")) == (503, "too-expensive"), answers[0].text[:500]
+
+
 @pytest.mark.parametrize("path", ["jobs", "scans", "reconstructions", "batches", "plans", "masks"])
 def test_no_body_is_larger_than_what_can_be_asked_for(server, path):
     address = server.url.removeprefix("http://").split(":")
-    with socket.create_connection((address[0], int(address[1])), timeout=60) as connection:
+    with socket.create_connection((address[0], int(address[1])), timeout=250) as connection:
         stated = f"Content-Type: application/json\r\nContent-Length: {60 * 2**20}\r\n\r\n"
         connection.sendall(f"POST /api/v1/{path} HTTP/1.1\r\nHost: 127.0.0.1\r\n{stated}".encode())
         assert connection.recv(100).startswith(b"HTTP/1.1 413")
@@ -136,6 +166,24 @@ def test_a_workshop_outlives_the_death_of_its_processes():
     asyncio.run(run())
 
 
+def test_what_works_too_long_is_ended_and_what_waits_for_others_is_not():
+    """A limit in seconds of a processor: on a busy machine the same things are worked out as on an idle one."""
+
+    async def run():
+        workshop = Workshop(max_work=1)
+        try:
+            assert await workshop.work(time.sleep, 1.5) is None
+            with pytest.raises(OutOfReach, match="longer than it may"):
+                await workshop.work(sum, range(10**12))
+            for value in range(1, 4):  # each has its own time, in the same process
+                assert await workshop.work(sum, range(10**7)) == 49999995000000
+                assert await double(workshop, value) == 2 * value
+        finally:
+            workshop.close()
+
+    asyncio.run(run())
+
+
 def test_a_workshop_that_closes_ends_what_is_being_worked_out():
     async def run():
         workshop = Workshop()
@@ -165,7 +213,7 @@ def test_the_processes_of_a_service_without_work_end(server, monkeypatch):
     try:
         child = workshop._Child()
         services.workshop._idle.append(child)
-        child._process.wait(60)
+        child._process.wait(250)
     finally:
         services.close()
 
@@ -176,14 +224,14 @@ def test_a_service_ends_after_what_looks_after_it(server, monkeypatch):
 
     def reconcile(_):
         begun.set()
-        services._over.wait(60)
+        services._over.wait(250)
         time.sleep(0.3)
         services.ledger.unfinished()
         ended.set()
 
     monkeypatch.setattr("steradian.jobs.engine.JobQueue.reconcile", reconcile)
     services.open()
-    assert begun.wait(90)
+    assert begun.wait(250)
     services.close()
     assert ended.is_set()
 

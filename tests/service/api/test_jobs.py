@@ -1,18 +1,22 @@
 """Jobs beyond reconstructions: what is refused before it is queued, what is queued, and what can be had afterwards."""
 
 import json
+import os
 import socket
 import uuid
 import zlib
 
 import numpy as np
 import pytest
+from sqlalchemy import update
 
 from steradian.imaging import Axes, Volume
 from steradian.jobs.kinds import KINDS
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import Succeeded
 from steradian.reconstructions.volume_file import write_volume
+from steradian.storage.tables import JobRow, ScanRow
+from support.processes import resident
 
 
 def volume(side=4, depth=8):
@@ -50,6 +54,38 @@ def asked(kind, reconstruction, scan_id, upload=""):
         "export": {"kind": kind, "reconstruction_id": reconstruction, "format": "nrrd"},
         "import": {"kind": kind, "upload_id": upload, "labels": {"from": "elsewhere"}},
     }[kind]
+
+
+def test_what_a_request_asked_for_bears_its_identifier_also_when_it_is_repeated(server, http, scan_with_alines):
+    scan, vary = scan_with_alines["scan"]["id"], {"sound_speed": [1480.0, 1500.0]}
+    about = {"Idempotency-Key": uuid.uuid4().hex}
+
+    def ask(path, **body):
+        names = ({"X-Request-ID": name} for name in ("first-1", "again-1"))
+        answers = [http.post(path, json=body, headers=about | name) for name in names]
+        assert answers[1].headers["x-request-id"] == "again-1"
+        assert answers[0].json() == answers[1].json(), "it is the first one's answer"
+        return answers[0].json()
+
+    image = ask("/reconstructions", scan_id=scan, parameters={"modes": 4})
+    speeds = ask("/jobs", **asked("sound-speed", "", scan))
+    batch = ask("/batches", scan_id=scan, vary=vary, parameters={"modes": 4})
+    again = ask("/scans", plan_id=scan_with_alines["scan"]["plan_id"])
+    shown = [f"/jobs/{job['id']}" for job in (image, speeds, *batch["jobs"])]
+    shown += [f"/reconstructions/{image['id']}", f"/scans/{again['id']}"]
+    assert {path: http.get(path).json()["request_id"] for path in shown} == dict.fromkeys(shown, "first-1")
+
+
+def test_what_was_asked_for_before_identifiers_were_kept_has_none(server, http, plan, scan_with_alines):
+    body = {"scan_id": scan_with_alines["scan"]["id"], "parameters": {"modes": 4}}
+    image = http.post("/reconstructions", json=body).json()["id"]
+    key = {"Idempotency-Key": uuid.uuid4().hex}
+    scan = http.post("/scans", json={"plan_id": plan["id"]}, headers=key).json()["id"]
+    with server.database.write() as session:  # before anybody reads them
+        session.execute(update(JobRow).where(JobRow.id == image).values(request_id=None))
+        session.execute(update(ScanRow).where(ScanRow.id == scan).values(request_id=None))
+    for path in (f"/jobs/{image}", f"/reconstructions/{image}", f"/scans/{scan}"):
+        assert http.get(path).json()["request_id"] is None
 
 
 @pytest.mark.parametrize("kind", ["sound-speed", "quality", "export", "import"])
@@ -130,6 +166,20 @@ def test_a_job_that_cannot_work_names_the_field_and_what_would_be_right(http, bo
     assert (answer.status_code, answer.json()["code"]) == (422, "invalid-input")
     assert error["pointer"].endswith(pointer)
     assert words in error["allowed"]
+
+
+def test_a_log_of_any_size_takes_little_memory(server, http):
+    upload = http.post("/uploads", content=b"anything").json()["id"]
+    job = http.post("/jobs", json={"kind": "import", "upload_id": upload}).json()["id"]
+    log, size = server.data.job(job).log, 2**28
+    log.parent.mkdir(parents=True)
+    log.write_bytes(b"begun\n")
+    assert http.get(f"/jobs/{job}/log").text == "begun\n"
+    os.truncate(log, size)
+    before = resident(server.process.pid)
+    with http.stream("GET", f"/jobs/{job}/log") as answer:
+        assert next(answer.iter_bytes()).startswith(b"begun")
+        assert resident(server.process.pid) - before < size / 4
 
 
 @pytest.mark.parametrize(
@@ -219,7 +269,7 @@ def test_the_newest_revision_is_shown_while_the_scan_runs(server, http, ledger, 
         "quality": {"sharpness": 0.1, "correlation_with_previous": None}, "seconds": {"total": 0.1}, "weights": "…",
     }  # fmt: skip
     folder.revision.write_text(json.dumps(revision))
-    folder.mip("z").write_bytes(b"\x89PNG")
+    (folder.root / "mip-z.png").write_bytes(b"\x89PNG")
     seen = http.get(f"/reconstructions/{job_id}/revision")
     assert (seen.json()["number"], seen.json()["quality"]["sharpness"]) == (3, 0.1)
     again = http.get(f"/reconstructions/{job_id}/revision", headers={"If-None-Match": seen.headers["etag"]})

@@ -40,7 +40,7 @@ class Operator:
 
 
 def client(server, key):
-    return httpx.Client(base_url=f"{server.url}/api/v1", headers={"Authorization": f"Bearer {key}"}, timeout=60)
+    return httpx.Client(base_url=f"{server.url}/api/v1", headers={"Authorization": f"Bearer {key}"}, timeout=250)
 
 
 @pytest.fixture(scope="module")

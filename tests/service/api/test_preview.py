@@ -65,3 +65,21 @@ def test_what_is_refused_of_a_mask_is_refused_of_its_preview(http):
         assert (refused.status_code, refused.json()) == (422, refused.json())
         made = http.post("/masks", json=MASK | wrong).json()
         assert refused.json()["errors"] == made["errors"]
+
+
+def test_a_plan_of_several_beams_keeps_the_mask_that_they_measure(http, mask):
+    beams = [[0, 0], [8e-4, 0], [0, 8e-4], [8e-4, 8e-4]]
+    wanted = {"mask_id": mask["id"], "beams": beams, "places": 30}
+    preview = http.post("/plans/preview", json=wanted).json()
+    assert (preview["beams"], preview["total_seconds"]) == (4, pytest.approx(30 / 50))
+    assert 0 < preview["displacement"]["median"] < preview["displacement"]["largest"]
+    made = http.post("/plans", json=wanted)
+    assert made.status_code == 201
+    plan = made.json()
+    assert plan["beams"] == beams
+    assert plan["mask_id"] != mask["id"]
+    covered = http.get(f"/masks/{plan['mask_id']}").json()
+    assert (covered["count"], covered["arrangement"]["of"]) == (120, mask["id"])
+    assert http.post("/plans", json=wanted).status_code == 200
+    wrong = http.post("/plans", json=wanted | {"beams": [[1e-3, 0]]})
+    assert (wrong.status_code, wrong.json()["errors"][0]["pointer"]) == (422, "#/beams/0")

@@ -114,7 +114,7 @@ def test_a_body_above_the_limit_is_refused(http, chunked):
 
 def test_the_framework_refuses_nothing_in_its_own_words(server):
     for path in ("/redoc", "/api", "/api/v2/masks", "/%00", "/api/v1/masks/%2e%2e"):
-        answer = httpx.get(server.url + path, timeout=90)
+        answer = httpx.get(server.url + path, timeout=250)
         assert answer.status_code == 404
         assert answer.headers["content-type"] == "application/problem+json"
 
@@ -143,19 +143,19 @@ def test_a_fault_of_the_service_is_a_problem_that_says_nothing_of_the_inside(ser
 def test_the_type_of_a_problem_leads_to_what_it_means_and_what_to_do(server, code):
     """Also for who has no key, and in the form that a program or a browser likes."""
     kind = PROBLEMS[code]
-    told = httpx.get(f"{server.url}/problems/{code}", timeout=90)
+    told = httpx.get(f"{server.url}/problems/{code}", timeout=250)
     assert told.status_code == 200
     about = {"title": kind.title, "meaning": kind.meaning, "remedy": kind.remedy, "status": kind.status}
     assert told.json() == about | {"type": f"/problems/{code}", "code": code, "retryable": kind.retryable}
-    page = httpx.get(f"{server.url}/problems/{code}", headers={"Accept": "text/html, */*;q=0.8"}, timeout=90)
+    page = httpx.get(f"{server.url}/problems/{code}", headers={"Accept": "text/html, */*;q=0.8"}, timeout=250)
     assert page.headers["content-type"].startswith("text/html")
     assert html.escape(kind.remedy) in page.text
 
 
 def test_all_kinds_of_problems_are_listed(server):
-    listed = httpx.get(f"{server.url}/problems", timeout=90)
+    listed = httpx.get(f"{server.url}/problems", timeout=250)
     assert [one["code"] for one in listed.json()["items"]] == list(PROBLEMS)
-    missing = httpx.get(f"{server.url}/problems/nope", timeout=90)
+    missing = httpx.get(f"{server.url}/problems/nope", timeout=250)
     assert (missing.status_code, missing.json()["type"]) == (404, "/problems/not-found")
 
 
@@ -177,6 +177,6 @@ def test_the_list_for_people_is_written_from_the_same_table(capsys):
 
 def test_the_address_in_a_problem_holds_no_ticket(server):
     """What is in the query may open something."""
-    refused = httpx.get(f"{server.url}/api/v1/events?ticket=secret", timeout=90)
+    refused = httpx.get(f"{server.url}/api/v1/events?ticket=secret", timeout=250)
     assert (refused.status_code, refused.json()["instance"]) == (401, "/api/v1/events")
     assert "secret" not in refused.text

@@ -36,7 +36,7 @@ def server(database, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def http(server):
-    with httpx.Client(base_url=f"{server.url}/api/v1", timeout=90) as client:
+    with httpx.Client(base_url=f"{server.url}/api/v1", timeout=250) as client:
         yield client
 
 

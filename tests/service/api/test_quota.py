@@ -2,6 +2,7 @@
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 
 import httpx
 import pytest
@@ -19,17 +20,17 @@ from steradian.storage.states import ScanState
 from .conftest import api_of, make_scan
 
 MIB = 2**20
-QUOTA = 40 * MIB
-VOLUME = 4 * 128**2 * 256
-"""Bytes of the values of a volume; 16 MiB."""
+QUOTA = 44 * MIB
+VOLUME = 4 * (128**2 * 256 + 64**2 * 128)
+"""Bytes of the values of a volume and of their coarser copy; 18 MiB."""
 
 
 @pytest.fixture(scope="module")
 def small(database, tmp_path_factory):
-    """A service whose folder may hold 40 MiB, a client of it and a scan."""
+    """A service whose folder may hold 44 MiB, a client of it and a scan."""
     server = api_of(tmp_path_factory.mktemp("quota"), quota_bytes=QUOTA, disk_reserve_bytes=0, **database())
     server.wait()
-    with httpx.Client(base_url=f"{server.url}/api/v1", timeout=90) as http:
+    with httpx.Client(base_url=f"{server.url}/api/v1", timeout=250) as http:
         grid = {"arrangement": "grid", "aperture": 0.01, "count": 3, "interval": 1e-3}
         mask = http.post("/masks", json=grid).json()["id"]
         plan = http.post("/plans", json={"mask_id": mask, "samples": 256}).json()["id"]
@@ -46,7 +47,7 @@ def refused(answer, needed):
     assert (answer.status_code, told["code"]) == (507, "disk-full"), answer.text
     assert needed <= told["needed_bytes"] < 1.1 * needed
     assert told["available_bytes"] < told["needed_bytes"]
-    assert "of the quota (quota_bytes), 41.9 MB, " in told["detail"]
+    assert "of the quota (quota_bytes), 46.1 MB, " in told["detail"]
     return told["promised_bytes"]
 
 
@@ -83,7 +84,7 @@ def test_storage_tells_what_holds_how_much_and_what_may_come(tmp_path):
         with server.database.write() as session:
             JobLedger(server.database).add(session, JobRequest("j1", "sound-speed", {}, promised=5 * MIB))
         server.data.scan_file("s1").write_bytes(bytes(3 * MIB))
-        with httpx.Client(base_url=f"{server.url}/api/v1", timeout=90) as http:
+        with httpx.Client(base_url=f"{server.url}/api/v1", timeout=250) as http:
             http.post("/uploads", content=bytes(2 * MIB)).raise_for_status()
             told = http.get("/storage").raise_for_status().json()
         used = told["used_bytes"]
@@ -101,18 +102,18 @@ def test_without_a_quota_the_disk_is_the_limit(http, server):
 
 
 def test_uploads_that_come_at_once_do_not_take_the_same_room(tmp_path):
-    """Four of 10 MiB, of lengths that are not stated, each begun before another has come: three fit, at most."""
+    """Four of 11 MiB, of lengths that are not stated, each begun before another has come: three fit, at most."""
     server, begun = api_of(tmp_path, quota_bytes=QUOTA, disk_reserve_bytes=0), threading.Barrier(4)
     server.wait()
 
     def pieces():
         yield bytes(1000)
-        begun.wait(60)
-        for _ in range(10):
+        begun.wait(250)
+        for _ in range(11):
             yield bytes(MIB)
 
     def send(_number):
-        with httpx.Client(base_url=f"{server.url}/api/v1", timeout=90) as http:
+        with httpx.Client(base_url=f"{server.url}/api/v1", timeout=250) as http:
             return http.post("/uploads", content=pieces()).status_code
 
     try:
@@ -194,6 +195,20 @@ def test_what_a_job_writes_after_the_folder_was_measured_is_still_promised(tmp_p
         server.close()
 
 
+@pytest.mark.parametrize(("role", "is_refused"), [("api", False), ("acquisition", True)])
+def test_a_scan_needs_room_where_its_scanner_is_and_on_no_other_node(tmp_path, role, is_refused):
+    server = api_of(tmp_path, quota_bytes=QUOTA, disk_reserve_bytes=0)
+    services = create_app(server.settings.model_copy(update={"role": role})).state.services
+    expected = pytest.raises(DiskFull) if is_refused else nullcontext()
+    try:
+        measured = services.measure()
+        with services.database.write() as session, expected:
+            services.require_room(session, 2 * QUOTA, "the scan", measured, for_scan=True)
+    finally:
+        services.database.close()
+        server.close()
+
+
 def test_the_folder_is_measured_while_others_write(small, monkeypatch):
     """On SQLite a transaction keeps every other writer waiting, so no walk through the folder belongs into it."""
     server, _, _ = small
@@ -219,13 +234,13 @@ def test_a_scan_that_does_not_fit_is_refused_and_one_that_waits_has_its_room(dat
     server = api_of(tmp_path, quota_bytes=QUOTA, disk_reserve_bytes=0, **database())
     server.wait()
     try:
-        with httpx.Client(base_url=f"{server.url}/api/v1", timeout=90) as http:
+        with httpx.Client(base_url=f"{server.url}/api/v1", timeout=250) as http:
             mask = http.post(
                 "/masks", json={"arrangement": "grid", "aperture": 0.01, "count": 30, "interval": 1e-4}
             ).json()
             plans = [
                 http.post("/plans", json={"mask_id": mask["id"], "samples": 2048, "frames": frames}).json()
-                for frames in (5, 12)
+                for frames in (5, 13)
             ]
             small, large = (plan["preview"]["bytes"] for plan in plans)
             assert small < QUOTA / 2 < QUOTA < large

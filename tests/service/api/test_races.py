@@ -6,6 +6,7 @@ import threading
 import uuid
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from datetime import timedelta
 
 import httpx
 import pytest
@@ -13,7 +14,8 @@ from sqlalchemy import select, text
 
 from steradian.api.app import create_app
 from steradian.api.job_checks import room_of
-from steradian.jobs.model import Succeeded
+from steradian.api.tidying import tidy
+from steradian.jobs.model import JobRequest, Succeeded
 from steradian.jobs.requests import ReconstructionRequest
 from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url
@@ -21,7 +23,7 @@ from steradian.storage.dependence import Resource, closure
 from steradian.storage.disk import promised
 from steradian.storage.events import record
 from steradian.storage.states import DesiredScanState, ScanState
-from steradian.storage.tables import MaskRow, PlanRow, ScannerRow, ScanRow
+from steradian.storage.tables import JobRow, MaskRow, PlanRow, ReconstructionRow, ScannerRow, ScanRow
 from support.waiting import until
 
 GRID = {"arrangement": "grid", "aperture": 0.01, "interval": 1e-4}
@@ -153,9 +155,10 @@ def test_a_deletion_waits_for_what_is_being_made_and_then_names_it(bench):
     assert answers[0].json()["dependents"] == ["/api/v1/plans/pnew"]
 
 
-def wait_for_a_lock(session):
-    """Wait until somebody waits for a lock."""
-    until(lambda: session.scalar(text("SELECT count(*) FROM pg_locks WHERE NOT granted")))
+def wait_for_a_lock(session, count=1):
+    """Wait until so many wait for a lock."""
+    waiting = "SELECT count(DISTINCT pid) FROM pg_locks WHERE NOT granted"
+    until(lambda: session.scalar(text(waiting)) >= count)
 
 
 @pytest.mark.parametrize("bench", [pytest.param("postgres", marks=pytest.mark.long)], indirect=True)
@@ -219,6 +222,41 @@ def test_what_another_deletion_has_taken_meanwhile_is_gone(bench, kind, status):
         services.deletion.forget(session, going, "ada", "requested")
     deleting.join(60)
     assert answers[0].status_code == status, answers[0].text
+
+
+@pytest.mark.parametrize("first", ["deletion", "retention"])
+def test_a_deletion_and_what_is_forgotten_for_its_age_never_wait_for_each_other(bench, monkeypatch, first):
+    """They touch the same three jobs; one in the middle is held until both wait, whichever came first."""
+    services, scan, name = bench.services, bench.scan(), uuid.uuid4().hex
+    made = [
+        JobRequest(f"{name}m", "reconstruction", {"scan_id": scan}),
+        JobRequest(f"{name}z", "reconstruction", {"scan_id": scan}),
+        JobRequest(f"{name}a", "export", {"reconstruction_id": f"{name}m", "format": "nifti"}),
+    ]
+    for request in made:
+        with services.database.write() as session:
+            services.ledger.add(session, request)
+            if request.kind == "reconstruction":
+                told = {"simulated": True, "created": services.clock(), "parameters": {}}
+                session.add(ReconstructionRow(id=request.id, scan_id=scan, **told))
+        services.ledger.settle(request.id, services.ledger.start(request.id, "test").fence, Succeeded({}), "test")
+    now = services.clock()
+    monkeypatch.setattr(services, "clock", lambda: now + timedelta(days=31))
+    monkeypatch.setattr(services, "settings", services.settings.model_copy(update={"retention_days": 30}))
+    both = {"retention": lambda: tidy(services), "deletion": lambda: bench.delete("scan", scan)}
+    order = [both.pop(first), *both.values()]
+    with ThreadPoolExecutor(2) as pool:
+        with services.database.write() as session:
+            session.execute(select(JobRow.id).where(JobRow.id == made[0].id).with_for_update())
+            asked = []
+            for count, work in enumerate(order, 1):
+                asked.append(pool.submit(work))
+                if services.database.engine.dialect.name == "postgresql":  # SQLite's one writer is waited for unseen
+                    wait_for_a_lock(session, count)
+        for work in asked:
+            work.result(60)
+    with services.database.read() as session:
+        assert not session.scalars(select(JobRow.id).where(JobRow.id.startswith(name))).all()
 
 
 @pytest.mark.parametrize("bench", [pytest.param("postgres", marks=pytest.mark.long)], indirect=True)

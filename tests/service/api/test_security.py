@@ -1,4 +1,4 @@
-"""Who may do what: every route with every scope, and with keys that are missing, wrong, expired or revoked."""
+"""Who may do what, and what is kept of keys and tickets; who may not stands in :mod:`attacks`."""
 
 from datetime import UTC, datetime, timedelta
 
@@ -19,7 +19,18 @@ from .conftest import api_of
 
 ROUTES = sorted(SCOPES, key=str)
 NONE = dict.fromkeys(
-    ("mask_id", "plan_id", "scan_id", "reconstruction_id", "batch_id", "scanner_id", "job_id", "upload_id", "name"),
+    (
+        "mask_id",
+        "plan_id",
+        "scan_id",
+        "reconstruction_id",
+        "batch_id",
+        "scanner_id",
+        "job_id",
+        "upload_id",
+        "name",
+        "path",
+    ),
     "none",
 )
 
@@ -32,19 +43,10 @@ class Guarded(ApiProcess):
         super().__init__(folder, host="0.0.0.0", **often)  # noqa: S104
         self.keys = KeyStore(self.database)
         self.of_scope = {scope: self.keys.create(f"of {scope}", [scope]) for scope in Scope}
-        past = KeyStore(self.database, clock=lambda: datetime.now(UTC) - timedelta(days=2))
-        revoked = self.keys.create("revoked", Scope)
-        self.keys.revoke(revoked.split("_")[1])
-        self.bad = {
-            "wrong": self.of_scope[Scope.ADMIN][:-1] + "#",
-            "unknown": "sk_000000000000_x",
-            "malformed": "x" * 5000,
-            "expired": past.create("expired", Scope, timedelta(days=1)),
-            "revoked": revoked,
-        }
 
     def ask(self, http, method, path, key=None, **more):
         headers = {"Authorization": f"Bearer {key}"} if key is not None else {}
+        http.cookies.clear()  # a session would speak for it
         with http.stream(method, self.url + path.format(**NONE), headers=headers, **more) as answer:
             if answer.status_code >= 400:
                 answer.read()
@@ -76,13 +78,13 @@ def guarded(tmp_path_factory):
     guarded = Guarded(tmp_path_factory.mktemp("guarded")).wait()
     yield guarded
     guarded.close()
-    for key in [*guarded.of_scope.values(), *guarded.bad.values()]:
+    for key in guarded.of_scope.values():
         assert secret_of(key) not in guarded.log, "no secret is in the log"
 
 
 @pytest.fixture(scope="module")
 def client():
-    with httpx.Client(timeout=90) as client:
+    with httpx.Client(timeout=250) as client:
         yield client
 
 
@@ -108,35 +110,17 @@ def test_no_handler_takes_authorisation_from_its_input():
 
 
 @pytest.mark.parametrize(("method", "path"), ROUTES)
-def test_a_route_is_open_to_its_scope_and_to_no_other(guarded, client, method, path):
+def test_a_route_is_open_to_its_scope(guarded, client, method, path):
     need = SCOPES[method, path]
-    for scope, key in guarded.of_scope.items():
-        status = guarded.ask(client, method, path, key).status_code
-        allowed = need is ANYONE or scope in {need, Scope.ADMIN}
-        assert (status == 403) is not allowed, (scope, status)
-        assert status not in {401, 500}
+    for scope in Scope if need is ANYONE else (need, Scope.ADMIN):
+        assert guarded.ask(client, method, path, guarded.of_scope[scope]).status_code not in {401, 403, 500}, scope
 
 
-@pytest.mark.parametrize(("method", "path"), ROUTES)
-def test_a_route_is_closed_without_a_valid_key(guarded, client, method, path):
-    for key in (None, *guarded.bad.values()):
-        answer = guarded.ask(client, method, path, key)
+def test_what_others_can_reach_is_closed_without_a_key(guarded, client):
+    for method, path in ROUTES:
+        answer = guarded.ask(client, method, path)
         assert (answer.status_code, answer.json()["code"]) == (401, "unauthorized")
         assert answer.headers["www-authenticate"].startswith("Bearer")
-        assert answer.headers["content-type"] == "application/problem+json"
-
-
-def test_a_body_is_not_read_before_the_key_is(guarded, client):
-    assert guarded.ask(client, "POST", "/api/v1/masks", content=b"{").status_code == 401
-    key = guarded.of_scope[Scope.READ]
-    assert guarded.ask(client, "POST", "/api/v1/masks", key, content=b"{").status_code == 403
-    assert guarded.ask(client, "GET", "/api/v1/nowhere").status_code == 401, "not even what exists is told"
-
-
-def test_scopes_in_the_query_change_nothing(guarded, client):
-    key = guarded.of_scope[Scope.READ]
-    query = "?scope=admin&principal=admin&need=read&key=x&scopes=admin"
-    assert guarded.ask(client, "POST", f"/api/v1/masks{query}", key).status_code == 403
 
 
 @pytest.mark.parametrize("path", ["/", "/docs", "/openapi.json", "/healthz", "/readyz", "/none", "/api/v1/x", "/%00"])
@@ -246,7 +230,7 @@ def test_a_setting_demands_keys_on_the_loopback_too(tmp_path):
     try:
         server.wait()
         asked = [
-            httpx.get(f"{server.url}/api/v1/masks", headers=h, timeout=90)
+            httpx.get(f"{server.url}/api/v1/masks", headers=h, timeout=250)
             for h in ({}, {"Authorization": f"Bearer {key}"})
         ]
         assert [answer.status_code for answer in asked] == [401, 200]

@@ -1,30 +1,15 @@
 """``steradian import`` and ``steradian export``: what they make, and how they refuse."""
 
-import io
 import json
-import sys
-from contextlib import redirect_stderr, redirect_stdout
 
 import h5py
 import numpy as np
 import pytest
 
 from fabry_perot.simulator.phantoms import Balls, pressure
-from steradian.cli import main
+from support.commands import run_here as run
 
 BALL = Balls(np.array([[0.4e-3, -0.7e-3, 1.5e-3]]), np.array([150e-6]), np.array([1.0]))
-
-
-def run(*arguments, cwd, code=0):
-    """Run the program's own entry point in a folder and check its exit code; returns both outputs."""
-    said = io.StringIO()
-    with pytest.MonkeyPatch.context() as patch, redirect_stdout(said), redirect_stderr(said):
-        patch.chdir(cwd)
-        patch.setattr(sys, "argv", ["steradian", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-    assert (ended.value.code or 0) == code, said.getvalue()
-    return said.getvalue()
 
 
 @pytest.fixture(scope="module")

@@ -1,9 +1,6 @@
 """``steradian key`` and ``steradian worker`` as a person meets them."""
 
-import os
 import re
-import subprocess
-import sys
 from datetime import UTC, datetime, timedelta
 
 import pytest
@@ -11,15 +8,7 @@ import pytest
 from steradian.security.keys import KeyStore, Scope, Unauthorized
 from steradian.storage.database import Database
 from steradian.storage.paths import DataDirectory
-
-MAIN = [sys.executable, "-m", "steradian"]
-CLEAN = {name: value for name, value in os.environ.items() if not name.startswith("STERADIAN_")}
-
-
-def run(*words, **variables):
-    return subprocess.run(
-        [*MAIN, *map(str, words)], capture_output=True, text=True, env=CLEAN | variables, timeout=60, check=False
-    )
+from support.commands import command as run
 
 
 @pytest.fixture

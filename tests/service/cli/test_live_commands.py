@@ -12,6 +12,7 @@ from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.plans.files import write_value
 from steradian.reconstructions.volume_file import read_volume
+from support.commands import run_here
 
 YARN = Path(__file__).parents[2] / "data" / "yarn_kwave_slice.npz"
 
@@ -28,7 +29,7 @@ def start(*arguments, cwd):
 
 def run(*arguments, cwd, code=0):
     process = start(*arguments, cwd=cwd)
-    output = process.communicate(timeout=100)[0]
+    output = process.communicate(timeout=250)[0]
     assert process.returncode == code, output
     assert "Traceback" not in output
     return output
@@ -42,14 +43,14 @@ def test_a_running_scan_is_followed_to_its_full_reconstruction(tmp_path):
     )
     try:
         run("scan", "plan.json", "--simulator-speed", "0.6", cwd=tmp_path)
-        output = follower.communicate(timeout=60)[0]
+        output = follower.communicate(timeout=250)[0]
     finally:
         follower.kill()
     assert follower.returncode == 0, output
     revision = json.loads((tmp_path / "live" / "revision.json").read_text())
     assert revision["final"] is True
     assert revision["number"] >= 2  # the others while the scan ran, for over three seconds
-    run("reconstruct", "scan.h5", "-o", "whole", "--modes", "32", cwd=tmp_path)
+    run_here("reconstruct", "scan.h5", "-o", "whole", "--modes", "32", cwd=tmp_path)
     live, whole = (read_volume(tmp_path / name / "volume.h5").values for name in ("live", "whole"))
     np.testing.assert_array_equal(live, whole)
 
@@ -58,16 +59,16 @@ def test_what_if_prints_and_writes_how_good_a_sparse_mask_would_have_been(tmp_pa
     with np.load(YARN) as archive:
         aperture = 64 * float(archive["dx"])
     write_value(equi_steradian_mask(aperture, 1.5e-3, 400), tmp_path / "mask.json")
-    output = run("what-if", YARN, "out", "--mask", "mask.json", cwd=tmp_path)
+    output = run_here("what-if", YARN, "out", "--mask", "mask.json", cwd=tmp_path)
     report = json.loads((tmp_path / "out" / "what-if.json").read_text())
     assert report["quality"]["mip_z_correlation"] > 0.85
     assert f"{report['used']} of 4096" in output
     assert f"{report['quality']['mip_z_correlation']:.4g}" in output
-    refused = run("what-if", YARN, "out", "--mask", "mask.json", "--points", "exact", cwd=tmp_path, code=2)
+    refused = run_here("what-if", YARN, "out", "--mask", "mask.json", "--points", "exact", cwd=tmp_path, code=2)
     assert "points not measured" in refused
 
 
 @pytest.mark.parametrize("command", ["reconstruct", "what-if"])
 def test_their_help_fits_the_screen(command, tmp_path):
-    output = run(command, "--help", cwd=tmp_path)
+    output = run_here(command, "--help", cwd=tmp_path)
     assert {"reconstruct": "--follow", "what-if": "--mask"}[command] in output

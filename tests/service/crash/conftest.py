@@ -51,7 +51,7 @@ class Killed(Service, EchoQueue):
             worker.terminate()
         Service.close(self)
         for worker in self.workers:
-            worker.wait(60)
+            worker.wait(250)
         EchoQueue.close(self)
 
 

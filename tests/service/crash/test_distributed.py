@@ -29,6 +29,6 @@ def test_jobs_run_on_the_service_and_on_a_second_host(distributed):
     settings = service.settings.model_copy(update={"worker_name": "other"})
     with (service.folder / "second.log").open("wb") as log:
         second = subprocess.Popen(command, env=settings.environment(), stdin=subprocess.PIPE, stderr=log)
-        assert second.wait(60) != 0
+        assert second.wait(250) != 0
         second.stdin.close()
     assert "another worker named other-0" in (service.folder / "second.log").read_text()

@@ -43,7 +43,7 @@ class Bench(EchoQueue):
     def close(self):
         if self.worker is not None:
             self.worker.terminate()
-            self.worker.wait(60)
+            self.worker.wait(250)
         super().close()
 
 

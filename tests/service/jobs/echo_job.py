@@ -8,7 +8,7 @@ from pathlib import Path
 
 from steradian.errors import InvalidInput, NotFound
 from steradian.jobs.process import child_main
-from steradian.storage.paths import JobDirectory
+from steradian.storage.job_directory import JobDirectory
 
 
 def work(job, progress):
@@ -19,6 +19,10 @@ def work(job, progress):
     match payload["do"]:
         case "succeed":
             time.sleep(payload.get("seconds", 0))
+            return {"answer": payload["answer"]}
+        case "wait":
+            while not Path(payload["until"]).exists():
+                time.sleep(0.05)
             return {"answer": payload["answer"]}
         case "follow":
             for _ in range(15):
@@ -41,6 +45,12 @@ def work(job, progress):
         case "stale":
             if job["start"] == 1:
                 raise OSError(errno.ESTALE, os.strerror(errno.ESTALE))
+            return {"answer": payload["answer"]}
+        case "away":
+            from sqlalchemy import create_engine
+
+            if job["start"] == 1:
+                create_engine(f"sqlite:///{job['data']}/away/steradian.sqlite").connect()
             return {"answer": payload["answer"]}
         case "read":
             scan = Path(job["data"]) / "scans" / "s1.h5"

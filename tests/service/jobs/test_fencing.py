@@ -11,7 +11,8 @@ from steradian.errors import Superseded
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import MAX_INTERRUPTIONS, Died, Interrupted, JobRequest, Succeeded
 from steradian.storage.database import Database
-from steradian.storage.paths import DataDirectory, JobDirectory
+from steradian.storage.job_directory import JobDirectory
+from steradian.storage.paths import DataDirectory
 from steradian.storage.states import ReconstructionState
 from support.waiting import until
 
@@ -117,7 +118,7 @@ def test_a_job_that_an_earlier_start_is_still_at_is_put_back(bench):
     with filelock.FileLock(folder.root / "lock"):
         bench.submit("locked", "lock", answer=1)
         until(lambda: "interrupted" in [a["outcome"] for a in bench.queue.status("locked").attempts])
-    status = bench.queue.wait("locked", timeout=60)
+    status = bench.queue.wait("locked", timeout=250)
     assert (status.state, status.attempt, status.error) == (R.SUCCEEDED, 1, None)
     assert "still runs job locked" in status.attempts[0]["detail"]
 
@@ -128,16 +129,21 @@ def test_a_job_whose_log_cannot_be_written_is_not_left_running(bench):
     log.parent.mkdir(parents=True)
     log.symlink_to("/dev/full")
     bench.submit("full", "die")
-    status = bench.queue.wait("full", timeout=60)
+    status = bench.queue.wait("full", timeout=250)
     assert (status.state, status.attempt, status.error_code) == (R.FAILED, 3, "died")
 
 
-def test_a_lost_file_system_interrupts_a_job(bench):
-    bench.submit("lost", "stale", answer=1)
-    status = bench.queue.wait("lost", timeout=60)
+@pytest.mark.parametrize(
+    ("lost", "said"),
+    [("stale", "Stale file handle"), ("away", "unable to open database file")],
+    ids=["files", "database"],
+)
+def test_a_lost_file_system_or_database_interrupts_a_job(bench, lost, said):
+    bench.submit(lost, lost, answer=1)
+    status = bench.queue.wait(lost, timeout=250)
     assert (status.state, status.attempt) == (R.SUCCEEDED, 1)
     assert [a["outcome"] for a in status.attempts] == ["interrupted", "succeeded"]
-    assert "Stale file handle" in status.attempts[0]["detail"]
+    assert said in status.attempts[0]["detail"]
 
 
 def test_the_newest_start_survives_in_the_folder(tmp_path):

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from steradian.jobs.runner import HURRIED_POLL, hurried
+from steradian.jobs.hurrying import HURRIED_POLL, hurried
 
 
 class Runner:

@@ -56,7 +56,7 @@ def ended(settings, *module):
         stdin=lifeline,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
-        timeout=100,
+        timeout=250,
         text=True,
         check=False,
     )
@@ -127,11 +127,11 @@ def test_a_worker_waits_for_a_service_of_its_version_and_changes_nothing_meanwhi
             assert asked(settings, "SELECT name FROM sqlite_master ORDER BY name") == tables
         service = make_bench(tmp_path)
         service.submit("job", "succeed", answer=1)
-        assert service.queue.wait("job", timeout=60).state is R.SUCCEEDED
+        assert service.queue.wait("job", timeout=250).state is R.SUCCEEDED
         service.queue.close()
     finally:
         worker.terminate()
-        worker.wait(60)
+        worker.wait(250)
 
 
 def test_a_worker_refuses_tables_of_a_newer_service_and_leaves_them(tmp_path):

@@ -27,10 +27,10 @@ def test_a_job_that_is_given_up_while_its_process_starts_leaves_none_behind(tmp_
     async def give_up():
         process = JobProcess([sys.executable, ECHO], {})
         payload = {"request": {"do": "hang", "diary": str(tmp_path / "diary")}}
-        job = asyncio.ensure_future(process.run(payload, log=tmp_path / "log.txt", report=_nothing, timeout=60))
+        job = asyncio.ensure_future(process.run(payload, log=tmp_path / "log.txt", report=_nothing, timeout=250))
         await there.wait()
         job.cancel()
-        await asyncio.wait({job}, timeout=60)
+        await asyncio.wait({job}, timeout=250)
         assert job.cancelled()
         assert started[0].returncode is not None, "it has been killed and waited for"
 
@@ -59,7 +59,7 @@ def test_an_error_that_clients_read_names_no_place_on_the_server(tmp_path):
     """What a system says holds whole paths; the log keeps them."""
     request = {"do": "lose", "diary": str(tmp_path / "diary")}
     run = JobProcess([sys.executable, ECHO], {}).run(
-        {"request": request, "data": str(tmp_path)}, log=tmp_path / "log.txt", report=_nothing, timeout=60
+        {"request": request, "data": str(tmp_path)}, log=tmp_path / "log.txt", report=_nothing, timeout=250
     )
     outcome = asyncio.run(run)
     assert outcome.message == "PermissionError: [Errno 13] Permission denied: 'uploads/u1'"
@@ -70,9 +70,22 @@ def test_an_error_with_what_no_database_keeps_as_text_can_be_noted(tmp_path):
     """A worker tries to note a job's end until the database takes it."""
     request = {"do": "garble", "diary": str(tmp_path / "diary")}
     run = JobProcess([sys.executable, ECHO], {}).run(
-        {"request": request, "data": str(tmp_path)}, log=tmp_path / "log.txt", report=_nothing, timeout=60
+        {"request": request, "data": str(tmp_path)}, log=tmp_path / "log.txt", report=_nothing, timeout=250
     )
     message = asyncio.run(run).message
     assert message.encode()
     assert "\0" not in message
     assert "a\N{REPLACEMENT CHARACTER}b\N{REPLACEMENT CHARACTER}" in message
+
+
+def test_a_job_stands_back_behind_whoever_answers_requests_and_scans(tmp_path):
+    async def run():
+        process = JobProcess([sys.executable, ECHO], dict(os.environ))
+        payload = {"request": {"do": "succeed", "answer": 1, "diary": str(tmp_path / "diary")}}
+        try:
+            await process.run(payload, log=tmp_path / "log.txt", report=_nothing, timeout=120)
+            return os.getpriority(os.PRIO_PROCESS, process._child.pid)
+        finally:
+            await process.end()
+
+    assert asyncio.run(run()) > os.getpriority(os.PRIO_PROCESS, 0)

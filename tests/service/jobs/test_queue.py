@@ -22,7 +22,7 @@ def test_a_job_runs_once_and_leaves_its_result(bench):
     bench.submit("good", "succeed", answer=42)
     bench.submit("good", "succeed", answer=43)
     seen = []
-    status = bench.queue.wait("good", timeout=60, progress=lambda *progress: seen.append(progress))
+    status = bench.queue.wait("good", timeout=250, progress=lambda *progress: seen.append(progress))
     assert (status.state, status.attempt, status.result) == (R.SUCCEEDED, 1, {"answer": 42})
     assert seen[-1] == ("working", 1, 4)
     assert len(bench.starts("good")) == 1
@@ -31,14 +31,14 @@ def test_a_job_runs_once_and_leaves_its_result(bench):
 
 def test_a_job_that_states_its_error_fails_at_once_with_it(bench):
     bench.submit("bad", "fail")
-    status = bench.queue.wait("bad", timeout=60)
+    status = bench.queue.wait("bad", timeout=250)
     assert (status.state, status.attempt) == (R.FAILED, 1)
     assert (status.error_code, status.error) == ("invalid-input", "depth is -1; allowed: > 0 (m)")
 
 
 def test_a_job_that_crashes_fails_at_once_and_its_log_has_the_traceback(bench):
     bench.submit("crash", "crash")
-    status = bench.queue.wait("crash", timeout=60)
+    status = bench.queue.wait("crash", timeout=250)
     assert (status.state, status.attempt, status.error) == (R.FAILED, 1, "ZeroDivisionError: oh")
     log = (bench.settings.data / "jobs" / "crash" / "log.txt").read_text()
     assert "ZeroDivisionError: oh" in log
@@ -47,7 +47,7 @@ def test_a_job_that_crashes_fails_at_once_and_its_log_has_the_traceback(bench):
 
 def test_a_job_whose_process_is_killed_is_started_three_times_then_fails(bench):
     bench.submit("poison", "die")
-    status = bench.queue.wait("poison", timeout=60)
+    status = bench.queue.wait("poison", timeout=250)
     assert (status.state, status.attempt, status.error_code) == (R.FAILED, 3, "died")
     assert "SIGKILL" in status.error
     assert len(bench.starts("poison")) == 3
@@ -61,10 +61,10 @@ def test_cancelling_a_running_job_kills_its_process_within_a_second(bench, slowe
     until(lambda: are_gone([pid]))
     took = time.monotonic() - start
     assert took < 1 * slowed()
-    assert bench.queue.wait("long", timeout=60).state is R.CANCELLED
+    assert bench.queue.wait("long", timeout=250).state is R.CANCELLED
     assert bench.queue.cancel("long").state is R.CANCELLED
     bench.submit("after", "succeed", answer=1)
-    assert bench.queue.wait("after", timeout=60).state is R.SUCCEEDED
+    assert bench.queue.wait("after", timeout=250).state is R.SUCCEEDED
 
 
 def test_a_job_cancelled_before_its_turn_never_starts(bench):
@@ -74,7 +74,7 @@ def test_a_job_cancelled_before_its_turn_never_starts(bench):
     assert bench.queue.status("waiting").state is R.QUEUED
     assert bench.queue.cancel("waiting").state is R.CANCELLED
     bench.queue.cancel("front")
-    assert bench.queue.wait("front", timeout=60).state is R.CANCELLED
+    assert bench.queue.wait("front", timeout=250).state is R.CANCELLED
     assert bench.starts("waiting") == []
 
 
@@ -86,7 +86,7 @@ def test_smaller_priorities_run_first_and_a_waiting_job_can_be_moved(bench):
         bench.queue.submit(JobRequest(name, "echo", payload, priority=priority))
     assert bench.queue.set_priority("moved", 1).priority == 1
     bench.queue.cancel("busy")
-    jobs = [bench.queue.wait(name, timeout=60) for name in ("moved", "early", "usual", "late")]
+    jobs = [bench.queue.wait(name, timeout=250) for name in ("moved", "early", "usual", "late")]
     assert [job.started for job in jobs] == sorted(job.started for job in jobs)
     with pytest.raises(Conflict, match="only a queued one"):
         bench.queue.set_priority("moved", 7)
@@ -95,7 +95,7 @@ def test_smaller_priorities_run_first_and_a_waiting_job_can_be_moved(bench):
 def test_a_process_is_kept_while_its_jobs_succeed_and_replaced_after_a_failure(bench):
     for name, do in (("first", "succeed"), ("second", "succeed"), ("third", "crash"), ("fourth", "succeed")):
         bench.submit(name, do, answer=1)
-        bench.queue.wait(name, timeout=60)
+        bench.queue.wait(name, timeout=250)
     first, second, third, fourth = (bench.starts(name)[0] for name in ("first", "second", "third", "fourth"))
     assert first == second == third != fourth
 
@@ -103,14 +103,14 @@ def test_a_process_is_kept_while_its_jobs_succeed_and_replaced_after_a_failure(b
 def test_a_job_that_takes_too_long_is_killed_and_has_failed(bench):
     payload = {"do": "hang", "diary": str(bench.settings.data / "slow")}
     bench.queue.submit(JobRequest("slow", "echo", payload, timeout=0.5))
-    status = bench.queue.wait("slow", timeout=60)
+    status = bench.queue.wait("slow", timeout=250)
     assert (status.state, status.error_code, status.attempt) == (R.FAILED, "timeout", 1)
     assert are_gone([bench.starts("slow")[0]])
 
 
 def test_every_attempt_and_change_is_kept_with_who_when_and_why(bench):
     bench.submit("mortal", "die")
-    status = bench.queue.wait("mortal", timeout=60)
+    status = bench.queue.wait("mortal", timeout=250)
     assert [(a["number"], a["worker"], a["outcome"]) for a in status.attempts] == [
         (number, "worker-0", "died") for number in (1, 2, 3)
     ]
@@ -123,7 +123,7 @@ def test_every_attempt_and_change_is_kept_with_who_when_and_why(bench):
 
 def test_a_finished_job_cannot_be_cancelled_and_an_unknown_one_is_named(bench):
     bench.submit("done", "succeed", answer=1)
-    bench.queue.wait("done", timeout=60)
+    bench.queue.wait("done", timeout=250)
     with pytest.raises(Conflict, match="done has succeeded"):
         bench.queue.cancel("done")
     with pytest.raises(NotFound, match="no job 'nope'"):
@@ -148,7 +148,7 @@ def test_a_worker_that_is_asked_to_end_puts_its_job_back_without_counting_it(ben
     pid = bench.until_working("back")
     start = time.monotonic()
     bench.worker.terminate()
-    assert bench.worker.wait(60) == 0
+    assert bench.worker.wait(250) == 0
     took = time.monotonic() - start
     assert took < 5 * slowed()
     assert are_gone([pid])
@@ -172,10 +172,10 @@ def test_a_queue_made_by_any_python_is_used_by_this_one(tmp_path, make_bench, ex
     try:
         before = time.time()
         bench.submit("timed", "succeed", answer=1)
-        assert bench.queue.wait("timed", timeout=60).state is R.SUCCEEDED
-        after = time.time()
+        assert bench.queue.wait("timed", timeout=250).state is R.SUCCEEDED
     finally:
         bench.close()
+    after = time.time()  # the engine notes a job's end after the ledger does
     with closing(sqlite3.connect(bench.settings.data / "steradian.sqlite")) as plain:
         ((schema,),) = plain.execute("SELECT sql FROM sqlite_master WHERE name = 'workflow_status'")
         assert schema.count(expression) == 2

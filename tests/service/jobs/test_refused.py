@@ -30,7 +30,7 @@ def test_a_result_that_the_database_refuses_fails_its_job_and_is_not_offered_for
         " BEGIN SELECT RAISE(ABORT, 'no such result, please'); END",
     )
     bench.submit("refused", "succeed", answer=1)
-    status = bench.queue.wait("refused", timeout=30)
+    status = bench.queue.wait("refused", timeout=250)
     assert (status.state, status.attempt, status.error_code) == (R.FAILED, 1, "internal")
     assert status.error == "the database refuses what it left: no such result, please"
 
@@ -53,7 +53,7 @@ def test_a_result_is_kept_while_postgresql_only_reads_as_before_a_standby_takes_
         bench.submit("early", "succeed", answer=1)
         until(lambda: "only reads" in bench.log.read_text())
         told(bench, "DROP TRIGGER refuse ON jobs")
-        status = bench.queue.wait("early", timeout=60)
+        status = bench.queue.wait("early", timeout=250)
         assert (status.state, status.attempt, status.result) == (R.SUCCEEDED, 1, {"answer": 1})
         assert [start["outcome"] for start in status.attempts] == ["succeeded"]
     finally:
@@ -65,7 +65,7 @@ def test_a_job_whose_row_is_gone_ends_quietly_and_the_next_one_is_done(bench):
     pid = bench.until_working("gone")
     told(bench, "DELETE FROM jobs WHERE id = 'gone'")
     bench.submit("next", "succeed", answer=2)
-    assert bench.queue.wait("next", timeout=60).result == {"answer": 2}
+    assert bench.queue.wait("next", timeout=250).result == {"answer": 2}
     until(lambda: not os.path.exists(f"/proc/{pid}"))
     said = bench.log.read_text()
     assert "there is no job 'gone' any more" in said
@@ -79,7 +79,7 @@ def test_settling_what_was_deleted_meanwhile_does_not_keep_others_from_being_set
     bench.queue._settle(row, "ERROR")
     row.state = R.CANCELLING
     bench.queue._settle(row, None)
-    assert bench.queue.wait("there", timeout=60).state is R.SUCCEEDED
+    assert bench.queue.wait("there", timeout=250).state is R.SUCCEEDED
 
 
 def test_starts_go_on_upward_from_what_the_folder_knows_when_the_database_was_restored(bench):
@@ -87,7 +87,7 @@ def test_starts_go_on_upward_from_what_the_folder_knows_when_the_database_was_re
     job = DataDirectory(bench.settings.data).job("restored")
     job.begin(7)
     bench.submit("restored", "tell")
-    status = bench.queue.wait("restored", timeout=60)
+    status = bench.queue.wait("restored", timeout=250)
     assert (status.state, status.result, status.attempt) == (R.SUCCEEDED, {"start": 8}, 1)
     job.begin(8)
 
@@ -97,7 +97,7 @@ def test_a_note_of_the_newest_start_that_a_power_cut_has_emptied_keeps_no_job_fr
     job.root.mkdir(parents=True)
     (job.root / "start").write_text("")
     bench.submit("emptied", "tell")
-    assert bench.queue.wait("emptied", timeout=60).result == {"start": 1}
+    assert bench.queue.wait("emptied", timeout=250).result == {"start": 1}
     job.begin(1)
     job.check(1)
 
@@ -133,3 +133,23 @@ def test_a_result_of_a_start_that_was_overtaken_in_that_moment_is_refused_by_the
     ledger.settle("job", 2, Succeeded({"answer": "new"}), "other")
     assert ledger.status("job").result == {"answer": "new"}
     bench.queue.close()
+
+
+def test_a_job_that_comes_while_the_worker_is_asked_to_end_is_not_begun(make_bench, tmp_path):
+    """Its process ends without waiting for it: a start would be left behind that counts as dead."""
+    bench = make_bench(tmp_path)
+    bench.submit("late", "succeed", answer="none")
+    runner = JobRunner(bench.settings, bench.queue.ledger, {}, "ending")
+    runner.stopping.set()
+    runner.idle.clear()
+
+    async def come():
+        run = asyncio.ensure_future(runner.run("late"))
+        await asyncio.to_thread(until, runner.idle.is_set)
+        run.cancel()
+        await asyncio.wait({run})
+
+    asyncio.run(come())
+    status = bench.queue.status("late")
+    assert (status.state, status.attempt, status.attempts) == (R.QUEUED, 0, [])
+    bench.close()

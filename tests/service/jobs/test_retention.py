@@ -6,6 +6,7 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 from steradian.api.services import Services
+from steradian.api.tidying import tidy
 from steradian.jobs.model import Failed, JobRequest, Succeeded
 from steradian.jobs.requests import ImportRequest, job_of
 from steradian.masks import grid_mask
@@ -67,10 +68,10 @@ def test_finished_jobs_go_with_their_files_after_their_time_and_others_stay(serv
     old, running = job(services, "old", over=True), job(services, "running", over=False)
     services.clock.now += timedelta(days=29)
     young = job(services, "young", over=True)
-    services.tidy()
+    tidy(services)
     assert old.exists()
     services.clock.now += timedelta(days=2)
-    services.tidy()
+    tidy(services)
     assert (old.exists(), running.exists(), young.exists()) == (False, True, True)
     assert services.queue.forgotten == ["old"]
     assert {row.id for row in services.ledger.page(10).rows} == {"running", "young"}
@@ -84,7 +85,7 @@ def test_scans_and_masks_are_never_forgotten(services):
     scan = services.scans.queue(row, simulated=True)
     services.data.scan_file(scan.id).write_bytes(b"x")
     services.clock.now += timedelta(days=4000)
-    services.tidy()
+    tidy(services)
     assert services.scans.get(scan.id)
     assert services.masks.get(plan.mask.id)
     assert services.data.scan_file(scan.id).exists()
@@ -94,7 +95,7 @@ def test_without_a_retention_time_jobs_are_kept(services):
     services.settings = services.settings.model_copy(update={"retention_days": None})
     folder = job(services, "old", over=True)
     services.clock.now += timedelta(days=4000)
-    services.tidy()
+    tidy(services)
     assert folder.exists()
 
 
@@ -104,7 +105,7 @@ def test_uploads_that_nobody_imports_go_after_a_day(services):
         path.write_bytes(b"x")
         then = (services.clock.now - age).timestamp()
         os.utime(path, (then, then))
-    services.tidy()
+    tidy(services)
     assert [path.exists() for path in paths] == [False, True]
 
 
@@ -116,11 +117,11 @@ def test_an_upload_that_an_import_waits_for_stays_until_it_is_over(services):
         os.utime(one, (then, then))
     with services.database.write() as session:
         services.ledger.add(session, job_of("j1", ImportRequest.create(upload_id="u1", companion_id="u2")))
-    services.tidy()
+    tidy(services)
     assert (path.exists(), beside.exists()) == (True, True)
     services.ledger.want_cancelled("j1", "ada", None)
     services.ledger.cancelled("j1", "ada")
-    services.tidy()
+    tidy(services)
     assert (path.exists(), beside.exists()) == (False, False)
 
 
@@ -129,7 +130,7 @@ def test_events_can_be_replayed_for_as_long_as_was_chosen(services):
     services.clock.now += timedelta(days=6)
     job(services, "second", over=True)
     services.clock.now += timedelta(days=2)
-    services.tidy()
+    tidy(services)
     with services.database.read() as session:
         left = {row.resource_id for row in session.query(EventRow)}
     assert left == {"second"}
@@ -146,9 +147,9 @@ def test_drafts_of_jobs_that_were_killed_go_and_those_of_a_running_one_stay(serv
         (folder / "volume.h5.1.new").write_bytes(b"half")
     with services.data.job("dying").running():
         (dying / "volume.h5.1.new").write_bytes(b"half")
-        services.tidy()
+        tidy(services)
         assert [len(list(folder.glob("*.new"))) for folder in (over, running, dying)] == [0, 1, 1]
-    services.tidy()
+    tidy(services)
     assert [len(list(folder.glob("*.new"))) for folder in (over, running, dying)] == [0, 1, 0]
     assert [(folder / "volume.h5").exists() for folder in (over, running, dying)] == [True] * 3
 
@@ -163,13 +164,13 @@ def test_a_result_that_a_waiting_job_has_still_to_read_stays_until_that_is_over(
         for export in exports:
             services.ledger.add(session, export)
     services.clock.now += timedelta(days=31)
-    services.tidy()
+    tidy(services)
     assert [folder.exists() for folder in (image, reference, other)] == [True, True, False]
     assert {row.id for row in services.ledger.page(10).rows} == {"image", "reference", "j1", "j2"}
     for export in exports:
         services.ledger.want_cancelled(export.id, "ada", None)
         services.ledger.cancelled(export.id, "ada")
-    services.tidy()
+    tidy(services)
     assert [folder.exists() for folder in (image, reference)] == [False, False]
 
 
@@ -196,8 +197,8 @@ def test_what_killed_imports_were_writing_goes_and_scans_and_running_imports_kee
     for scan in ("s1.h5", f"{armed}.h5.new"):
         (scans / scan).write_bytes(b"A-lines")
     with services.data.job("j3").running():  # cancelled, and its process is still dying
-        services.tidy()
+        tidy(services)
         assert [draft.exists() for draft in drafts] == [False, False, True, True, True, True, False, False]
-    services.tidy()
+    tidy(services)
     left = {path.name for path in scans.iterdir()}
     assert left == {"s1.h5", "s2.h5.1.new", "s2.h5.2.new.importing", f"{armed}.h5.new"}

@@ -46,7 +46,7 @@ def test_jobs_of_a_folder_that_is_not_mounted_go_back_and_are_done_when_it_is(mo
     turn("there")
     bench.start()  # as the supervisor does
     for job in ("under way", "waiting"):
-        status = bench.queue.wait(job, timeout=60)
+        status = bench.queue.wait(job, timeout=250)
         assert (status.state, status.attempt, status.result) == (R.SUCCEEDED, 1, {"answer": 1})
 
 
@@ -58,4 +58,4 @@ def test_an_idle_worker_fails_no_job_for_it(mounted, tmp_path):
     assert bench.queue.status("late").state is R.QUEUED
     turn("there")
     bench.start()
-    assert bench.queue.wait("late", timeout=60).state is R.SUCCEEDED
+    assert bench.queue.wait("late", timeout=250).state is R.SUCCEEDED

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from steradian import InvalidInput, ScanPlan, equi_steradian_mask, grid_mask
-from steradian.benchmarks.tuning import device_seconds, optima
+from steradian.benchmarks.tuning import optima, simulated_seconds
 from steradian.plans import Fringe, Link, Tuning, VisitOrder, preview
 from steradian.plans.bands import cut, held
 from steradian.plans.files import read_value, write_value
@@ -111,7 +111,7 @@ def test_a_film_that_scatters_is_measured_five_times_faster_for_a_tenth_of_its_s
 def test_the_simulated_hardware_takes_as_long_as_the_preview_says():
     """By its own clock, to half a per cent."""
     for plan in (planned("snake", tuning=EACH), planned("bands", loss=0.1)):
-        assert device_seconds(plan, "scatter") == pytest.approx(preview(plan).total_seconds, rel=5e-3)
+        assert simulated_seconds(plan, "scatter") == pytest.approx(preview(plan).total_seconds, rel=5e-3)
 
 
 @pytest.mark.parametrize("film", ["wedge", "domains", "both"])

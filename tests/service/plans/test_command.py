@@ -70,3 +70,11 @@ def test_wavelengths_are_read_in_nanometres(mask, tmp_path):
     (tmp_path / "bias.csv").write_text("red\n")
     with pytest.raises(DamagedFile, match=r"bias\.csv"):
         run(*words)
+
+
+def test_beams_make_a_plan_of_the_points_that_they_measure(mask, tmp_path):
+    result = run(mask, "--beams", "2x2", "--beam-spacing", "1mm", "--baud", 0, "-o", tmp_path / "plan.json")
+    assert result.exit_code == 0, result.output
+    assert "4 at 36 places" in result.output
+    assert "from a measured one (median)" in result.output
+    assert len(read_value(ScanPlan, tmp_path / "plan.json").beams) == 4

@@ -8,11 +8,11 @@ from fabry_perot.simulator import launch
 from steradian import ScanPlan, equi_steradian_mask
 from steradian.plans import Link, preview
 
-RING, RUNS = 8, 5
+RING, RUNS = 8, 10
 MASK = equi_steradian_mask(13.56e-3, 3.6e-3, 65)
 FEW = equi_steradian_mask(13.56e-3, 3.6e-3, 45)
 
-SLOW_LINE = Link(byte_rate=11_520, ring=RING)
+SLOW_LINE = Link(byte_rate=46_080, ring=RING)
 
 
 def device_seconds(plan: ScanPlan, *, speed: float, baud: int = 0) -> float:
@@ -44,24 +44,23 @@ def device_seconds(plan: ScanPlan, *, speed: float, baud: int = 0) -> float:
     [
         ("laser", {"pulse_rate": 50, "averages": 2, "link": Link(byte_rate=None)}, {"speed": 20}),
         ("mover", {"pulse_rate": 5000, "samples": 64, "link": Link(byte_rate=None)}, {"speed": 0.1}),
-        ("link", {"pulse_rate": 100, "samples": 512, "link": SLOW_LINE}, {"speed": 1, "baud": 115_200}),
+        ("link", {"pulse_rate": 100, "samples": 2048, "link": SLOW_LINE}, {"speed": 1, "baud": 460_800}),
     ],
 )
 def test_the_preview_agrees_with_a_simulated_run(limiting, plan, run):
     """Whatever limits a scan, preview and device time differ by less than 2 %.
 
-    A host that waits for a processor makes a run longer and never shorter: the shortest of a few is the scanner's own.
+    A host that waits for a processor makes a run longer: the shortest of a few is the scanner's own. A simulator that
+    waits leaves statuses out: ten a second, of some fifty bytes each, are about a hundredth of what this line carries.
     """
     mask = FEW if limiting == "link" else MASK  # a slow line in real time, so that a busy machine can keep up
     wanted = ScanPlan.create(mask=mask, order="shortest", **plan)
     cost = preview(wanted)
     assert cost.limiting == limiting
-    expected, shortest = pytest.approx(cost.total_seconds, rel=0.02), np.inf
-    for _ in range(RUNS):
-        shortest = min(shortest, device_seconds(wanted, **run))
-        if shortest <= cost.total_seconds or shortest == expected:
-            break
-    assert shortest == expected
+    expected, found = pytest.approx(cost.total_seconds, rel=0.02), []
+    while len(found) < RUNS and (not found or (min(found) > cost.total_seconds and min(found) != expected)):
+        found.append(device_seconds(wanted, **run))
+    assert min(found) == expected, found
 
 
 def test_no_part_of_the_time_is_forgotten():

@@ -27,6 +27,7 @@ from steradian.reconstructions.live import LiveView, follow_scan
 from steradian.reconstructions.options import plan_parameters
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.preview import Preview, preview_of
+from steradian.reconstructions.stored_volume import StoredVolume
 from steradian.reconstructions.volume_file import read_volume
 from steradian.scans.following import Quiet, ScanFollower
 from steradian.scans.reading import read_scan
@@ -95,6 +96,9 @@ def test_revisions_appear_as_alines_come_and_the_last_is_the_reconstruction_from
         seen.append(json.loads((output / "revision.json").read_text()))
         for axis in "xyz":
             assert (output / f"mip-{axis}.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+        stored = StoredVolume(output / ("volume.h5" if seen[-1]["final"] else "projections.h5"))
+        assert list(stored.lattice.shape) == seen[-1]["image"]["shape"]
+        assert stored.projection("z").max() == pytest.approx(seen[-1]["quality"]["maximum"])
 
     report = follow_scan(
         scan.path,
@@ -338,7 +342,7 @@ def test_a_line_of_sensors_is_followed_too(tmp_path: Path) -> None:
     traces = recording.traces.astype(np.float32)
     whole = image_by(plan_parameters(recording, PARAMETERS), traces, recording.positions)
     assert _distance(view.volume().values, whole.values) < 1e-4
-    assert {path.name for path in (tmp_path / "live").iterdir()} == {"mip-y.png", "revision.json"}
+    assert {path.name for path in (tmp_path / "live").iterdir()} == {"mip-y.png", "projections.h5", "revision.json"}
 
 
 def test_a_view_that_begins_late_takes_the_alines_in_pieces(

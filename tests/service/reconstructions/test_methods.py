@@ -16,6 +16,7 @@ from steradian.cli.reconstruct import _fit as told_of
 from steradian.errors import InvalidInput
 from steradian.imaging import Volume
 from steradian.imaging.conditioning import Display
+from steradian.imaging.engines.cuda import backend
 from steradian.imaging.iterations import Stopped
 from steradian.reconstructions.found import Fit
 from steradian.reconstructions.job import Report, reconstruct_recording, reconstruct_scan, write_reconstruction
@@ -165,3 +166,40 @@ def test_the_report_states_the_sensed_area_and_notes_weights_that_are_not_areas(
     mended = write_reconstruction(old, tmp_path / "mended", chosen.replace(weights="voronoi"), Report())
     assert mended.notes == []
     assert mended.sensed_area_m2 == pytest.approx(report.sensed_area_m2)
+
+
+@pytest.mark.parametrize("method", ["nedner", "iterative"])
+def test_the_report_names_the_device(
+    method: str, recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And says why it was not the GPU, where there is one with too little memory."""
+    values = dict(np.load(recording))
+    np.savez(recording, **values | {"p": values["p"][:60, 4:12, 4:12]})  # a simulated GPU is slow
+    small: dict[str, Any] = {"sound_speed": 1500.0, "modes": 8, "method": method, "depth_range": (0.3e-3, 0.9e-3)}
+    if method == "iterative":
+        small |= {"iterative": {"iterations": 1, "refits": 0}, "lateral_padding": 1.0}
+    reports, volumes = [], []
+    for name in ("cpu", "auto"):
+        parameters = ReconstructionParameters.create(device=name, **small)
+        reports.append(reconstruct_scan(recording, tmp_path / name, parameters))
+        volumes.append(read_volume(tmp_path / name / "volume.h5").values)
+        if backend.missing():
+            monkeypatch.setenv(backend.SIMULATOR, "simulator")
+    here, there = reports
+    assert (here.device, here.notes) == ("cpu", there.notes)
+    assert there.device not in ("", "cpu")
+    assert json.loads((tmp_path / "auto" / "report.json").read_text())["device"] == there.device
+    assert np.linalg.norm(volumes[1] - volumes[0]) <= 1e-4 * np.linalg.norm(volumes[0])
+    monkeypatch.setattr(type(backend.device()), "free", lambda _: 10_000)
+    again = reconstruct_scan(recording, tmp_path / "full", ReconstructionParameters.create(device="auto", **small))
+    assert again.device == "cpu"
+    assert any("the GPU's memory being too small" in note for note in again.notes)
+
+
+@pytest.mark.skipif(backend.missing() is None, reason="there is a GPU")
+def test_a_gpu_that_is_not_there_is_refused_in_words(recording: Path, tmp_path: Path) -> None:
+    parameters = ReconstructionParameters.create(device="gpu", sound_speed=1500.0)
+    with pytest.raises(InvalidInput, match=r"device is gpu; allowed: cpu or auto here \(.*steradian\[gpu\]"):
+        reconstruct_scan(recording, tmp_path / "out", parameters)
+    with pytest.raises(InvalidInput, match="device"):
+        ReconstructionParameters.create(device="tpu")

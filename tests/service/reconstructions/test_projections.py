@@ -8,6 +8,7 @@ from steradian.drawing.sheet import SHORT_SIDE
 from steradian.drawing.ticks import ticks
 from steradian.imaging import Axes, ReconstructionPlan, Volume
 from steradian.imaging.conditioning import Display
+from steradian.imaging.engines.cuda import backend
 from steradian.imaging.parameters import Parameters
 from steradian.reconstructions.kept_plans import KeptPlans, size_of
 from steradian.reconstructions.pictures import draw_mip
@@ -137,6 +138,19 @@ def test_only_the_plans_used_last_are_kept_and_little_memory(positions):
     for options in speeds:
         tight.get(positions, 32, options)
     assert len(tight) == 1
+
+
+def test_a_plan_that_a_full_gpu_sent_to_the_processor_is_made_anew(positions, monkeypatch):
+    """The next job may find room there, and does not report what befell another one."""
+    monkeypatch.setenv(backend.SIMULATOR, "simulator")
+    monkeypatch.setattr(backend.Simulated, "free", lambda _: 1000)
+    plans, options = KeptPlans(), Parameters(**OPTIONS, device="auto")
+    assert plans.get(positions, 32, options).chosen.device == "cpu"
+    monkeypatch.undo()
+    monkeypatch.setenv(backend.SIMULATOR, "simulator")
+    plan = plans.get(positions, 32, options)
+    assert (plan.chosen.device, plan.chosen.notes) == ("simulator", [])
+    assert plans.get(positions, 32, options) is plan
 
 
 def test_shared_arrays_count_once():

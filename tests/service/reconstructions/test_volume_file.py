@@ -1,25 +1,31 @@
 """What ``volume.h5`` holds, as readers other than ours find it."""
 
 import json
+import os
 import shutil
 import subprocess
+from dataclasses import replace
 
 import h5py
 import numpy as np
 import pytest
 
+from steradian.errors import DamagedFile
 from steradian.imaging import Axes, Volume, reconstruct
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.reconstructions.exporting import export_volume
 from steradian.reconstructions.job import reconstruct_scan
+from steradian.reconstructions.levels import chunks_of
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.volume_file import read_volume, write_volume
+from steradian.reconstructions.stored_volume import StoredVolume
+from steradian.reconstructions.volume_file import attach_axes, read_volume, write_axes, write_volume
 from steradian.scans.importing.writing import ImportedAline
 from steradian.scans.store import AlineStore, create_scan_file
 
 AXES = Axes(np.arange(5) * 1e-4 - 2e-4, np.arange(4) * 2e-4 - 4e-4, np.arange(6) * 1e-5 + 1e-3)
 SPEED = 1487.0
+ABOUT = {"parameters": {}, "provenance": {}}
 
 
 @pytest.fixture(scope="module")
@@ -64,19 +70,87 @@ def test_every_dimension_has_the_scale_of_its_axis(tmp_path, volume, how):
     np.testing.assert_allclose(again.axes.z, AXES.z)
 
 
-def test_octave_reads_values_and_axes_of_a_file_with_scales(tmp_path, volume):
+def test_octave_reads_values_axes_and_levels(tmp_path):
     program = shutil.which("octave")
     if program is None:
         pytest.skip("needs Octave: apt-get install octave (or dnf, brew install octave)")
-    write_volume(tmp_path / "volume.h5", volume, parameters={}, provenance={})
+    values = np.random.default_rng(3).random((131, 4, 6)).astype(np.float32)
+    x = np.arange(131) * 1e-4
+    write_volume(tmp_path / "volume.h5", Volume(values, replace(AXES, x=x), (1e-4, 2e-4, 1e-5)), **ABOUT)
     code = (
-        "s = load('-hdf5', 'volume.h5'); printf('%.9g ', size(s.values), s.values(3, 2, 1), s.x, s.z, size(s.mip_z));"
+        "s = load('-hdf5', 'volume.h5'); printf('%.9g ', size(s.values), s.values(3, 2, 1), s.x, s.z, size(s.mip_z),"
+        " size(s.levels._1), s.levels._1(3, 2, 1));"
     )
     command = [program, "--no-gui", "--quiet", "--eval", code]
     told = subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, text=True).stdout.split()
     np.testing.assert_allclose(
-        np.array(told, float), [6, 4, 5, volume.values[0, 1, 2], *AXES.x, *AXES.z, 4, 5], rtol=1e-6, atol=1e-12
+        np.array(told, float),
+        [6, 4, 131, values[0, 1, 2], *x, *AXES.z, 4, 131, 3, 2, 66, values[:2, 2:4, 4:].mean()],
+        rtol=1e-6,
+        atol=1e-12,
     )
+
+
+@pytest.mark.parametrize(
+    ("shape", "chunks"),
+    [
+        ((226, 226, 1024), (57, 57, 64)),
+        ((256, 256, 512), (64, 64, 64)),
+        ((100, 96, 97), (50, 96, 49)),
+        ((452, 452, 2048), (65, 65, 64)),
+        ((5, 4, 6), (5, 4, 6)),
+    ],
+)
+def test_chunks_hardly_stick_out_of_the_volume(shape, chunks):
+    assert chunks_of(shape) == chunks
+    padded = np.prod([-(-size // side) * side for size, side in zip(shape, chunks, strict=True)])
+    assert padded <= 1.02 * np.prod(shape)
+
+
+def test_levels_are_means_that_lie_over_what_they_are_means_of(tmp_path):
+    """The halves of odd sides end with means of what is left there."""
+    values = np.random.default_rng(3).normal(size=(261, 7, 5)).astype(np.float32)
+    lines = [np.arange(size) * step + 0.25 for size, step in zip(values.shape, (1e-4, 2e-4, 1e-5), strict=True)]
+    write_volume(tmp_path / "a.h5", Volume(values, Axes(*lines), (1e-4, 2e-4, 1e-5)), **ABOUT)
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert file["values"].chunks == (87, 7, 5)
+        assert sorted(file["levels"]) == ["1", "2"]
+        finer = values
+        for level, times in (("1", 2), ("2", 4)):
+            places = [[slice(at, at + 2) for at in range(0, size, 2)] for size in finer.shape]
+            expected = [[[finer[x, y, z].mean() for z in places[2]] for y in places[1]] for x in places[0]]
+            finer = file["levels"][level][()]
+            np.testing.assert_allclose(finer, expected, atol=1e-6)
+            about = file["levels"][level].attrs
+            assert about["axes"] == "x, y, z"
+            np.testing.assert_allclose(about["spacing_m"], np.multiply([1e-4, 2e-4, 1e-5], times))
+            np.testing.assert_allclose(about["origin_m"], [line[:times].mean() for line in lines])
+
+
+@pytest.mark.parametrize("kind", ["i2", "i4", "u1", "f2", ">f4", ">f8"])
+def test_levels_are_means_of_numbers_of_any_type(tmp_path, kind):
+    """A volume that somebody made of another reader's array."""
+    values = np.arange(130 * 2 * 2).reshape(130, 2, 2).astype(kind)
+    axes = Axes(*(np.arange(size) * 1e-4 for size in values.shape))
+    write_volume(tmp_path / "volume.h5", Volume(values, axes, (1e-4, 1e-4, 1e-4)), **ABOUT)
+    with h5py.File(tmp_path / "volume.h5") as file:
+        found, stored = file["levels/1"][()], file["values"][()]
+    np.testing.assert_array_equal(stored, values)
+    np.testing.assert_allclose(found[:, 0, 0], values.astype(float).reshape(65, 8).mean(axis=1), rtol=1e-6)
+
+
+@pytest.mark.parametrize(("axis", "share"), [(0, 1 / 114), (1, 1 / 2), (2, 1 / 4)])
+def test_a_slice_reads_of_the_chunks_that_it_crosses_only(tmp_path, monkeypatch, axis, share):
+    values = np.random.default_rng(3).random((114, 114, 256)).astype(np.float32)
+    lines = Axes(*(np.arange(size) * 1e-4 for size in values.shape))
+    write_volume(tmp_path / "a.h5", Volume(values, lines, (1e-4, 1e-4, 1e-4)), **ABOUT)
+    stored = StoredVolume(tmp_path / "a.h5").at(0)
+    read, sizes = os.preadv, []
+    monkeypatch.setattr(os, "preadv", lambda file, room, at: sizes.append(len(room[0])) or read(file, room, at))
+    index = [slice(0, size, 1) for size in values.shape]
+    index[axis] = 50
+    np.testing.assert_array_equal(stored.read(tuple(index)), values.take(50, axis))
+    assert sum(sizes) <= 1.001 * share * values.nbytes
 
 
 def test_an_image_from_a_line_has_two_scales_and_its_speed(tmp_path):
@@ -87,6 +161,47 @@ def test_an_image_from_a_line_has_two_scales_and_its_speed(tmp_path):
         assert "y" not in file
     again = read_volume(tmp_path / "a.h5")
     assert (again.names, again.sound_speed) == (("x", "z"), SPEED)
+
+
+def write_version_1(path, volume):
+    """As files were written before there were chunks and levels."""
+    with h5py.File(path, "w") as file:
+        about = {"software": "steradian 0.1.0", "parameters": '{"sound_speed": 1487.0}', "provenance": "{}"}
+        file.attrs.update({"format": "steradian-volume", "schema_version": 1} | about)
+        write_axes(file, {name: volume.coordinates(name) for name in "xyz"})
+        values = file.create_dataset("values", data=volume.values)
+        values.attrs.update({"axes": "x, y, z", "spacing_m": volume.spacing, "origin_m": volume.origin})
+        for axis in "xyz":
+            file.create_dataset(f"mip_{axis}", data=volume.mip(axis))
+        attach_axes(file)
+
+
+def test_a_file_of_version_1_is_read_sliced_and_exported(tmp_path, volume):
+    path = tmp_path / "a.h5"
+    write_version_1(path, volume)
+    again = read_volume(path)
+    np.testing.assert_array_equal(again.values, volume.values)
+    assert again.sound_speed == SPEED
+    stored = StoredVolume(path)
+    assert stored.levels == 0
+    np.testing.assert_array_equal(stored.at(0).read((2, slice(0, 4, 1), slice(1, 6, 2))), volume.values[2, :, 1::2])
+    np.testing.assert_array_equal(stored.slab("y", range(1, 3)), volume.values[:, 1:3].max(axis=1))
+    for form in ("hdf5", "nrrd"):
+        export_volume(path, tmp_path / f"b.{form}", format=form)
+    np.testing.assert_array_equal(read_volume(tmp_path / "b.hdf5").values, volume.values)
+
+
+@pytest.mark.parametrize("version", [3, "2", None])
+def test_a_file_of_a_version_that_is_not_known_is_refused(tmp_path, volume, version):
+    write_volume(tmp_path / "a.h5", volume, **ABOUT)
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        del file.attrs["schema_version"]
+        if version is not None:
+            file.attrs["schema_version"] = version
+    with pytest.raises(DamagedFile, match="schema version 1 or 2"):
+        read_volume(tmp_path / "a.h5")
+    with pytest.raises(DamagedFile, match="schema version 1 or 2"):
+        export_volume(tmp_path / "a.h5", tmp_path / "b.h5", format="hdf5")
 
 
 def test_files_without_scales_still_open(tmp_path, volume):

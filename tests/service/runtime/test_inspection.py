@@ -6,79 +6,20 @@ import shutil
 import sqlite3
 import subprocess
 import sys
-import threading
 
-import h5py
 import pytest
 from sqlalchemy import select
 
 from steradian.errors import DamagedFile
 from steradian.jobs.ledger import JobLedger
-from steradian.jobs.model import JobRequest, Succeeded
-from steradian.masks import grid_mask
-from steradian.plans import ScanPlan
-from steradian.runtime.inspection import inspect, repair
-from steradian.runtime.supervisor import serve
-from steradian.scans.store import create_scan_file
-from steradian.settings import Settings
-from steradian.storage.database import Database, metadata_url
-from steradian.storage.masks import MaskRepository
-from steradian.storage.paths import DataDirectory
+from steradian.jobs.model import JobRequest
+from steradian.runtime.inspection import repair
 from steradian.storage.plans import PlanRepository
-from steradian.storage.scans import ScanRepository
 from steradian.storage.states import ScanState
 from steradian.storage.tables import ScanRow
+from support.kept import Kept
 
 MAIN = [sys.executable, "-c", "from steradian.cli import main; main()"]
-
-
-class Kept:
-    """A data folder with a complete scan and two finished reconstructions, without a running service."""
-
-    def __init__(self, folder):
-        self.settings = Settings.create(data=folder)
-        self.folder, self.data = folder, DataDirectory(folder)
-        self.data.create()
-        self.file = folder / "steradian.sqlite"
-        database = Database(metadata_url(self.settings))
-        database.migrate()
-        plan = ScanPlan.create(mask=grid_mask(0.01, 3, 1e-3), samples=64)
-        MaskRepository(database).put(plan.mask)
-        row, _ = PlanRepository(database).put(plan)
-        scans, self.plan = ScanRepository(database), plan
-        self.scan = scans.queue(row, simulated=True).id
-        for state in (ScanState.ARMING, ScanState.RUNNING, ScanState.COMPLETING, ScanState.COMPLETE):
-            scans.transition(self.scan, state, why="test", summary={"points": 9, "stored": 9, "fired": 9})
-        create_scan_file(self.data.scan_file(self.scan), plan, scan_id=self.scan, simulated=True)
-        with h5py.File(self.data.scan_file(self.scan), "r+") as file:
-            file["alines/status"][:] = 1
-        ledger = JobLedger(database)
-        for name in ("first", "second"):
-            with database.write() as session:
-                ledger.add(session, JobRequest(name, "reconstruction", {"scan_id": self.scan}))
-            self.finish(ledger, ledger.start(name, "worker-0"))
-            self.data.job(name).root.mkdir()
-            self.data.job(name).volume.write_bytes(b"values")
-        database.close()
-
-    @staticmethod
-    def finish(ledger, row):
-        ledger.settle(row.id, row.fence, Succeeded({"shape": [1, 1, 1]}), "worker-0")
-
-    def database(self):
-        return Database(metadata_url(self.settings))
-
-    def serve(self):
-        """Start a service that is asked to end at once; what refuses a folder comes before."""
-        stop = threading.Event()
-        stop.set()
-        serve(self.settings.model_copy(update={"port": 0}), lambda line: None, stop)
-
-    def found(self):
-        return {finding.subject: finding for finding in inspect(self.settings)}
-
-    def kinds(self):
-        return {subject: finding.kind for subject, finding in self.found().items()}
 
 
 def steradian(*command):

@@ -1,21 +1,42 @@
-import io
+import fcntl
 import logging
+import os
+import re
+import threading
 
 import pytest
 
-from steradian.runtime import logs
+from steradian import logs
 from steradian.settings import Settings
+from support.waiting import until
 
 
 @pytest.fixture
-def written(tmp_path, monkeypatch):
-    """What this process's log writes, set up as a process of the service does."""
-    root, text = logging.getLogger(), io.StringIO()
+def log_to(tmp_path, monkeypatch):
+    """Sets this process's log up as a process of the service does, on a stream as standard error."""
+    root = logging.getLogger()
     before = root.handlers[:], root.level
-    monkeypatch.setattr("sys.stderr", text)
-    logs.configure_logging(Settings.create(data=tmp_path), "api")
-    yield text
+
+    def set_up(stream, **settings):
+        monkeypatch.setattr("sys.stderr", stream)
+        logs.configure_logging(Settings.create(data=tmp_path, **settings), "api")
+        return root.handlers[0]
+
+    yield set_up
     root.handlers, root.level = before
+
+
+@pytest.fixture
+def written(tmp_path, log_to):
+    """Returns the lines that are written."""
+    with (tmp_path / "log").open("w") as stream:
+        handler = log_to(stream)
+
+        def lines():
+            handler.flush()
+            return (tmp_path / "log").read_text("utf-8").split("\n")[:-1]
+
+        yield lines
 
 
 def test_a_thousand_lines_of_a_kind_become_a_few_and_others_are_written_meanwhile(written, monkeypatch):
@@ -23,9 +44,42 @@ def test_a_thousand_lines_of_a_kind_become_a_few_and_others_are_written_meanwhil
     for number in range(1000):
         log.warning("connection %d is refused", number)
     log.warning("something else")
-    assert written.getvalue().count("is refused") == logs.BURST
-    assert "something else" in written.getvalue()
+    assert sum("is refused" in line for line in written()) == logs.BURST
+    assert written()[-1].endswith("something else")
     monkeypatch.setattr(logs, "WINDOW", 0.0)
     log.warning("connection %d is refused", 1001)
-    last = written.getvalue().splitlines()[-1]
+    last = written()[-1]
     assert last.endswith(f"connection 1001 is refused [{1000 - logs.BURST} such lines were left out before]")
+
+
+def test_what_a_person_wrote_stays_in_its_line(written):
+    """A reason, a name or a path may hold line ends and the codes by which a terminal is made to hide what it shows."""
+    reason = "smoke\n2026-01-01 00:00:00,000 INFO api all is well\r\x1b[2K\u2028\u202eend, Überdruck 5 \u00b5m"
+    logging.getLogger("steradian.test").warning("scan s1 is wished aborted: %s", reason)
+    (line,) = written()
+    assert line.endswith(r"smoke\n2026-01-01 00:00:00,000 INFO api all is well\r\x1b[2K\u2028\u202eend, Überdruck 5 µm")
+
+
+def test_a_log_that_nobody_reads_holds_up_nobody_and_says_later_how_much_is_lost(log_to, monkeypatch):
+    """Written at once, the line that fills the pipe would wait for ever."""
+    monkeypatch.setattr(logs, "UNREAD", 100)
+    reader, writer = os.pipe()
+    fcntl.fcntl(writer, fcntl.F_SETPIPE_SZ, 4096)
+    with open(reader, encoding="utf-8") as read, open(writer, "w") as stream:
+        handler = log_to(stream, log_level="DEBUG")
+        log, over = logging.getLogger("steradian.test"), threading.Event()
+
+        def tell():
+            for number in range(1000):
+                log.info("line %d", number)
+            over.set()
+
+        threading.Thread(target=tell, daemon=True).start()
+        assert over.wait(100)
+        told = []
+        threading.Thread(target=lambda: [told.append(line) for line in read], daemon=True).start()
+        until(lambda: handler._lines.empty())
+        log.info("the last")
+        until(lambda: told and told[-1].endswith("the last\n"))
+    lost = sum(int(found[1]) for line in told if (found := re.search(r" (\d+) lines are lost", line)))
+    assert 0 < lost == 1000 - sum(" INFO api line " in line for line in told)

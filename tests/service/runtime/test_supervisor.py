@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from steradian.runtime.heartbeat import Heartbeat
 from steradian.runtime.supervisor import Child, running_worker
 from steradian.settings import Settings
 from steradian.storage.paths import DataDirectory, DataDirectoryInUse
@@ -82,6 +83,14 @@ def test_a_service_that_ends_removes_its_own_signs_of_life_and_leaves_those_of_o
     finally:
         service.close()
     assert [path.name for path in (tmp_path / "run").glob("*.json")] == ["elsewhere-0.json"]
+
+
+def test_a_sign_of_life_that_somebody_removed_is_given_again(tmp_path):
+    sign = tmp_path / "run" / "other-0.json"
+    with Heartbeat(sign):
+        for _ in range(2):
+            sign.unlink()
+            until(sign.exists)
 
 
 def get(url):

@@ -170,7 +170,7 @@ def test_cancelling_a_running_reconstruction_frees_its_memory_and_core_within_a_
     try:
         with running_worker(settings):
             queue.submit(job_of("warm", small))
-            assert queue.wait("warm", timeout=120).state is ReconstructionState.SUCCEEDED
+            assert queue.wait("warm", timeout=250).state is ReconstructionState.SUCCEEDED
             queue.submit(job_of("large", large))
             until(lambda: queue.status("large").state is ReconstructionState.RUNNING)
             worker = json.loads((tmp_path / "run" / "worker-0.json").read_text())["pid"]
@@ -180,11 +180,11 @@ def test_cancelling_a_running_reconstruction_frees_its_memory_and_core_within_a_
             queue.cancel("large", "ada", "no longer wanted")
             until(lambda: resident(child) == 0)
             took, slow = time.monotonic() - begun, slowed()
-            assert queue.wait("large", timeout=60).state is ReconstructionState.CANCELLED
+            assert queue.wait("large", timeout=250).state is ReconstructionState.CANCELLED
             left = {file.name for file in (tmp_path / "jobs" / "large").iterdir()}
             assert "volume.h5" not in left
             queue.submit(job_of("after", small))
-            assert queue.wait("after", timeout=60).state is ReconstructionState.SUCCEEDED
+            assert queue.wait("after", timeout=250).state is ReconstructionState.SUCCEEDED
     finally:
         queue.close()
     with capsys.disabled():
@@ -241,5 +241,5 @@ def test_reconstructions_run_on_the_service_and_on_a_worker_started_elsewhere(tm
             assert who == {"worker-0", "elsewhere-0"}
         finally:
             worker.terminate()
-            assert worker.wait(60) == 0
+            assert worker.wait(250) == 0
             service.close()

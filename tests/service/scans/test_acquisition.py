@@ -4,6 +4,8 @@ import sys
 import threading
 from pathlib import Path
 
+import h5py
+import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -13,6 +15,7 @@ from fabry_perot.simulator import launch
 from steradian.errors import Conflict
 from steradian.runtime.acquisition import count_alines
 from steradian.storage.states import DesiredScanState, ScanState
+from support.waiting import until
 
 S, W = ScanState, DesiredScanState
 
@@ -41,6 +44,64 @@ def test_a_stopped_scan_is_a_success_that_keeps_what_was_measured(bench):
     assert bench.states(identifier)[-3:] == ["running", "stopping", "partial"]
     assert 0 < row.summary["stored"] < row.summary["points"]
     assert row.error_code is None
+
+
+def test_what_a_scan_missed_is_measured_by_one_that_begins_with_its_a_lines(bench):
+    earlier = bench.queue(pulse_rate=1.0)
+    bench.when_running(earlier, lambda: bench.scans.desire(earlier, W.STOPPED, "lunch"))
+    kept = bench.data.scan_file(earlier).read_bytes()
+    held = bench.scans.get(earlier).summary["stored"]
+    assert 0 < held < 53
+    with bench.database.write() as session:
+        plan = bench.plans.get(bench.scans.get(earlier).plan_id)
+        following = bench.scans.add(session, plan, simulated=True, completes=earlier).id
+    bench.work.step()
+    row = bench.scans.get(following)
+    assert (row.state, row.completes, row.summary["stored"]) == (S.COMPLETE, earlier, 53)
+    assert row.summary["fired"] - held >= 53 - held, "besides what a proof takes"
+    assert bench.data.scan_file(earlier).read_bytes() == kept
+    with h5py.File(bench.data.scan_file(earlier)) as old, h5py.File(bench.data.scan_file(following)) as new:
+        rows = old["alines/status"][:] == 1
+        for name in old["alines"]:
+            np.testing.assert_array_equal(new["alines"][name][rows], old["alines"][name][rows])
+        assert (new.attrs["scan_id"], new.attrs["completes"]) == (following, earlier)
+
+
+def test_a_scan_whose_beginning_is_gone_fails_and_says_so(bench):
+    earlier = bench.queue()
+    bench.work.step()
+    with bench.database.write() as session:
+        plan = bench.plans.get(bench.scans.get(earlier).plan_id)
+        following = bench.scans.add(session, plan, simulated=True, completes=earlier).id
+    bench.data.scan_file(earlier).unlink()
+    bench.work.step()
+    row = bench.scans.get(following)
+    assert (row.state, row.error_code) == (S.FAILED, "not-found")
+    assert not bench.data.scan_file(following).exists()
+
+
+def test_interlock_key_and_shutter_are_told_while_a_scan_has_the_scanner(tmp_path):
+    """A pause closes the shutter and keeps the scanner; without a scan nobody asks it, and nothing is known."""
+    with launch(speed=50.0) as simulator:
+        bench = Bench(tmp_path, Port(simulator.url))
+        identifier = bench.queue(pulse_rate=1.0, averages=20)
+
+        def told():
+            row = bench.scanner.get("scanner-0")
+            return row.interlock, row.key_switch, row.shutter
+
+        def act():
+            until(lambda: told() == ("closed", "on", "open"))
+            bench.scans.desire(identifier, W.PAUSED, None)
+            until(lambda: told() == ("closed", "on", "closed"))
+            simulator.command("interlock", closed=False)
+            until(lambda: told() == ("open", "on", "closed"))
+            bench.scans.desire(identifier, W.ABORTED, None)
+
+        assert told() == ("unknown", "unknown", "unknown")
+        bench.meanwhile(act)
+        assert told() == ("unknown", "unknown", "unknown")
+        bench.close()
 
 
 def test_an_aborted_scan_ends_aborted_and_the_next_one_runs(bench):
@@ -199,3 +260,20 @@ def test_a_resume_is_refused_while_the_film_is_not_what_it_was(tmp_path):
         assert bench.scans.get(identifier).state is S.COMPLETE
         assert bench.scans.get(identifier).error_code is None
         bench.close()
+
+
+def test_a_resume_is_refused_where_the_a_lines_that_were_stored_are_not(tmp_path):
+    """On a node with a new folder: begun anew it would fire at all points again and replace what is kept elsewhere."""
+    bench = Bench(tmp_path)
+    identifier = interrupted(bench)
+    away = bench.data.scan_file(identifier).rename(tmp_path / "away.h5")
+    bench.scans.desire(identifier, W.RUNNING, None)
+    bench.work.step()
+    row = bench.scans.get(identifier)
+    assert (row.state, row.error_code) == (S.INTERRUPTED, "resume-refused")
+    assert "not in this node's folder" in row.error
+    away.rename(bench.data.scan_file(identifier))
+    bench.scans.desire(identifier, W.RUNNING, None)
+    bench.work.step()
+    assert bench.scans.get(identifier).state is S.COMPLETE
+    bench.close()

@@ -34,7 +34,7 @@ def test_a_file_that_sends_its_reader_in_circles_is_refused(tmp_path):
     source, _ = foreign.own_scan(tmp_path)
     _endless(source)
     with pytest.raises(DamagedFile, match=r"own\.h5 cannot be read: its reader ended at its limit of time"):
-        import_guarded(source, tmp_path / "new" / "scan.h5", seconds=2)
+        import_guarded(source, tmp_path / "new" / "scan.h5", seconds=1)
     assert not (tmp_path / "new").exists() or not list((tmp_path / "new").iterdir())
 
 
@@ -53,7 +53,7 @@ def test_the_result_is_that_of_an_import_without_a_guard(tmp_path):
 def test_errors_pass_as_what_they_are(tmp_path):
     """Kinds, fields and words of an error are those of the import."""
     source, _ = foreign.npy_time_first(tmp_path)
-    with pytest.raises(InvalidInput, match=r"neither traces\.npy nor") as refusal:
+    with pytest.raises(InvalidInput, match="which the file does not state") as refusal:
         import_guarded(source, tmp_path / "scan.h5", description=foreign.describe(tmp_path, grid={"interval": [1e-4]}))
     assert refusal.value.field == "sampling_interval"
     with pytest.raises(NotFound):
@@ -100,17 +100,18 @@ def test_an_import_that_is_stopped_when_its_file_is_whole_leaves_nothing_either(
 COUNT = int(os.environ.get("STERADIAN_FUZZ_FILES", "150"))
 
 
-@pytest.mark.timeout(120 + COUNT)
+@pytest.mark.timeout(300 + 8 * COUNT)
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits of a process are Linux's")
-@pytest.mark.parametrize("kind", import_fuzz.FORMATS)
-def test_mutated_files_are_imported_or_refused(kind):
+def test_mutated_files_are_imported_or_refused():
     """No file ends in another exception, in much memory or in another file's bytes, and none passes the guard alive.
 
     ``STERADIAN_FUZZ_FILES=20000`` makes it the long run.
     """
-    command = [sys.executable, str(Path(import_fuzz.__file__)), str(COUNT), kind, "--seed", "2"]
+    command = [sys.executable, str(Path(import_fuzz.__file__)), str(COUNT), "--seed", "2"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
-    ends = json.loads(done.stdout.splitlines()[-1])[kind]
-    assert ends["refused"] + ends["imported"] == COUNT
-    assert ends["refused"] > COUNT / 4
+    told = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [kind for line in told for kind in line] == list(import_fuzz.FORMATS)
+    for ends in (ends for line in told for ends in line.values()):
+        assert ends["refused"] + ends["imported"] == COUNT
+        assert ends["refused"] > COUNT / 4

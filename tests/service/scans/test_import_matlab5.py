@@ -8,43 +8,13 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 import foreign
+from poisoned_arrays import MATLAB, mat5
 
 from steradian.errors import DamagedFile, InvalidInput
 from steradian.scans.importing import import_scan
 
 
-def _mat5(path, **variables):
-    from scipy.io import savemat
-
-    savemat(path, {"dt": foreign.DT, "c": foreign.SPEED, "positions": foreign.grid()} | variables, do_compression=True)
-    return path
-
-
-def _function_handle(path):
-    """A variable whose class is that of a function handle; nothing here can write a real one."""
-    from scipy.io import savemat
-
-    savemat(path, {"sensor_data": foreign.expected(foreign.grid())})
-    data = bytearray(path.read_bytes())
-    data[128 + 16] = 16  # the first byte of the flags of the first variable: its class
-    path.write_bytes(data)
-    return path
-
-
-@pytest.mark.parametrize(
-    ("write", "words"),
-    [
-        (lambda path: _mat5(path, other=np.zeros((3, 3))), "has no variable 'sensor_data'; it holds dt, c, positions"),
-        (lambda path: _mat5(path, sensor_data=np.array([1, "a"], object)), "sensor_data is a cell"),
-        (lambda path: _mat5(path, sensor_data={"p": np.zeros((3, 3))}), "sensor_data is a struct"),
-        (lambda path: _mat5(path, sensor_data="words"), "sensor_data is a char"),
-        (lambda path: _mat5(path, sensor_data=np.zeros((96, 128), complex)), "no real numbers"),
-        (lambda path: _mat5(path, sensor_data=np.zeros((96, 65536))), "200 times"),
-        (lambda path: _mat5(path, sensor_data=np.zeros(0)), "shape"),
-        (lambda path: _mat5(path, sensor_data=np.full((96, 128), np.nan)), "finite"),
-        (_function_handle, "sensor_data is a function"),
-    ],
-)
+@pytest.mark.parametrize(("write", "words"), MATLAB)
 def test_a_matlab_file_of_more_than_numbers_is_refused(tmp_path, write, words):
     """Cells, structures, functions, texts and bombs where numbers belong: named; what to do instead is said."""
     source = write(tmp_path / "a.mat")
@@ -56,13 +26,13 @@ def test_a_matlab_file_of_more_than_numbers_is_refused(tmp_path, write, words):
 def test_what_else_a_matlab_file_holds_is_nobodys_business(tmp_path):
     """Cells, structures and texts of the user's own are not read."""
     notes = {"notes": np.array([1, "a"], object), "about": {"when": 3}, "name": "film"}
-    source = _mat5(tmp_path / "a.mat", sensor_data=foreign.expected(foreign.grid()), **notes)
+    source = mat5(tmp_path / "a.mat", sensor_data=foreign.expected(foreign.grid()), **notes)
     assert import_scan(source, tmp_path / "scan.h5").points == len(foreign.grid())
 
 
 def test_a_file_that_says_it_is_of_another_version_than_it_is_is_a_damaged_one(tmp_path):
     """Its first words are those of version 5, its version number is that of 7.3."""
-    source = _mat5(tmp_path / "a.mat", sensor_data=foreign.expected(foreign.grid()))
+    source = mat5(tmp_path / "a.mat", sensor_data=foreign.expected(foreign.grid()))
     data = bytearray(source.read_bytes())
     data[124:126] = b"\x00\x02"
     source.write_bytes(data)

@@ -14,6 +14,9 @@ sys.path.insert(0, str(Path(__file__).parent))
 from earlier import as_version_1
 
 from fabry_perot.simulator import launch
+from steradian.masks import beams_mask, equi_steradian_mask
+from steradian.masks.beams import read_beams
+from steradian.plans import ScanPlan
 from steradian.scans.check import check_scan_file
 from steradian.scans.control import Control, Wish
 from steradian.scans.reading import list_frames, read_scan
@@ -33,13 +36,20 @@ def path(tmp_path, plan, alines):
     return file
 
 
-def test_every_object_is_documented_with_its_type_and_every_documented_one_exists(path):
+def test_every_object_is_documented_with_its_type_and_every_documented_one_exists(path, tmp_path):
     rows = re.findall(r"^\| `(/[\w/]*)`(?: attributes)? \|([^|]*)\|([^|]*)\|$", DOCUMENT.read_text(), re.M)
     found = {}
-    with h5py.File(path) as file:
-        file.visititems(
-            lambda name, item: found.__setitem__("/" + name, item.dtype.str[1:] if hasattr(item, "dtype") else "")
-        )
+    beams = tmp_path / "beams.h5"  # what only a plan of several beams has
+    offsets = read_beams("2x1", 1e-3)
+    several = ScanPlan.create(
+        mask=beams_mask(equi_steradian_mask(13.56e-3, 3.6e-3, 90), offsets), beams=offsets, samples=64, pulse_rate=50.0
+    )
+    create_scan_file(beams, several, scan_id="s2", scanner="A")
+    with h5py.File(beams) as other, h5py.File(path) as file:
+        for one in (other, file):
+            one.visititems(
+                lambda name, item: found.__setitem__("/" + name, item.dtype.str[1:] if hasattr(item, "dtype") else "")
+            )
         documented = {name: kind.split()[-1] if kind.strip() else "" for name, kind, _ in rows}
         assert set(documented) | {"/alines", "/run"} == {*found, "/"}
         for name, kind in documented.items():
@@ -63,7 +73,7 @@ def test_datasets_are_numbers_only(path):
 @pytest.mark.skipif(which("octave-cli") is None, reason="needs Octave: apt-get install octave")
 def test_octave_reads_it(path):
     code = f'load("{path}"); printf("%d %d", rows(alines.samples), columns(alines.samples));'
-    said = subprocess.run(["octave-cli", "--eval", code], capture_output=True, text=True, timeout=60)
+    said = subprocess.run(["octave-cli", "--eval", code], capture_output=True, text=True, timeout=250)
     assert said.stdout in ("53 256", "256 53"), said.stderr
 
 

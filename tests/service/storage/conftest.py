@@ -7,6 +7,7 @@ from steradian.plans import ScanPlan
 from steradian.storage.database import Database
 from steradian.storage.masks import MaskRepository
 from steradian.storage.plans import PlanRepository
+from support.stores import psycopg_url, store_of
 
 
 class Clock:
@@ -45,3 +46,25 @@ def plan():
 def plan_row(database, clock, plan):
     MaskRepository(database, clock).put(plan.mask)
     return PlanRepository(database, clock).put(plan)[0]
+
+
+@pytest.fixture
+def rows(postgres):
+    """A database as a store has it."""
+    database = Database(psycopg_url(postgres.database()))
+    database.migrate()
+    yield database
+    database.close()
+
+
+@pytest.fixture
+def make_store(seaweed, rows):
+    """Make a store on a data folder; a second one with the first's objects is another host's."""
+
+    def make(folder, like=None, **settings):
+        store = store_of(folder, seaweed, seaweed.bucket() if like is None else like.place, rows, **settings)
+        if like is None:
+            store.bind()
+        return store
+
+    return make

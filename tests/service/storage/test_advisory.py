@@ -68,3 +68,15 @@ def test_who_lost_its_session_does_not_take_itself_for_another(lock, stopped, mo
     assert lock.renew() is Hold.UNREACHABLE
     stopped()
     assert lock.acquire(30) is Hold.HELD
+
+
+def test_several_share_a_name_and_nobody_has_it_alone_meanwhile(url):
+    nodes, alone = [SessionLock(url, "shared", shared=True) for _ in range(2)], SessionLock(url, "shared")
+    assert [node.acquire(30) for node in nodes] == [Hold.HELD, Hold.HELD]
+    assert alone.renew() is Hold.TAKEN
+    nodes[0].release()
+    assert (alone.renew(), nodes[1].renew()) == (Hold.TAKEN, Hold.HELD)
+    nodes[1].release()
+    assert alone.acquire(30) is Hold.HELD
+    assert nodes[0].renew() is Hold.TAKEN
+    alone.release()

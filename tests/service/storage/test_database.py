@@ -12,6 +12,9 @@ from steradian.jobs.kinds import KINDS, resource_of
 from steradian.jobs.ledger import JobLedger
 from steradian.storage.database import MIGRATIONS, Database
 from steradian.storage.masks import MaskRepository
+from steradian.storage.plans import PlanRepository
+from steradian.storage.scanners import ScannerRepository
+from steradian.storage.scans import ScanRepository
 from steradian.storage.tables import MaskRow, Table
 
 
@@ -84,13 +87,55 @@ EARLIER = {
 }  # fmt: skip
 
 
-def test_jobs_that_were_queued_before_requests_had_one_model_can_still_be_done(tmp_path):
-    database = Database(f"sqlite:///{tmp_path / 'earlier.sqlite'}")
+def earlier(folder, revision):
+    """A database as a program of earlier times left it."""
+    database = Database(f"sqlite:///{folder / 'earlier.sqlite'}")
     config = Config()
     config.set_main_option("script_location", str(MIGRATIONS))
     with database.engine.execution_options(immediate=True).begin() as connection:
         config.attributes["connection"] = connection
-        command.upgrade(config, "0002")
+        command.upgrade(config, revision)
+    return database
+
+
+def test_scans_of_before_scanners_had_names_are_the_first_one_s_unless_they_are_over(tmp_path, plan):
+    database = earlier(tmp_path, "0014")
+    MaskRepository(database).put(plan.mask)
+    about = {"plan": PlanRepository(database).put(plan)[0].id, "at": "2026-01-01T00:00:00.000000+00:00"}
+    states = {"queued": None, "interrupted": None, "complete": about["at"]}
+    with database.engine.execution_options(immediate=True).begin() as connection:
+        for state, ended in states.items():
+            connection.execute(
+                text(
+                    "INSERT INTO scans (id, revision, plan_id, mask_id, simulated, labels, fence, state, desired_state,"
+                    " created, ended, done, total, history) VALUES (:state, 1, :plan, 'm1', 1, '{}', 0, :state,"
+                    " 'running', :at, :ended, 0, 60, '[]')"
+                ),
+                about | {"state": state, "ended": ended},
+            )
+        connection.execute(
+            text(
+                "INSERT INTO scanners (id, revision, simulated, connection, state, since, fence, stopped_at,"
+                " stopped_by) VALUES ('scanner-0', 1, 1, 'unknown', 'idle', :at, 3, :at, 'Ada')"
+            ),
+            about,
+        )
+    database.migrate()
+    scans, scanner = ScanRepository(database), ScannerRepository(database)
+    assert {state: scans.get(state).scanner_id for state in states} == {
+        "queued": "scanner-0",
+        "interrupted": "scanner-0",
+        "complete": None,
+    }
+    assert (scans.next_queued().id, scans.wished_resumed().id) == ("queued", "interrupted")
+    row = scanner.ensure(simulated=True)
+    assert (row.stopped_by, row.stop_number, row.fence) == ("Ada", None, 3), "a stop outlives the upgrade"
+    database.close()
+
+
+def test_jobs_that_were_queued_before_requests_had_one_model_can_still_be_done(tmp_path):
+    database = earlier(tmp_path, "0002")
+    with database.engine.execution_options(immediate=True).begin() as connection:
         for kind, payload in EARLIER.items():
             about = {"id": kind, "kind": kind, "payload": json.dumps(payload)}
             connection.execute(

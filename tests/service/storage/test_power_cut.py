@@ -88,7 +88,7 @@ class Recorded:
                 pass_fds=[listener.fileno()],
             )
         try:
-            with httpx.Client(base_url=url, timeout=90) as http:
+            with httpx.Client(base_url=url, timeout=250) as http:
                 deadline = time.monotonic() + 90
                 while not self.is_ready(http):
                     assert time.monotonic() < deadline, "the API did not start"
@@ -118,7 +118,7 @@ class Recorded:
     def work(self, url, number):
         """What a client does; all of it is answered."""
         scan = {"scan_id": self.scan}
-        with httpx.Client(base_url=url, timeout=90) as http:
+        with httpx.Client(base_url=url, timeout=250) as http:
             for turn in range(4):
                 equi = {"arrangement": "grid", "aperture": 0.01, "count": 3 + 4 * number + turn, "interval": 3e-4}
                 mask = self.ask(http, "POST", "/masks", json=equi)

@@ -8,6 +8,7 @@ from steradian.storage.idempotency import Answer, Answers, Key
 from steradian.storage.masks import MaskRepository
 from steradian.storage.plans import PlanRepository
 from steradian.storage.reconstructions import ReconstructionRepository
+from steradian.storage.scanners import EmergencyStopped, ScannerRepository
 from steradian.storage.scans import ScanRepository
 from steradian.storage.states import DesiredScanState, ScanState
 
@@ -82,6 +83,26 @@ def test_the_oldest_scan_is_next(scans, plan_row):
     assert scans.next_queued().id == first.id
 
 
+def test_a_scanner_s_node_has_to_do_with_its_own_scans_alone(database, clock, plan_row, scans):
+    scanners = [ScannerRepository(database, clock, name) for name in ("scanner-0", "scanner-1")]
+    for scanner in scanners:
+        scanner.ensure(simulated=True)
+    other = ScanRepository(database, clock, "scanner-1")
+    mine, theirs = [scans.queue(plan_row, simulated=True) for _ in range(2)], other.queue(plan_row, simulated=True)
+    assert (scans.next_queued().id, other.next_queued().id) == (mine[0].id, theirs.id)
+    lead(scans, mine[0], S.ARMING, S.RUNNING)
+    lead(other, theirs, S.ARMING, S.RUNNING)
+    scanners[1].stop("Ada", "smoke")
+    wishes = [scans.get(scan.id).desired_state for scan in (*mine, theirs)]
+    assert wishes == [DesiredScanState.RUNNING] * 2 + [DesiredScanState.ABORTED]
+    assert scanners[0].refusal(scans.get(mine[1].id)) is None
+    with pytest.raises(EmergencyStopped), database.write() as session:
+        scanners[1].admit(session, None, "Ada")
+    assert scanners[0].lease("Ada", 60, None, "ada").fence == scanners[1].lease("Ben", 60, None, "ben").fence == 1
+    assert other.interrupt_all("restart") == [theirs.id]
+    assert scans.get(mine[0].id).state is S.RUNNING
+
+
 def test_a_wish_can_be_repeated_but_not_made_of_a_finished_scan(scans, scan):
     scans.desire(scan.id, DesiredScanState.STOPPED, "enough")
     scans.desire(scan.id, DesiredScanState.STOPPED, "again")
@@ -109,6 +130,25 @@ def test_a_repeated_key_gets_the_same_answer_for_a_day(database, clock):
     clock.advance(hours=25)
     assert answers.once(key, make).location == "/2"
     assert answers.once(None, make).location == "/3"
+
+
+def test_a_request_that_is_answered_beside_the_same_one_is_neither_done_twice_nor_forgotten(rows):
+    key = Key("ada", "/scans", "k", "b")
+
+    class Late(Answers):
+        """Looks for an answer just before another node gives it."""
+
+        is_first = True
+
+        def _replay(self, session, key):
+            kept = super()._replay(session, key)
+            if self.is_first:
+                self.is_first = False
+                Answers(rows).once(key, lambda _: Answer(201, "/other", "{}"))
+            return kept
+
+    late = Late(rows).once(key, lambda _: Answer(201, "/own", "{}"))
+    assert (late.location, late.replayed) == ("/other", True)
 
 
 def test_pages_show_every_row_once_newest_first(scans, plan_row):

@@ -67,12 +67,19 @@ def create_scan(
     labels: Annotated[list[str] | None, typer.Argument(metavar="[NAME=VALUE]...")] = None,
     wait: Wait = False,
     lease: Fence = None,
+    completes: Annotated[
+        str | None, typer.Option(metavar="SCAN", help="Begin with this scan's A-lines; measure what it misses.")
+    ] = None,
+    scanner: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Who is to run it, where there are several.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Queue a run of a plan."""
     scans = client_of(context).scans
     texts = {name: str(value) for name, value in settings(labels).items()}
-    finish(scans, scans.create(plan_id, labels=texts, lease=lease), wait, as_json)
+    made = scans.create(plan_id, labels=texts, lease=lease, completes=completes, scanner_id=scanner)
+    finish(scans, made, wait, as_json)
 
 
 @scan.command("wish", help="Have a scan paused, running (again), stopped (keeps what was measured) or aborted.")

@@ -7,7 +7,7 @@ from typing import Any
 
 from steradian_client import routes
 from steradian_client.downloads import download
-from steradian_client.models import Mask, MaskPreview, Points
+from steradian_client.models import Mask, MaskPreview, Points, PointSpread
 from steradian_client.resources.base import Stored
 from steradian_client.worlds import World, operation
 
@@ -27,6 +27,14 @@ class Masks(Stored[World, Mask]):
         """Tell what a mask would be and promise, keeping nothing."""
         asked = {"arrangement": arrangement, **parameters}
         return await self._session.ask(MaskPreview, routes.PREVIEW_MASK, json=asked)
+
+    @operation
+    async def point_spread(
+        self, /, arrangement: str, point: tuple[float, float, float] | None = None, **parameters: Any
+    ) -> PointSpread:
+        """Simulate a tiny ball at ``point`` (m), sensed by a mask of these parameters, keeping nothing."""
+        asked = {"arrangement": {"arrangement": arrangement, **parameters}, "point": point}
+        return await self._session.ask(PointSpread, routes.PREVIEW_POINT_SPREAD, json=asked)
 
     @operation
     async def equi_steradian(self, *, aperture: float, depth: float, count: int) -> Mask:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from steradian_client import routes
-from steradian_client.models import Plan, Preview
+from steradian_client.models import Design, Plan, Preview
 from steradian_client.resources.base import Stored
 from steradian_client.worlds import World, operation
 
@@ -24,3 +25,11 @@ class Plans(Stored[World, Plan]):
     async def preview(self, /, mask_id: str, **parameters: Any) -> Preview:
         """Tell what a plan would cost, keeping nothing."""
         return await self._session.ask(Preview, routes.PREVIEW_PLAN, json={"mask_id": mask_id, **parameters})
+
+    @operation
+    async def design(
+        self, /, arrangement: Mapping[str, Any], point: tuple[float, float, float] | None = None, **parameters: Any
+    ) -> Design:
+        """Tell what a mask of these parameters and its plan would be, seen from ``point`` (m), keeping nothing."""
+        asked = {"arrangement": dict(arrangement), "point": point, **parameters}
+        return await self._session.ask(Design, routes.PREVIEW_DESIGN, json=asked)

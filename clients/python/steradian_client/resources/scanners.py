@@ -71,12 +71,14 @@ class Scanners(Resource[World]):
         return EmergencyStop.model_validate(answer.json()["emergency_stop"])
 
     @operation
-    async def release_stop(self, stop: EmergencyStop | str | None = None, *, scanner_id: str = SCANNER) -> Scanner:
+    async def release_stop(
+        self, stop: EmergencyStop | str | None = None, reason: str | None = None, *, scanner_id: str = SCANNER
+    ) -> Scanner:
         """Allow scans again; with the ``stop`` that one has seen, it is refused when there was another since."""
         number = stop.number if isinstance(stop, EmergencyStop) else stop
         # A named stop can be released twice without harm; another one, pressed meanwhile, must not be.
         route = routes.RELEASE_STOP if number is None else routes.RELEASE_NAMED_STOP
-        return await self._session.ask(Scanner, route, {"id": scanner_id}, params={"number": number})
+        return await self._session.ask(Scanner, route, {"id": scanner_id}, params={"number": number, "reason": reason})
 
     async def _take(
         self, holder: str, seconds: float, note: str | None, lease: Lease | int | None, scanner_id: str

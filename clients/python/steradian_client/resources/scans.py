@@ -31,6 +31,8 @@ class Scans(Working[World, Scan]):
         *,
         labels: Mapping[str, str] | None = None,
         lease: Lease | int | None = None,
+        completes: str | None = None,
+        scanner_id: str | None = None,
         idempotency_key: str | None = None,
     ) -> Scan:
         """Queue a run of a plan.
@@ -41,10 +43,15 @@ class Scans(Working[World, Scan]):
             Texts of your own.
         lease
             The scanner's, while somebody holds it.
+        completes
+            A scan of the same plan that is over, whose missing points are to be measured: the new one begins with
+            its A-lines.
+        scanner_id
+            Who is to run it, where there are several.
         idempotency_key
             Repeating the call with the same key finds the scan that the first call made; ``None`` makes a new key.
         """
-        body = given(plan_id=plan_id, labels=labels)
+        body = given(plan_id=plan_id, labels=labels, completes=completes, scanner_id=scanner_id)
         headers = lease_header(lease)
         return await self._session.ask(Scan, routes.CREATE_SCAN, json=body, headers=headers, key=idempotency_key)
 
@@ -82,9 +89,13 @@ class Scans(Working[World, Scan]):
         return await self._session.ask(Coverage, routes.READ_COVERAGE, {"id": scan_id})
 
     @operation
-    async def shots(self, scan_id: str, points: str | None = None) -> Shots:
-        """Tell what became of each shot; ``points`` in numpy's syntax, such as ``"0:100"``."""
-        return await self._session.ask(Shots, routes.READ_SHOTS, {"id": scan_id}, params={"points": points})
+    async def shots(self, scan_id: str, points: str | None = None, *, since: str | None = None) -> Shots:
+        """Tell what became of each shot; ``points`` in numpy's syntax, such as ``"0:100"``.
+
+        With ``since``, the ``next`` of an earlier answer, only of those that have changed after it.
+        """
+        params = {"points": points, "since": since}
+        return await self._session.ask(Shots, routes.READ_SHOTS, {"id": scan_id}, params=params)
 
     @operation
     async def alines(self, scan_id: str, slice: str | None = None) -> Array:
@@ -92,6 +103,12 @@ class Scans(Working[World, Scan]):
         params, headers = {"slice": slice}, {"Accept": RAW}
         answer = await self._session.exchange(routes.READ_ALINES, {"id": scan_id}, params=params, headers=headers)
         return array_of(answer)
+
+    @operation
+    async def latest_aline(self, scan_id: str) -> Array:
+        """Read the A-line (samples) that was stored last, in digitiser counts."""
+        headers = {"Accept": RAW}
+        return array_of(await self._session.exchange(routes.READ_LATEST_ALINE, {"id": scan_id}, headers=headers))
 
     @operation
     async def save_file(self, scan_id: str, target: Path | str, *, progress: Report | None = None) -> Path:

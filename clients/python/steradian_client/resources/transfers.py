@@ -12,7 +12,7 @@ from steradian_client import routes
 from steradian_client.downloads import Report as BytesReport
 from steradian_client.downloads import download
 from steradian_client.errors import Damaged
-from steradian_client.models import Job, Scan, Upload
+from steradian_client.models import Job, Scan, Upload, UploadPreview
 from steradian_client.resources.base import Working, given, id_of
 from steradian_client.session import Session
 from steradian_client.transport import Sending
@@ -41,6 +41,18 @@ class Uploads(Resource[World]):
     async def get(self, upload_id: str) -> Upload:
         """Read one."""
         return await self._session.ask(Upload, routes.READ_UPLOAD, {"id": upload_id})
+
+    @operation
+    async def preview(
+        self,
+        upload: Upload | str,
+        *,
+        description: Mapping[str, Any] | None = None,
+        companion: Upload | str | None = None,
+    ) -> UploadPreview:
+        """Look into one as an import would, and tell what is missing; ``companion`` has the positions."""
+        body = given(description=description, companion_id=None if companion is None else id_of(companion))
+        return await self._session.ask(UploadPreview, routes.PREVIEW_UPLOAD, {"id": id_of(upload)}, json=body)
 
     @operation
     async def delete(self, upload: Upload | str) -> None:

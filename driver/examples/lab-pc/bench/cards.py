@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.table import Ring, Table, Train
+from bench.table import EDGES, Ring, Table, Train
 
 constants = SimpleNamespace(
     AcquisitionType=SimpleNamespace(FINITE="finite"),
@@ -44,13 +44,22 @@ class _Task:
             add_co_pulse_chan_freq=self._channel("train"), add_co_pulse_chan_time=self._channel("gate")
         )
         self.timing = SimpleNamespace(cfg_samp_clk_timing=self._timing, cfg_implicit_timing=self._timing)
-        self.triggers = SimpleNamespace(pause_trigger=SimpleNamespace())
+        self.triggers = SimpleNamespace(
+            pause_trigger=SimpleNamespace(),
+            start_trigger=SimpleNamespace(cfg_dig_edge_start_trig=self._at_edge),
+        )
+        self._waits = False
 
     def _channel(self, kind: str) -> Any:
         def add(name: str, **settings: Any) -> None:
             self._kind, self._settings = kind, {"name": name, **settings}
 
         return add
+
+    def _at_edge(self, source: str) -> None:
+        if not source.endswith(EDGES):
+            raise RuntimeError(f"DaqError -89120: nothing is wired to {source}")
+        self._waits = True
 
     def _timing(self, *_: Any, **settings: Any) -> None:
         self._settings |= settings
@@ -76,7 +85,8 @@ class _Task:
                 raise RuntimeError("DaqError -200462: fewer samples written than generated")
             table.table = list(self._data)
         elif self._kind == "train":
-            table.train = Train(table.clock(), 1 / self._settings["freq"], self._settings["samps_per_chan"])
+            begin = table.next_edge() if self._waits else table.clock()
+            table.train = Train(begin, 1 / self._settings["freq"], self._settings["samps_per_chan"])
         elif self._kind == "gate":
             table.gate = table.clock() + self._settings["high_time"]
 

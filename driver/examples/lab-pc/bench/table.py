@@ -20,6 +20,8 @@ from fabry_perot.simulator.recorder import Recorder, peak_pressure
 
 DELAY = 120e-9
 """From the laser pulse to the first sample, in s."""
+EDGES, BEAT = "PFI2", 0.25
+"""Terminal that a heart (or a stimulus) is wired to, and the time between its edges in s."""
 SETTLES = 400
 """µs that the mirrors need."""
 
@@ -102,6 +104,10 @@ class Table:
     def clock() -> float:
         """Return the table's time in s."""
         return time.monotonic()
+
+    def next_edge(self) -> float:
+        """Return when the next edge comes, in s of the table's clock."""
+        return (self.clock() // BEAT + 1) * BEAT
 
     def light(self) -> float:
         """Return the wavelength that comes out of the fibre now, in m; 0 for darkness."""

@@ -55,7 +55,7 @@ class ArrayEngine:
             part = values[:, start : min(start + _BATCH, values.shape[1])]
             grid = xp.zeros((lateral.grid[0] * lateral.grid[1], part.shape[1]), dtype=self._real)
             for cells, senders, weights in self._spread(which):
-                grid = _added(grid, cells, xp.take(part, senders, axis=0) * weights[:, None])
+                grid = self._added(grid, cells, xp.take(part, senders, axis=0) * weights[:, None])
             grid = xp.asarray(xp.reshape(grid, (*lateral.grid, -1)), dtype=self._complex)
             spectrum = xp.fft.fftn(grid, axes=(0, 1))
             parts.append(xp.take(xp.take(spectrum, x, axis=0), y, axis=1) * self._factor)
@@ -99,7 +99,7 @@ class ArrayEngine:
         grid = xp.reshape(grid, (-1, modes.shape[2]))
         traces = xp.zeros((len(lateral.scale), modes.shape[2]), dtype=self._real)
         for cells, senders, weights in self._spread(np.arange(len(lateral.scale))):
-            traces = _added(traces, senders, xp.take(grid, cells, axis=0) * weights[:, None])
+            traces = self._added(traces, senders, xp.take(grid, cells, axis=0) * weights[:, None])
         return traces * self._array(lateral.scale)[:, None]
 
     def to_depth_adjoint(self, modes: Any, watch: Watch = NOBODY) -> Any:
@@ -119,7 +119,7 @@ class ArrayEngine:
             start = xp.arange(modes.shape[1])[:, None] * time.length
             for cell, tap in zip(cells, taps, strict=True):
                 for place, value in ((cell, xp.conj(factor)), (-cell % time.length, factor)):
-                    line = _added(line, xp.reshape(start + place, (-1,)), xp.reshape(both * value * tap, (-1,)))
+                    line = self._added(line, xp.reshape(start + place, (-1,)), xp.reshape(both * value * tap, (-1,)))
             line = xp.fft.ifft(xp.reshape(line, (-1, time.length)), axis=1) * time.length
             line = xp.roll(line, time.centre, axis=1)[:, : time.samples]
             rows.append((line * self._array(time.divided))[None, ...])
@@ -188,6 +188,13 @@ class ArrayEngine:
         cells = [self._xp.asarray((first.astype(np.int64) + t) % time.length) for t in range(width)]
         return cells, [self._array(tap) for tap in taps], self._array(factor * (kappa < rule.band), complex=True)
 
+    def _added(self, target: Any, index: Any, values: Any) -> Any:
+        """Add rows to some of the target's, which may come up more than once: the array API has no word for it."""
+        if hasattr(target, "at"):  # JAX, whose arrays do not change
+            return target.at[index].add(values)
+        self._xp.add.at(target, index, values)
+        return target
+
     def _refined(self, modes: Any, axis: int, count: int) -> Any:
         """Put modes into a transform of ``count`` ≥ N points; what is at −N/2 goes to +N/2 by half."""
         xp, n = self._xp, modes.shape[axis]
@@ -214,11 +221,3 @@ def _looked_up(table: Any, steps: Any, kappa: Any, sine: Any) -> Any:
     high = table[:, i + 1, k] * (1 - b) + table[:, i + 1, k + 1] * b
     amplitude, turns = low * (1 - a) + high * a
     return amplitude * np.exp(2j * np.pi * turns)
-
-
-def _added(target: Any, index: Any, values: Any) -> Any:
-    """Add rows to some of the target's, which may come up more than once: the array API has no word for it."""
-    if hasattr(target, "at"):  # JAX, whose arrays do not change
-        return target.at[index].add(values)
-    target.__array_namespace__().add.at(target, index, values)
-    return target

@@ -19,9 +19,8 @@ import h5py
 import numpy as np
 
 from steradian.reconstructions.exporting.source import VolumeSource
+from steradian.reconstructions.levels import chunks_of
 from steradian.reconstructions.volume_file import attach_axes, write_axes
-
-CHUNK_SIDE = 64
 
 
 def write_hdf5(source: VolumeSource, path: Path) -> None:
@@ -32,16 +31,16 @@ def write_hdf5(source: VolumeSource, path: Path) -> None:
         lines = zip(source.names, source.origin, source.spacing, old.shape, strict=True)
         write_axes(file, {name: first + step * np.arange(count) for name, first, step, count in lines})
         file.create_dataset("spacing_m", data=np.array(source.spacing))
-        chunks = tuple(min(CHUNK_SIDE, side) for side in old.shape)
+        chunks = chunks_of(old.shape) or old.shape
         values = file.create_dataset(
             "values", old.shape, old.dtype, chunks=chunks, compression="gzip", compression_opts=1, shuffle=True
         )
         values.attrs.update({name: said for name, said in old.attrs.items() if not name.startswith("DIMENSION_")})
-        for start in range(0, old.shape[0], CHUNK_SIDE):
+        for start in range(0, old.shape[0], chunks[0]):
             source.check(start, old.shape[0])
-            values[start : start + CHUNK_SIDE] = old[start : start + CHUNK_SIDE]
+            values[start : start + chunks[0]] = old[start : start + chunks[0]]
             if source.progress:
-                source.progress("planes", min(start + CHUNK_SIDE, old.shape[0]), old.shape[0])
+                source.progress("planes", min(start + chunks[0], old.shape[0]), old.shape[0])
         for name in ("mip_x", "mip_y", "mip_z"):
             if name in old.parent:
                 file.create_dataset(name, data=old.parent[name][()])

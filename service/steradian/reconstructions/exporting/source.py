@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from steradian.errors import Cancelled, DamagedFile, NotFound
 from steradian.progress import IsCancelled, Progress
-from steradian.reconstructions.volume_file import FORMAT, VERSION
+from steradian.reconstructions.volume_file import require_volume
 
 SLAB_BYTES = 32 << 20
 
@@ -78,6 +78,8 @@ class VolumeSource:
         """
         nx, ny, nz = self.shape
         step = max(1, SLAB_BYTES // (nx * ny * self.dtype.itemsize))
+        deep = self.values.chunks[-1] if self.values.chunks else 1
+        step = max(deep, step // deep * deep)  # each chunk is read once
         for start in range(0, nz, step):
             self.check(start, nz)
             block = self.values[..., start : start + step]
@@ -113,8 +115,7 @@ def open_volume(path: Path, progress: Progress | None, cancelled: IsCancelled | 
     except OSError as error:
         raise DamagedFile(f"{path} cannot be read as a volume: {error}") from error
     with file:
-        if file.attrs.get("format") != FORMAT or file.attrs.get("schema_version") != VERSION:
-            raise DamagedFile(f"{path} is no volume file of schema version {VERSION}")
+        require_volume(file, path)
         try:
             values = file["values"]
             spacing, origin = (tuple(map(float, values.attrs[name])) for name in ("spacing_m", "origin_m"))

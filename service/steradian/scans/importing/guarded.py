@@ -18,7 +18,7 @@ import sys
 import threading
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Literal
 
 from steradian.confinement import die_first, poor_environment, shut_in
 from steradian.drafts import sync_folder
@@ -26,11 +26,15 @@ from steradian.errors import Cancelled, Conflict, DamagedFile, DiskFull, Invalid
 from steradian.progress import IsCancelled, Progress
 from steradian.scans.importing import ImportSummary, import_scan
 from steradian.scans.importing.description import read_description
+from steradian.scans.importing.looking import Look, look_into
+from steradian.scans.importing.source import Lack
 
 MEMORY = 4 << 30
 """Bytes of address space that an import may take beyond what its libraries do."""
 SECONDS, SECONDS_PER_MIB = 180.0, 2.0
 """Time on a processor that an import may take, and more of it for each MiB of the file."""
+LOOK = 20.0
+"""The same for a look into a file."""
 SPARE = 100 << 20
 """Bytes of the disk that an import leaves free."""
 OPEN_FILES = 64
@@ -76,27 +80,52 @@ def import_guarded(
     folder.mkdir()
     try:
         draft = folder / destination.name
-        made = _import_in_child(source, draft, description, progress, cancelled, seconds)
+        made = _in_child("import", source, draft, description, progress, cancelled, seconds)
         if draft.is_symlink() or not draft.is_file():
             raise DamagedFile(f"{source.name} cannot be read: its reader left no file")
         draft.replace(destination)  # here and not in the process, which may be done before it is stopped
         sync_folder(destination.parent)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
-    return dataclasses.replace(made, path=destination)
+    return ImportSummary(destination, made["format"], made["points"], made["samples"])
 
 
-def _import_in_child(
+def look_guarded(source: Path, folder: Path, *, description: Path | None = None, seconds: float = LOOK) -> Look:
+    """Do :func:`~steradian.scans.importing.looking.look_into` in a process with limited memory and time.
+
+    Parameters
+    ----------
+    source, description
+        As there.
+    folder
+        Where it may write.
+    seconds
+        Time on a processor for a small file.
+
+    Raises
+    ------
+    DamagedFile
+        Also when the process reached a limit or died.
+    SteradianError
+        What :func:`~steradian.scans.importing.looking.look_into` raises.
+    """
+    result = _in_child("look", source, folder / "none", description, None, None, seconds)
+    return Look(**result | {"missing": [Lack(**one) for one in result["missing"]]})
+
+
+def _in_child(
+    task: Literal["import", "look"],
     source: Path,
     destination: Path,
     description: Path | None,
     progress: Progress | None,
     cancelled: IsCancelled | None,
     seconds: float,
-) -> ImportSummary:
+) -> dict[str, Any]:
     allowed = seconds + SECONDS_PER_MIB * source.stat().st_size / (1 << 20)
     paths = [None if path is None else str(path.absolute()) for path in (source, destination, description)]
     free = max(0, shutil.disk_usage(destination.parent).free - SPARE)
+    request = {"task": task, "paths": paths, "seconds": allowed, "bytes": free}
     with subprocess.Popen(
         COMMAND,
         stdin=subprocess.PIPE,
@@ -108,15 +137,15 @@ def _import_in_child(
             assert child.stdin is not None  # noqa: S101 - asked for above
             assert child.stdout is not None  # noqa: S101
             with suppress(BrokenPipeError):
-                child.stdin.write(json.dumps({"paths": paths, "seconds": allowed, "bytes": free}).encode() + b"\n")
+                child.stdin.write(json.dumps(request).encode() + b"\n")
                 child.stdin.flush()
             said = _listen(child.stdout, progress, cancelled)
         finally:
             child.kill()
             child.wait()
     if "result" in said:
-        result = said["result"]
-        return ImportSummary(destination, result["format"], result["points"], result["samples"])
+        result: dict[str, Any] = said["result"]
+        return result
     if "error" in said:
         raise _error(said["error"])
     raise DamagedFile(f"{source.name} cannot be read: its reader ended {_ending(child.returncode)}")
@@ -174,7 +203,11 @@ def main() -> None:
 
     limit_process(MEMORY, request["seconds"], request["bytes"])
     try:
-        made = import_scan(source, destination, description=description, progress=report)
+        if request["task"] == "look":
+            found = dataclasses.asdict(look_into(source, description, destination.parent))
+        else:
+            made = import_scan(source, destination, description=description, progress=report)
+            found = {"format": made.format, "points": made.points, "samples": made.samples}
     except SteradianError as error:
         speak(error=_as_json(error))
     except MemoryError:
@@ -182,7 +215,7 @@ def main() -> None:
         words = f"{source.name} needs more than {limit} of memory to be read"
         speak(error={"code": DamagedFile.code, "message": words})
     else:
-        speak(result={"format": made.format, "points": made.points, "samples": made.samples})
+        speak(result=found)
 
 
 def _needed(source: Path, description: Path | None) -> list[Path]:

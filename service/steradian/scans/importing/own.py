@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,7 +32,7 @@ GROUPS = {"mask", "plan", "alines", "run"}
 DATASETS = {
     "fired",
     *(f"mask/{name}" for name in ("positions", "weights", "outline")),
-    *(f"plan/{name}" for name in ("visit", "wavelengths", "bias", "frame_excitation")),
+    *(f"plan/{name}" for name in ("visit", "wavelengths", "bias", "beams", "beam", "frame_excitation")),
     *(f"alines/{name}" for name in ("samples", *schema.COLUMNS)),
     *(f"run/{name}" for name in ("queue", "upload", "reference")),
 }
@@ -96,12 +97,21 @@ def rewrite_scan(
             created=_name(file, "created") or None,
             visit=scan.visit,
             bias=scan.bias,
+            pulse_energy=_pulse_energy(file),
         )
         with AlineStore(path) as store:
             _write(scan, store, progress, cancelled)
             _take_over(file, scan, store)
             store.set_fired(scan.fired)
     return int(scan.stored.sum()), scan.table.samples
+
+
+@contextmanager
+def opened_scan(source: Path) -> Iterator[tuple[ScanPlan, Hdf5Table, float]]:
+    """Open a scan file to look into: its plan, its A-lines and its time zero (s); raises as :func:`rewrite_scan`."""
+    with untrusted.open_untrusted(source) as file:
+        scan = _read(file)
+        yield scan.plan, scan.table, _time_zero(file)
 
 
 def _read(file: h5py.File) -> _Scan:
@@ -130,6 +140,9 @@ def _read(file: h5py.File) -> _Scan:
     light = untrusted.array(file, "plan/frame_excitation") if "plan/frame_excitation" in file else None
     if light is not None and not np.array_equal(light, plan.frame_excitation):
         raise DamagedFile(f"{name}: plan/frame_excitation is not what the plan says")
+    beams = untrusted.array(file, "plan/beams") if "plan/beams" in file else np.empty((0, 2))
+    if not np.array_equal(beams, np.reshape(plan.beams, (-1, 2))):
+        raise DamagedFile(f"{name}: plan/beams is not what the plan says")
     visit, bias = _visit(file, plan), _bias(file, plan)
     if untrusted.figure(file, "/", "geometry_crc32c") not in (None, geometry_checksum(file)):
         raise DamagedFile(f"{name}: positions, weights or order of the points do not match their checksum")
@@ -157,6 +170,9 @@ def _visit(file: h5py.File, plan: ScanPlan) -> NDArray[np.int64]:
     visit = untrusted.array(file, "plan/visit")
     if visit.dtype.kind not in "iu" or not np.array_equal(np.sort(visit, axis=None), np.arange(plan.mask.count)):
         raise DamagedFile(f"{untrusted.name_of(file)}: plan/visit does not name each of {plan.mask.count} points once")
+    together = visit.reshape(-1, plan.beam_count)
+    if ((together[:, 0] % plan.beam_count != 0) | (np.diff(together, axis=1) != 1).any(axis=1)).any():
+        raise DamagedFile(f"{untrusted.name_of(file)}: plan/visit takes the beams of a place apart")
     return visit.astype(np.int64)
 
 
@@ -182,6 +198,13 @@ def _time_zero(file: h5py.File) -> float:
     value = untrusted.figure(file, "plan", "time_zero_s") or 0.0
     if not abs(value) <= TIME_ZERO:
         raise InvalidInput("time_zero_s", value, f"-{TIME_ZERO:g} to {TIME_ZERO:g} (s)")
+    return value
+
+
+def _pulse_energy(file: h5py.File) -> float:
+    value = untrusted.figure(file, "alines/energy", schema.NOMINAL) or 0.0
+    if not 0 <= value <= 1e3:
+        raise InvalidInput(schema.NOMINAL, value, "0 to 1e3 (J)")
     return value
 
 

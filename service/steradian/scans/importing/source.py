@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +20,38 @@ from steradian.scans.recording import Recording, Shots
 
 TIME_ZERO = 1.0
 """Seconds from the pulse to the first sample, either way, at most."""
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True)
+class Lack:
+    """What neither a file nor its description says: the field of a description, and what it may be."""
+
+    field: str
+    allowed: str
+
+
+_noted: ContextVar[list[Lack] | None] = ContextVar("noted", default=None)
+
+
+@contextmanager
+def noting_lacks() -> Iterator[list[Lack]]:
+    """Have :func:`make_source` go on where something needed is stated nowhere, with anything instead, and note it."""
+    lacks: list[Lack] = []
+    token = _noted.set(lacks)
+    try:
+        yield lacks
+    finally:
+        _noted.reset(token)
+
+
+def _lacking(field: str, allowed: str, instead: _T) -> _T:
+    """Refuse what is stated nowhere; or note it and return something to go on with."""
+    lacks = _noted.get()
+    if lacks is None:
+        raise InvalidInput(field, "missing", allowed)
+    lacks.append(Lack(field, allowed))
+    return instead
 
 
 @dataclass(frozen=True)
@@ -118,12 +153,12 @@ def make_source(
     InvalidInput
         When something needed is said by neither, or the positions do not match the A-lines.
     """
-    points = _described_points(said, stated, lateral)
+    points = _described_points(said, stated, lateral, table.points)
     if len(points) != table.points:
         raise InvalidInput("positions", f"{len(points)} positions", f"{table.points}, one an A-line")
     interval = said.seconds(said.sampling_interval) or stated.sampling_interval
     if interval is None:
-        raise InvalidInput("sampling_interval", "missing", f"> 0 (s); neither {name} nor a description states it")
+        interval = _lacking("sampling_interval", "> 0 (s), which the file does not state", 1e-8)
     if interval not in SAMPLING_INTERVAL:
         given = f"{said.sampling_interval:g} {said.times}" if said.sampling_interval else f"{interval:g} s"
         hint = _hint(said.sampling_interval is not None, "times", said.times)
@@ -187,7 +222,9 @@ def _hint(described: bool, field: Literal["lengths", "times"], unit: str) -> str
     return f'the description\'s numbers are in {unit}; it may say "{field}": {others}'
 
 
-def _described_points(said: Description, stated: Stated, lateral: tuple[int, ...] | None) -> NDArray[np.floating[Any]]:
+def _described_points(
+    said: Description, stated: Stated, lateral: tuple[int, ...] | None, count: int
+) -> NDArray[np.floating[Any]]:
     if said.grid is not None:
         counts, interval = said.grid.count or lateral, said.grid.interval
         if counts is None or len(counts) != len(interval):
@@ -196,5 +233,6 @@ def _described_points(said: Description, stated: Stated, lateral: tuple[int, ...
     if said.positions is not None and not isinstance(said.positions, str):
         return np.asarray(said.positions, np.float64).reshape(len(said.positions), -1) * said.length_unit
     if stated.points is None:
-        raise InvalidInput("positions", "missing", "positions or a grid of the sensors, in a description (JSON)")
+        allowed = "positions or a grid of the sensors, in a description (JSON)"
+        return _lacking("positions", allowed, np.linspace(-0.01, 0.01, count)[:, None])
     return stated.points

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from steradian.errors import DamagedFile
 
-BLOCK_BYTES = 16 << 20
+BLOCK_BYTES = 8 << 20
 
 Block = tuple[int, NDArray[Any]]
 """Row of the first A-line, and A-lines (B, N_t)."""

@@ -1,0 +1,213 @@
+"""Pictures of every page, in both themes, on a service that holds what a laboratory's would.
+
+``python benchmarks/pictures.py [FOLDER]`` writes them (``docs/page`` by itself); with ``--tablet`` every page is also
+shown at 1024 × 768. It needs Debian's chromium and playwright, and takes about five minutes.
+"""
+
+import argparse
+import io
+import re
+import tempfile
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from page import address, service_and_browser
+from PIL import Image
+
+from fabry_perot.simulator.phantoms import pressure
+from fabry_perot.simulator.shapes import vessels
+from steradian_client import Client
+
+SIZES = {"": (1280, 720), "tablet-": (1024, 768)}
+TABLET = {"design", "volume"}
+"""Pages that are shown at both sizes anyway: they look differently there."""
+MOST = 250_000
+"""Bytes of a picture; colours are left out until it is that small."""
+WAIT = 240_000.0
+APERTURE, SPEED, INTERVAL = 13.56e-3, 1500.0, 16e-9
+
+
+class Camera:
+    """Opens pages in every theme and size, and keeps what they look like."""
+
+    def __init__(self, service, browser, folder, *, tablet, only):
+        self.service, self.browser, self.folder, self.tablet, self.only = service, browser, folder, tablet, only
+
+    def take(self, name, path, ready, *, act=None):
+        """Keep ``name-dark.png`` and ``name-light.png`` of an address, once ``ready`` is seen and ``act`` was done."""
+        if not re.search(self.only, name):
+            return
+        for prefix, size in SIZES.items():
+            if prefix and not (self.tablet or name in TABLET):
+                continue
+            for theme in ("dark", "light"):
+                with self._page(path, ready, theme, size) as page:
+                    if act is not None:
+                        act(page)
+                    page.wait_for_load_state("networkidle")
+                    page.wait_for_timeout(700)  # pictures that are drawn when the page rests
+                    self._keep(page.screenshot(), f"{name}-{prefix}{theme}.png")
+
+    @contextmanager
+    def _page(self, path, ready, theme, size):
+        context = self.browser.new_context(
+            viewport=dict(zip(("width", "height"), size, strict=True)), color_scheme=theme, reduced_motion="reduce"
+        )
+        context.set_default_timeout(WAIT)
+        page = context.new_page()
+        page.goto(address(self.service, path))
+        page.wait_for_selector(ready)
+        yield page
+        context.close()
+
+    def _keep(self, shot, name):
+        picture = Image.open(io.BytesIO(shot)).convert("RGB")
+        for colours in (256, 128, 64, 32):
+            written = io.BytesIO()
+            picture.quantize(colours, dither=Image.Dither.FLOYDSTEINBERG).save(written, "png", optimize=True)
+            if len(written.getvalue()) <= MOST:
+                break
+        (self.folder / name).write_bytes(written.getvalue())
+
+
+def recording(folder):
+    """Write somebody else's recording of vessels, and where its sensors were, in mm."""
+    x = (np.arange(48) - 23.5) * 0.25e-3
+    places = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1).reshape(-1, 2)
+    traces = pressure(vessels(), places, 20e-9 * np.arange(512), SPEED)
+    files = [folder / "forearm.npy", folder / "positions.csv"]
+    np.save(files[0], np.round(2e4 * traces / np.abs(traces).max()).astype(np.int16))
+    np.savetxt(files[1], 1e3 * places, fmt="%.4f", delimiter=",", header="x,y", comments="")
+    return files
+
+
+def scanned(client, sample, *, rate, wait=True, **plan):
+    """Run a scan whose image is followed; returns it at once or when it is over."""
+    mask = client.masks.equi_steradian(aperture=APERTURE, depth=3.6e-3, count=1600)
+    made = client.plans.create(mask.id, pulse_rate=rate, **plan)
+    scan = client.scans.create(made.id, labels={"sample": sample, "operator": "L. Berg"})
+    live = client.reconstructions.create(scan.id, follow=True, interval=1)
+    if wait:
+        client.scans.wait(scan)
+        client.reconstructions.wait(live)
+    return scan
+
+
+def made(client, scan):
+    """Reconstruct a scan in several ways; returns the jobs, the best first, two of them compared."""
+    ways = ({}, {"method": "nearest"}, {"sound_speed": SPEED + 40})
+    jobs = [client.reconstructions.create(scan.id, depth_range=(0.5e-3, 7e-3), **way) for way in ways]
+    jobs = [client.reconstructions.wait(job) for job in jobs]
+    client.reconstructions.compare(jobs[0].id, jobs[1].id)
+    speeds = {"first": SPEED - 60, "last": SPEED + 60, "steps": 21}
+    client.jobs.wait(client.jobs.create("sound-speed", scan_id=scan.id, parameters={"modes": 128}, **speeds))
+    return jobs
+
+
+def worked_out(page):
+    """Wait until all is worked out."""
+    page.wait_for_selector(".picture canvas")
+
+
+def line_across(volume):
+    """A view's fragment: the slice through the brightest voxel, and a line of 2 mm along x through it."""
+    x, y, z = (
+        1e3 * line[n]
+        for line, n in zip(
+            (volume.x, volume.y, volume.z), np.unravel_index(volume.values.argmax(), volume.values.shape), strict=True
+        )
+    )
+    return f"#at={x:.3f},{y:.3f},{z:.3f}&slab=0,0,0&tool=line&line=z,{x - 1:.3f},{y:.3f},{x + 1:.3f},{y:.3f}"
+
+
+def take_volumes(camera, client, jobs):
+    """What belongs to a reconstruction that has succeeded."""
+    first, second, third = (job.id for job in jobs)
+    drawn = "#volume[data-surveyed]"
+
+    def tab(name):
+        return lambda page: page.click(f"[data-tab='{name}']")
+
+    camera.take("volumes", "/volumes", ".gallery canvas")
+    camera.take("volume", f"/volumes/{first}", drawn)
+    camera.take(
+        "volume-measure",
+        f"/volumes/{first}{line_across(client.reconstructions.volume(first))}",
+        drawn,
+        act=tab("Measure"),
+    )
+    camera.take("volume-compare", f"/volumes/{first}#against={second}", drawn, act=tab("Compare"))
+    camera.take("volume-speed", f"/volumes/{first}#map=depth", drawn, act=tab("Speed"))
+    camera.take("volume-files", f"/volumes/{first}", drawn, act=tab("Files"))
+    camera.take("side-by-side", f"/reconstructions?side={first},{third}", "[data-changes]")
+    camera.take("reconstruction", f"/reconstructions/{first}", "#reconstruction h2")
+
+
+def take_queue(camera, client, scan, jobs):
+    """The queue while one runs and two wait, and the form."""
+    long = client.reconstructions.create(scan.id, method="iterative", priority=5)
+    waiting = [client.reconstructions.create(scan.id, modes=modes) for modes in (300, 400)]
+    try:
+        camera.take("reconstructions", "/reconstructions", f"[data-row='{long.id}'][data-state='running']")
+    finally:
+        for job in (*waiting, long):
+            client.reconstructions.cancel(job.id)
+    camera.take("reconstruction-form", f"/reconstructions?again={jobs[0].id}", "[data-field='modes']")
+
+
+def take_data(camera, files):
+    """A recording that is dropped, before and after it is understood."""
+
+    def drop(page):
+        page.set_input_files("#files", files)
+        page.wait_for_selector("dl.figures div")
+
+    def bring(page):
+        drop(page)
+        for name, value in (("Sampling interval", 20), ("Aperture", 12), ("Speed of sound", SPEED)):
+            page.get_by_label(name, exact=True).fill(str(value))
+        page.get_by_role("button", name="Import").click()
+        page.wait_for_selector(".chart canvas, .chart .bk-Figure")
+
+    camera.take("data", "/data", "#files", act=drop)
+    camera.take("data-understood", "/data", "#files", act=bring)
+
+
+def take_running(camera, client):
+    """A scan under way, and its emergency stop."""
+    scan = scanned(client, "mouse ear, second try", rate=3.0, wait=False)
+    while client.scans.get(scan.id).progress.done < 200:
+        time.sleep(0.5)
+    camera.take("scan", f"/scans/{scan.id}", "section.image canvas")
+    camera.take("scans", "/scans", "tbody tr")
+    client.scanners.emergency_stop("a cable was loose")
+    camera.take("stop", f"/scans/{scan.id}", "#stopped:not([hidden])")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", nargs="?", type=Path, default=Path(__file__).parents[1] / "docs" / "page")
+    parser.add_argument("--tablet", action="store_true", help="every page at 1024 × 768, too")
+    parser.add_argument("--only", default="", help="names of pictures that are taken, a regular expression")
+    asked = parser.parse_args()
+    asked.folder.mkdir(parents=True, exist_ok=True)
+    with (
+        service_and_browser(phantom="vessels") as (service, _, browser),
+        tempfile.TemporaryDirectory(prefix="steradian-pictures-") as folder,
+        Client(re.sub("/api/v1$", "", service.url)) as client,
+    ):
+        camera = Camera(service, browser, asked.folder, tablet=asked.tablet, only=asked.only)
+        camera.take("design", "/design?label=mouse+ear&pulse_rate=400", "#scan-this:enabled", act=worked_out)
+        scan = scanned(client, "mouse ear", rate=400.0)
+        camera.take("scan-finished", f"/scans/{scan.id}", "section.image canvas")
+        jobs = made(client, scan)
+        take_volumes(camera, client, jobs)
+        take_queue(camera, client, scan, jobs)
+        take_data(camera, recording(Path(folder)))
+        take_running(camera, client)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,88 @@
+"""The session's cookie, and what a request that brings it must show before it changes anything.
+
+A browser adds the cookie to whatever any page has it ask, also a form of another site or a service at another port of
+the same host. So such a request must come from a page of this origin, by what the browser says of it (``Origin``,
+``Sec-Fetch-Site``: scripts cannot set either), and bring a token that other origins cannot read.
+"""
+
+from __future__ import annotations
+
+import hmac
+from typing import Final
+
+from fastapi import Response
+from starlette.datastructures import Headers
+from starlette.requests import cookie_parser
+
+from steradian.security.keys import Forbidden
+from steradian.security.sessions import LIFETIME, SeenSession
+
+NAME: Final = "steradian_session"
+TOKEN: Final = "X-CSRF-Token"  # noqa: S105 - the header's name
+PATH: Final = "/api/v1"
+
+
+class CrossSite(Forbidden):
+    """A request with a session's cookie does not show that a page of this service made it."""
+
+    code = "cross-site"
+
+
+def secret_in(headers: Headers) -> str | None:
+    """Return the secret that the cookie holds, if there is one."""
+    return cookie_parser("; ".join(headers.getlist("cookie"))).get(NAME) or None
+
+
+def set_cookie(response: Response, secret: str, headers: Headers, scheme: str) -> None:
+    """Give a browser the cookie: for this site only, for no script, and for no plain link where there is TLS."""
+    response.set_cookie(
+        NAME,
+        secret,
+        max_age=int(LIFETIME.total_seconds()),
+        path=PATH,
+        secure=_is_secure(headers, scheme),
+        httponly=True,
+        samesite="strict",
+    )
+
+
+def take_cookie(response: Response, headers: Headers, scheme: str) -> None:
+    """Have a browser forget it."""
+    secure = _is_secure(headers, scheme)
+    response.delete_cookie(NAME, path=PATH, secure=secure, httponly=True, samesite="strict")
+
+
+def check_page(seen: SeenSession, headers: Headers, *, changes: bool) -> None:
+    """Refuse what a page of another origin has the browser do.
+
+    Parameters
+    ----------
+    changes
+        Whether the request changes something: then it must bring the token and say that it comes from here.
+
+    Raises
+    ------
+    CrossSite
+        With what is missing.
+    """
+    origin, site = headers.get("origin"), headers.get("sec-fetch-site")
+    followed = not changes and headers.get("sec-fetch-mode") == "navigate"
+    if site not in {None, "same-origin"} and not followed and (changes or site != "none"):
+        raise CrossSite(f"a request with a session's cookie must come from a page of this service, not {site}")
+    if not changes:
+        return
+    if origin is not None and origin.partition("://")[2] not in _hosts(headers):
+        raise CrossSite(f"a page of {origin!r} may not change anything with a session's cookie")
+    if origin is None and site is None:
+        raise CrossSite("a request with a session's cookie must say where it comes from: Origin or Sec-Fetch-Site")
+    if not hmac.compare_digest(headers.get(TOKEN, "").encode(), seen.csrf_token.encode()):
+        raise CrossSite(f"a request with a session's cookie must bring {TOKEN} as GET {PATH}/session tells it")
+
+
+def _hosts(headers: Headers) -> set[str]:
+    """Return the names by which this service was addressed, by a proxy's word too: no page can set its header."""
+    return {host for host in (*headers.getlist("host"), *headers.getlist("x-forwarded-host")) if host}
+
+
+def _is_secure(headers: Headers, scheme: str) -> bool:
+    return scheme == "https" or headers.get("x-forwarded-proto", "").strip().lower() == "https"

@@ -1,0 +1,122 @@
+"""Presses of the emergency stop on a node that has not the scanner: carried to the node that has it."""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from http.client import HTTPException
+from typing import Final
+
+from ulid import ULID
+
+from steradian.api.emergency import until
+from steradian.api.nodes import ERRAND, Nodes, NodeUnavailable, Question
+from steradian.api.scanner_views import EmergencyAnswer, EmergencyView
+from steradian.api.views import BASE
+from steradian.security.keys import Principal
+from steradian.storage.scanners import ScannerRepository
+
+WITHIN: Final = 3.0
+"""Seconds for which the other node's answer is waited for: it waits a second itself for what its scanner says."""
+SOON: Final = 0.5
+"""Seconds after which a press that has not been answered is written into the database, too."""
+AGAIN: Final = 0.25
+"""Seconds between two errands."""
+MOST: Final = 8
+"""Presses of one scanner that are carried at a time; an older one gives way, for the later ones stop it as well."""
+_log = logging.getLogger(__name__)
+
+
+@dataclass
+class _Errand:
+    scanner_id: str
+    question: Question
+    reason: str | None
+    answer: EmergencyAnswer | None = None
+    is_recorded: bool = False
+
+
+class StopCourier:
+    """Carries each press until it has arrived; meanwhile it is written into the database, which that node reads, too.
+
+    Parameters
+    ----------
+    nodes
+        Where the scanners are.
+    scanner
+        How a press is written into the database.
+    """
+
+    def __init__(self, nodes: Nodes, scanner: ScannerRepository) -> None:
+        self._nodes, self._scanner = nodes, scanner
+        self._over = threading.Event()
+        self._carried: dict[str, tuple[_Errand, ...]] = {}
+
+    def close(self) -> None:
+        """Carry nothing any more."""
+        self._over.set()
+
+    async def press(self, scanner_id: str, who: Principal, reason: str | None) -> EmergencyAnswer:
+        """Press the stop of a scanner elsewhere; the answer is its node's, or says that nothing is confirmed."""
+        path, body = f"{BASE}/scanners/{scanner_id}/emergency-stop", json.dumps({"reason": reason}).encode()
+        headers = {"Content-Type": "application/json", "Accept": "application/json", ERRAND: str(ULID())}
+        errand = _Errand(scanner_id, Question("POST", path, who, body, headers), reason)
+        self._carried[scanner_id] = (*self._carried.get(scanner_id, ()), errand)[-MOST:]
+        threading.Thread(target=self._carry, args=(errand,), name="stop-courier", daemon=True).start()
+        await until(lambda: errand.answer is not None, SOON)
+        if errand.answer is None:
+            threading.Thread(target=self._record, args=(errand,), name="stop-record", daemon=True).start()
+            await until(lambda: errand.answer is not None, WITHIN - SOON)
+        return errand.answer or _unconfirmed(errand)
+
+    def _is_wanted(self, errand: _Errand) -> bool:
+        pending = errand.answer is None and not self._over.is_set()
+        return pending and any(each is errand for each in self._carried[errand.scanner_id])
+
+    def _carry(self, errand: _Errand) -> None:
+        told = ""
+        while True:
+            try:
+                with self._nodes.ask(errand.scanner_id, errand.question, WITHIN) as reply:
+                    said = reply.read()
+                if reply.status == 202:
+                    errand.answer = EmergencyAnswer.model_validate_json(said)
+                    return
+                why = f"its node refuses it: {said[:500]!r}"
+            except (NodeUnavailable, OSError, HTTPException, ValueError) as error:
+                why = str(error)
+            if why != told:
+                _log.error("the emergency stop does not reach %s yet: %s", errand.scanner_id, why)
+            told = why
+            self._over.wait(AGAIN)
+            if not self._is_wanted(errand):
+                return
+
+    def _record(self, errand: _Errand) -> None:
+        scanner, who = self._scanner.of(errand.scanner_id), errand.question.who.name
+        while self._is_wanted(errand):
+            try:
+                scanner.stop(who, errand.reason)
+            except Exception as error:  # whatever it was, it is tried again
+                _log.warning("the emergency stop cannot be written into the database: %s", error)
+                self._over.wait(4 * AGAIN)
+                continue
+            errand.is_recorded = True
+            return
+
+
+def _unconfirmed(errand: _Errand) -> EmergencyAnswer:
+    shown = EmergencyView(
+        number=str(ULID()),
+        at=datetime.now(UTC),
+        by=errand.question.who.name,
+        reason=errand.reason,
+        laser="unconfirmed",
+        seconds=None,
+        recorded=errand.is_recorded,
+    )
+    here = f"{BASE}/scanners/{errand.scanner_id}"
+    return EmergencyAnswer(id=errand.scanner_id, emergency_stop=shown, links={"scanner": here})

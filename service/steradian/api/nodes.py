@@ -1,0 +1,210 @@
+"""The other nodes of the service: where they are, and asking one of them on somebody's behalf.
+
+A request whose answer another node has is sent on to it as it came. The nodes prove themselves to each other with the
+settings' secret; who asked has proved that to the first node, which says so.
+"""
+
+from __future__ import annotations
+
+import hmac
+import json
+from collections import defaultdict
+from collections.abc import AsyncIterator, Mapping
+from dataclasses import dataclass, field
+from http import HTTPStatus
+from http.client import HTTPConnection, HTTPException, HTTPResponse, HTTPSConnection
+from typing import Final
+from urllib.parse import urlsplit
+
+from anyio import CapacityLimiter, to_thread
+from fastapi import Request, Response
+from starlette.datastructures import Headers
+from starlette.responses import StreamingResponse
+
+from steradian.errors import SteradianError
+from steradian.security.keys import Principal, Scope, Unauthorized
+from steradian.settings import Settings
+from steradian.storage.scanners import ScannerRepository
+from steradian.storage.tables import ScannerRow
+
+SECRET, BEHALF = "Steradian-Node", "Steradian-Principal"
+ERRAND: Final = "Steradian-Errand"
+"""Names a press of the stop, which is brought again until there is an answer."""
+PASSED_ON: Final = (
+    *("accept", "content-type", "if-match", "if-none-match", "if-range", "range", "scanner-lease"),
+    *("want-repr-digest", "x-request-id"),
+)
+"""Headers of a request that the other node needs to answer it."""
+NOT_PASSED_BACK: Final = frozenset({"connection", "date", "keep-alive", "server", "transfer-encoding"})
+"""Headers of an answer that are of one connection alone."""
+CONNECT, PATIENCE = 3.0, 20.0
+"""Seconds for which another node's connection, and a word of it, is waited for."""
+AT_ONCE: Final = 10
+"""Requests that are sent on to a node at a time: one that hangs holds up neither this node nor others' scanners."""
+PIECE: Final = 2**18
+
+
+class NodeUnavailable(SteradianError):
+    """The node that has what is asked for does not answer."""
+
+    code = "node-unavailable"
+
+
+class Elsewhere(Exception):
+    """No error: the answer is with the node of a scanner, to which the request is sent on."""
+
+    def __init__(self, scanner_id: str) -> None:
+        self.scanner_id = scanner_id
+        super().__init__(f"the node of {scanner_id} answers this")
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked of another node: method, path with query, body, headers, and for whom."""
+
+    method: str
+    target: str
+    who: Principal
+    body: bytes = b""
+    headers: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    async def of(cls, request: Request) -> Question:
+        """Repeat a request."""
+        query = request.scope["query_string"].decode("latin-1")
+        target = request.scope["raw_path"].decode("latin-1") + (f"?{query}" if query else "")
+        headers = {name: request.headers[name] for name in PASSED_ON if name in request.headers}
+        headers["x-request-id"] = str(request.scope["state"]["request_id"])
+        return cls(request.method, target, request.state.principal, await request.body(), headers)
+
+
+class Nodes:
+    """Where the nodes of all scanners are, as the database said last.
+
+    Parameters
+    ----------
+    settings
+        Which scanner is this node's, and what the nodes prove themselves with.
+    scanners
+        Where they are noted.
+    """
+
+    def __init__(self, settings: Settings, scanners: ScannerRepository) -> None:
+        self._secret, self._scanners = settings.node_secret, scanners
+        self._own = settings.scanner_id if settings.has_scanner else None
+        self._is_all, self._is_simulated = settings.role == "service", settings.simulated
+        self._rows: Mapping[str, ScannerRow] = {}
+        self._threads: defaultdict[str, CapacityLimiter] = defaultdict(lambda: CapacityLimiter(AT_ONCE))
+
+    def remember(self) -> None:
+        """Look at the database, for what is asked while it does not answer."""
+        self._rows = {row.id: row for row in self._scanners.rows()}
+
+    def knows(self, scanner_id: str) -> bool:
+        """Whether there is such a scanner, as far as is known without the database."""
+        return scanner_id == self._own or scanner_id in self._rows
+
+    def is_here(self, scanner_id: str | None) -> bool:
+        """Whether a scanner is this node's."""
+        return scanner_id is not None and scanner_id == self._own
+
+    def is_elsewhere(self, scanner_id: str | None) -> bool:
+        """Whether a scanner is another node's."""
+        return not self._is_all and scanner_id is not None and scanner_id != self._own
+
+    @property
+    def are_simulated(self) -> bool:
+        """Whether no scanner of the service is a real one."""
+        return self._is_simulated if self._is_all else all(row.simulated for row in self._rows.values())
+
+    def ask(self, scanner_id: str, question: Question, seconds: float = PATIENCE) -> HTTPResponse:
+        """Ask the node of a scanner; its answer is still to be read, and then closed.
+
+        Parameters
+        ----------
+        seconds
+            For which each word of it is waited for.
+
+        Raises
+        ------
+        NodeUnavailable
+            When it does not answer, or nobody knows where it is.
+        """
+        row = self._rows.get(scanner_id)
+        address = None if row is None else row.address
+        if address is None or self._secret is None:
+            raise NodeUnavailable(f"where the node of {scanner_id} is, is not known")
+        parts = urlsplit(address)
+        kind = HTTPSConnection if parts.scheme == "https" else HTTPConnection
+        connection = kind(parts.hostname or "", parts.port, timeout=min(CONNECT, seconds))
+        proof = {SECRET: self._secret, BEHALF: _written(question.who), "Connection": "close"}
+        try:
+            connection.connect()
+            connection.sock.settimeout(seconds)
+            connection.request(question.method, question.target, question.body or None, {**question.headers, **proof})
+            return connection.getresponse()
+        except (OSError, HTTPException) as error:
+            connection.close()
+            raise NodeUnavailable(f"the node of {scanner_id} does not answer: {error}") from error
+
+    @staticmethod
+    def refuse_rounds(request: Request, scanner_id: str) -> None:
+        """Refuse what came from another node already, which took this one for the scanner's: a wrong address is noted.
+
+        Raises
+        ------
+        NodeUnavailable
+            When it did.
+        """
+        if came_from_a_node(request):
+            raise NodeUnavailable(f"the address that is noted for the node of {scanner_id} is another node's")
+
+    async def forward(self, request: Request, scanner_id: str) -> Response:
+        """Have a scanner's node answer a request; raises :class:`NodeUnavailable`."""
+        self.refuse_rounds(request, scanner_id)
+        question, limiter = await Question.of(request), self._threads[scanner_id]
+        answer = await to_thread.run_sync(self.ask, scanner_id, question, limiter=limiter)
+        if answer.status == HTTPStatus.UNAUTHORIZED:  # this node, and not who asks
+            answer.close()
+            raise NodeUnavailable(f"the node of {scanner_id} has another STERADIAN_NODE_SECRET than this one")
+        headers = {name: value for name, value in answer.getheaders() if name.lower() not in NOT_PASSED_BACK}
+        if answer.length is not None and answer.length <= PIECE:
+            try:
+                with answer:
+                    body = await to_thread.run_sync(answer.read, limiter=limiter)
+            except (OSError, HTTPException) as error:
+                raise NodeUnavailable(f"the node of {scanner_id} fell silent: {error}") from error
+            return Response(body, answer.status, headers)
+        return StreamingResponse(_pieces(answer, limiter), answer.status, headers)
+
+
+def came_from_a_node(request: Request) -> bool:
+    """Whether another node sent this on."""
+    return getattr(request.state, "forwarded", False)
+
+
+def principal_of(headers: Headers, secret: str | None) -> Principal | None:
+    """Tell for whom another node asks; ``None`` when nobody says to be one.
+
+    Raises
+    ------
+    Unauthorized
+        When it is none of ours.
+    """
+    given = headers.get(SECRET)
+    if given is None:
+        return None
+    if secret is None or not hmac.compare_digest(given.encode("latin-1"), secret.encode()):
+        raise Unauthorized("that is not the secret of this service's nodes")
+    said = json.loads(headers[BEHALF])
+    return Principal(said["name"], frozenset(map(Scope, said["scopes"])), said["key_id"])
+
+
+async def _pieces(answer: HTTPResponse, limiter: CapacityLimiter) -> AsyncIterator[bytes]:
+    with answer:
+        while piece := await to_thread.run_sync(answer.read, PIECE, limiter=limiter):
+            yield piece
+
+
+def _written(who: Principal) -> str:
+    return json.dumps({"name": who.name, "scopes": sorted(who.scopes), "key_id": who.key_id})

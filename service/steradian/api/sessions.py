@@ -1,0 +1,66 @@
+"""``/session``: a browser signs in with a key and has a cookie instead, which no script can read."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from fastapi import APIRouter, Request, Response
+from pydantic import BaseModel, Field
+from starlette.concurrency import run_in_threadpool
+
+from steradian.api.cookies import TOKEN, secret_in, set_cookie, take_cookie
+from steradian.api.dependencies import ServicesNeeded, Who
+from steradian.api.security import V1, GuardedRoute
+from steradian.security.keys import Principal, Scope
+from steradian.security.sessions import SeenSession
+
+router = APIRouter(prefix=V1, tags=["service"], route_class=GuardedRoute)
+
+
+class SessionView(BaseModel):
+    """Who asks, and what they may do."""
+
+    principal: str = Field(description="As which the caller is known", examples=["key bench (0123456789ab)", "local"])
+    scopes: list[Scope] = Field(description="What the caller may do; admin is everything")
+    csrf_token: str | None = Field(
+        description=f"Value of the header {TOKEN} of requests with the session's cookie that change something;"
+        " null where there is no session"
+    )
+    expires: datetime | None = Field(description="When the session ends; null where there is none")
+
+    @classmethod
+    def of(cls, principal: Principal, seen: SeenSession | None) -> SessionView:
+        """Show a caller."""
+        return cls(
+            principal=principal.name,
+            scopes=sorted(principal.scopes),
+            csrf_token=None if seen is None else seen.csrf_token,
+            expires=None if seen is None else seen.expires,
+        )
+
+
+@router.post("/session", status_code=201, summary="Sign in with a key: a cookie instead of it")
+async def create_session(services: ServicesNeeded, request: Request, response: Response, who: Who) -> SessionView:
+    """Open a session of the key in Authorization; its cookie, which scripts cannot read, is as good as the key.
+
+    It lasts for 12 hours and ends with its key. What changes something must bring the header X-CSRF-Token besides.
+    """
+    principal = Principal(who.name, who.scopes) if hasattr(request.state, "session") else who
+    secret = await run_in_threadpool(services.sessions.open, principal)
+    set_cookie(response, secret, request.headers, request.url.scheme)
+    response.headers["Location"] = f"{V1}/session"
+    return SessionView.of(who, await run_in_threadpool(services.sessions.check, secret))
+
+
+@router.get("/session", summary="Who asks, and what a page must know of its session")
+async def read_session(request: Request, who: Who) -> SessionView:
+    """Tell as whom the caller is known, by key or by cookie; without keys everybody on the machine is local."""
+    return SessionView.of(who, getattr(request.state, "session", None))
+
+
+@router.delete("/session", status_code=204, summary="Sign out")
+async def delete_session(services: ServicesNeeded, request: Request, response: Response) -> None:
+    """End the session of the cookie, if there is one; the key goes on."""
+    if secret := secret_in(request.headers):
+        await run_in_threadpool(services.sessions.end, secret)
+    take_cookie(response, request.headers, request.url.scheme)

@@ -1,0 +1,83 @@
+"""What is too old, or was left by what was killed: forgotten and removed every ten minutes."""
+
+from __future__ import annotations
+
+import logging
+from datetime import timedelta
+from typing import TYPE_CHECKING
+
+from sqlalchemy import select
+
+from steradian.drafts import remove, sweep
+from steradian.jobs.kinds import KINDS, resource_of
+from steradian.storage.arrays import upload_name
+from steradian.storage.deletion import waiting_import
+from steradian.storage.dependence import Resource, needed
+from steradian.storage.disk import importing_job_id
+from steradian.storage.object_store import ObjectStore
+from steradian.storage.tables import JobRow, ScanRow
+
+if TYPE_CHECKING:
+    from steradian.api.services import Services
+
+UPLOADS_KEPT = timedelta(days=1)
+_log = logging.getLogger(__name__)
+
+
+def tidy(services: Services, *, shared: bool = True) -> None:
+    """Forget what is too old: events, idempotency keys, uploads, shared images and, if settings say so, jobs.
+
+    Parameters
+    ----------
+    shared
+        Whether also what all nodes of the service share; else only this node's folder is looked through.
+    """
+    now = services.clock()
+    oldest = (now - UPLOADS_KEPT).timestamp()
+    for path in services.data.references.glob("*"):
+        if path.stat().st_mtime < oldest:
+            path.unlink(missing_ok=True)
+    _sweep_drafts(services)
+    if not shared:
+        return
+    for name in services.arrays.names(upload_name("")):
+        found = services.arrays.stat(name)
+        if found and found.modified < oldest and waiting_import(services.database, name.rpartition("/")[2]) is None:
+            services.arrays.delete(name)
+    services.log.prune(now - timedelta(days=services.settings.event_days))
+    services.answers.prune()
+    if services.settings.retention_days is not None:
+        _forget_before(services, timedelta(days=services.settings.retention_days))
+    services.remove_files()
+    if isinstance(services.arrays, ObjectStore) and (count := services.arrays.sweep()):
+        _log.info("%d objects that belonged to nothing are deleted from the store", count)
+
+
+def _sweep_drafts(services: Services) -> None:
+    """Remove what killed jobs were writing; one that is not over sweeps its folder itself when it starts again."""
+    data, drafts = services.data, services.data.scan_drafts()
+    with services.database.read() as session:
+        over = set(session.scalars(select(JobRow.id).where(JobRow.ended.is_not(None))))
+        going = set(session.scalars(select(JobRow.id).where(JobRow.ended.is_(None))))
+        going |= set(session.scalars(select(ScanRow.id).where(ScanRow.ended.is_(None))))
+    for folder in data.job_folders():
+        if folder.name in over and not data.job(folder.name).is_running:
+            sweep(folder)
+    for scan, draft in drafts:
+        job = importing_job_id(scan)
+        if not going & {scan, job} and not data.job(job).is_running:
+            remove(draft)
+
+
+def _forget_before(services: Services, age: timedelta) -> None:
+    when = services.clock() - age
+    query = select(JobRow.id, JobRow.kind).where(JobRow.ended.is_not(None), JobRow.ended < when)
+    with services.database.write() as session:
+        # Nobody begins to need one any more. In the order of deletions, or two wait for each other: first what
+        # stands behind /reconstructions, then what may depend on it, each by name.
+        images = [name for name, kind in KINDS.items() if kind.resource == "reconstruction"]
+        ordered = query.order_by(JobRow.kind.not_in(images), JobRow.id)
+        rows = session.execute(ordered.with_for_update()).all()
+        kept = needed(session)
+        old = [Resource(resource_of(row.kind), row.id) for row in rows if row.id not in kept]
+        services.deletion.forget(session, old, "service", "older than retention_days")

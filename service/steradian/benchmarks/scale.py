@@ -1,0 +1,144 @@
+"""A service that is several nodes beside one process tree: many clients, one worker and three, what the store costs."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import secrets
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+from steradian.benchmarks.load import furnish
+from steradian.benchmarks.mixed import mixed
+from steradian.benchmarks.service import (
+    RunningService,
+    make_scan,
+    processor_seconds,
+    running_service,
+    running_worker,
+)
+from steradian.benchmarks.throughput import through_service
+from steradian.progress import Progress
+from steradian.settings import Settings
+
+ALONE, NODES = "one service", "two API nodes"
+WORKERS = 3
+POINTS, SAMPLES, MODES = 1605, 1024, 226
+"""Of the jobs that are timed: the paper's yarn."""
+Row = dict[str, Any]
+
+
+def scale(
+    shared: dict[str, Any],
+    *,
+    seconds: float = 60.0,
+    clients: int = 200,
+    streams: int = 20,
+    jobs: int = 20,
+    progress: Progress | None = None,
+) -> list[Row]:
+    """Measure one service on a folder, then nodes on a database and a store; each on folders of their own.
+
+    Parameters
+    ----------
+    shared
+        What the nodes share: ``database_url`` of an empty PostgreSQL database, ``store``, ``store_endpoint``.
+    seconds, clients, streams
+        For how long mixed clients ask and event streams listen, and how many; see :mod:`steradian.benchmarks.mixed`.
+    jobs
+        Reconstructions that each number of workers makes.
+
+    Returns
+    -------
+    list of dict
+        Rows of *route*, *total* and *memory*, as of the load, and of *jobs*: ``jobs_per_second``, ``cpu_s_per_job`` (of
+        the service's own processes; database and store are other people's) and ``share``: of the jobs a second that
+        all processors could make of what one costs one worker. ``where`` tells them apart.
+    """
+    stages = [f"{ALONE}: jobs", f"{ALONE}: clients", "nodes: jobs", "nodes: clients", f"nodes: {WORKERS} workers"]
+
+    def at(stage: int) -> None:
+        if progress is not None:
+            progress(stages[stage], stage, len(stages))
+
+    rows: list[Row] = []
+    with tempfile.TemporaryDirectory(prefix="steradian-benchmark-") as folder:
+        at(0)
+        alone = Settings.create(data=Path(folder) / "alone", port=0, workers=1, simulator_speed=1.0)
+        with running_service(alone) as service:
+            scan = make_scan(service, count=POINTS, samples=SAMPLES)
+            rows.append(_jobs("folder, 1 worker", service, scan, jobs, 1, service.processor_seconds))
+            at(1)
+            rows += _clients(ALONE, [service], seconds, clients, streams)
+        at(2)
+        with _nodes(Path(folder), shared) as (apis, used, add_worker):
+            add_worker()
+            scan = make_scan(apis[0], count=POINTS, samples=SAMPLES)
+            rows.append(_jobs("store, 1 worker", apis[0], scan, jobs, 1, used))
+            at(3)
+            rows += _clients(NODES, apis, seconds, clients, streams)
+            at(4)
+            for _ in range(WORKERS - 1):
+                add_worker()
+            rows.append(_jobs(f"store, {WORKERS} workers", apis[0], scan, jobs, WORKERS, used))
+    return _with_shares(rows)
+
+
+@contextmanager
+def _nodes(
+    folder: Path, shared: dict[str, Any]
+) -> Iterator[tuple[list[RunningService], Callable[[], float], Callable[[], None]]]:
+    """Run two API nodes and a scanner's; yields the former, the processor time of all, and what adds a worker."""
+    common = shared | {"node_secret": secrets.token_hex(16), "port": 0, "simulator_speed": 1.0}
+    with ExitStack() as stack:
+
+        def node(name: str, role: str) -> RunningService:
+            settings = Settings.create(data=folder / name, workers=0, **common)
+            return stack.enter_context(running_service(settings, role))
+
+        scanner = node("scanner", "acquisition")
+        apis = [node("first", "api"), node("second", "api")]
+        pids = [each.pid for each in (scanner, *apis)]
+
+        def add_worker() -> None:
+            name = f"far-{len(pids)}"
+            settings = Settings.create(data=folder / name, worker_name=name, **shared)
+            pids.append(stack.enter_context(running_worker(settings)))
+
+        yield apis, lambda: sum(processor_seconds(pid) for pid in pids), add_worker
+
+
+def _clients(where: str, services: Sequence[RunningService], seconds: float, clients: int, streams: int) -> list[Row]:
+    rows = asyncio.run(mixed(services, furnish(services[0]), seconds, clients, streams))
+    return [row | {"where": where} for row in rows]
+
+
+def _jobs(where: str, service: RunningService, scan: str, jobs: int, workers: int, used: Callable[[], float]) -> Row:
+    through_service(service, scan, 2 * workers, MODES)  # every worker has its kernels and the scan
+    begun, before = time.monotonic(), used()
+    through_service(service, scan, jobs, MODES)
+    took = time.monotonic() - begun
+    spent = (used() - before) / jobs
+    return {
+        "case": "jobs",
+        "where": where,
+        "workers": workers,
+        "jobs": jobs,
+        "seconds_per_job": took / jobs,
+        "jobs_per_second": jobs / took,
+        "cpu_s_per_job": spent,
+    }
+
+
+def _with_shares(rows: list[Row]) -> list[Row]:
+    """Compare jobs with what all processors could do; the store's cost with the folder's."""
+    timed = [row for row in rows if row["case"] == "jobs"]
+    folder, store = timed[:2]
+    for row in timed:
+        row["share"] = row["jobs_per_second"] * store["cpu_s_per_job"] / (os.cpu_count() or 1)
+        row["over_folder_s"] = row["seconds_per_job"] - folder["seconds_per_job"] if row["workers"] == 1 else None
+    return rows

@@ -1,0 +1,48 @@
+"""The figures of ``steradian benchmark scale`` as a page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from steradian.benchmarks.load_page import memory_table, routes_table, total_line
+from steradian.benchmarks.pages import put_between
+
+BEGIN = "<!-- scale: begin, written by `steradian benchmark scale` -->"
+END = "<!-- scale: end -->"
+Row = dict[str, Any]
+
+
+def write_page(page: Path, rows: list[Row]) -> None:
+    """Put the tables between the page's marks."""
+    put_between(page, BEGIN, END, tables(rows))
+
+
+def tables(rows: list[Row]) -> str:
+    """Write the rows as markdown: the jobs, then the clients of each."""
+    parts = [_jobs([row for row in rows if row["case"] == "jobs"])]
+    for where in dict.fromkeys(row["where"] for row in rows if row["case"] == "total"):
+        of = {case: [row for row in rows if (row["case"], row["where"]) == (case, where)] for case in _CLIENTS}
+        parts += [
+            f"### Clients of {where}",
+            total_line(of["total"][0]),
+            memory_table(of["memory"]),
+            routes_table(of["route"]),
+        ]
+    return "\n\n".join(parts)
+
+
+_CLIENTS = ("total", "memory", "route")
+
+
+def _jobs(rows: list[Row]) -> str:
+    lines = [
+        "| jobs on | jobs/s | s a job | beyond the folder (s) | processor s a job | of what the processors allow |",
+        "|---|--:|--:|--:|--:|--:|",
+    ]
+    for row in rows:
+        beyond = "" if row["over_folder_s"] is None else f"{row['over_folder_s']:+.2f}"
+        figures = [f"{row['jobs_per_second']:.2f}", f"{row['seconds_per_job']:.2f}", beyond]
+        figures += [f"{row['cpu_s_per_job']:.2f}", f"{row['share']:.2f}"]
+        lines.append("| " + " | ".join([row["where"], *figures]) + " |")
+    return "\n".join(lines)

@@ -1,0 +1,46 @@
+"""Figures of a benchmark: a table on the screen, and a file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from steradian.benchmarks.pages import document
+from steradian.cli.console import console, show_end
+
+Row = dict[str, Any]
+
+
+def publish(name: str, rows: list[Row], path: Path | None, columns: Sequence[str] = ()) -> None:
+    """Print ``columns`` (none: all) as a table and write rows, with what they were measured on, to ``path``."""
+    columns = columns or list(dict.fromkeys(key for row in rows for key in row))
+    table = Table(title=name, title_justify="left", box=None, pad_edge=False)
+    for column in columns:
+        table.add_column(column.replace("_", " "), justify="left" if _is_text(rows, column) else "right")
+    for row in rows:
+        table.add_row(*(_shown(row.get(column)) for column in columns))
+    console().print(table)
+    write(name, rows, path)
+
+
+def write(name: str, rows: list[Row], path: Path | None) -> None:
+    """Write rows with what they were measured on, if there is a file for it."""
+    if path is None:
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(document(name, rows), indent=2) + "\n", encoding="utf-8")
+    show_end(("figures", path))
+
+
+def _is_text(rows: Iterable[Row], column: str) -> bool:
+    return any(isinstance(row.get(column), str) for row in rows)
+
+
+def _shown(value: object) -> str:
+    if value is None:
+        return ""
+    return f"{value:.3g}" if isinstance(value, float) else str(value)

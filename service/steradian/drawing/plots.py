@@ -1,0 +1,170 @@
+"""What a page of plots shows, as values: drawn by :mod:`.painting` into pixels, by :mod:`.page` with matplotlib.
+
+Lengths of what is drawn are in pixels of the page; places are in the units of the plot's axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.drawing.style import ACCENT, INK, PLAIN
+from steradian.drawing.ticks import Axis, NamedRows
+
+Floats: TypeAlias = NDArray[np.float64]
+Shape = Literal["+", "o", "s", ">"]
+
+
+@dataclass(frozen=True)
+class Colours:
+    """Colours of values: the name of a map, the values at its ends, and what the values are."""
+
+    name: str
+    low: float
+    high: float
+    label: str
+
+    @classmethod
+    def spanning(cls, values: Floats, name: str, label: str) -> Colours:
+        """From least to greatest value, but rounding is no difference: less than a thousandth is one colour."""
+        low, high = float(values.min()), float(values.max())
+        margin = 0.05 * high if high - low < 1e-3 * high else 0.0
+        return cls(name, low - margin, high + margin, label)
+
+
+@dataclass(frozen=True)
+class Field:
+    """Values (rows, columns) all over the plot, first row at its top; ``smooth``: with what lies between them."""
+
+    values: Floats
+    colours: Colours
+    smooth: bool = False
+
+
+@dataclass(frozen=True)
+class Dots:
+    """Discs at places (n, 2), coloured by values (n,)."""
+
+    places: Floats
+    values: Floats
+    colours: Colours
+    diameter: float
+
+
+@dataclass(frozen=True)
+class Way:
+    """Straight pieces between places (n, 2), coloured by values (n - 1,)."""
+
+    places: Floats
+    values: Floats
+    colours: Colours
+    width: float
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Straight lines through places (n, 2)."""
+
+    places: Floats
+    colour: str
+    width: float = 1.3
+
+
+@dataclass(frozen=True)
+class Upright:
+    """A dotted line from bottom to top."""
+
+    x: float
+    colour: str = INK
+
+
+@dataclass(frozen=True)
+class Sign:
+    """A sign of some size at a place."""
+
+    x: float
+    y: float
+    shape: Shape
+    size: float
+    colour: str = INK
+    width: float = 2.5
+
+
+@dataclass(frozen=True)
+class Steps:
+    """How many there are between each two of the edges (n + 1,): counts (n,)."""
+
+    edges: Floats
+    counts: Floats
+    colour: str = PLAIN
+
+
+@dataclass(frozen=True)
+class Bars:
+    """A bar from zero to a value in each row, with a text at its end."""
+
+    values: Sequence[float]
+    texts: Sequence[str]
+    colours: Sequence[str]
+
+
+@dataclass(frozen=True)
+class Remark:
+    """A text whose middle lies at a place; of a colour, with another one around it so that it shows on any ground."""
+
+    x: float
+    y: float
+    text: str
+    colour: str
+    around: str
+
+
+Part: TypeAlias = Field | Dots | Way | Curve | Upright | Sign | Steps | Bars | Remark
+
+
+@dataclass(frozen=True)
+class Plot:
+    """Axes with what they show, first things first; up's first value is at the top. ``equal``: one scale for both."""
+
+    title: str
+    across: Axis
+    up: Axis | NamedRows
+    parts: Sequence[Part]
+    equal: bool = False
+
+    @property
+    def colours(self) -> Colours | None:
+        """What its bar of colours shows."""
+        return next((part.colours for part in self.parts if isinstance(part, Field | Dots | Way)), None)
+
+
+@dataclass(frozen=True)
+class Page:
+    """Columns of plots of some shares of the width; the page is ``width`` pixels wide and ``shape`` times as high."""
+
+    title: str
+    columns: Sequence[Sequence[Plot]]
+    shares: Sequence[float]
+    width: int
+    shape: float
+
+    @property
+    def plots(self) -> list[Plot]:
+        """All plots, column by column."""
+        return [plot for column in self.columns for plot in column]
+
+
+def cross(x: float, y: float, around: str) -> tuple[Sign, Sign]:
+    """Return the sign of a point of interest, which shows on any ground."""
+    return Sign(x, y, "+", 22, around, 5), Sign(x, y, "+", 20, ACCENT)
+
+
+def histogram(values: Floats, bins: int, margin: float) -> Steps:
+    """Count values in ``bins`` equal steps from the least less the margin to the greatest with it."""
+    low, high = float(values.min()) - margin, float(values.max()) + margin
+    counts, edges = np.histogram(values, np.linspace(low, high, bins + 1))
+    return Steps(edges, counts.astype(float))

@@ -1,0 +1,154 @@
+"""Which engine computes: processor or GPU, and what happens where the GPU's memory turns out too small."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from steradian.errors import InvalidInput
+from steradian.imaging.arrays import on_gpu
+from steradian.imaging.engines.numba.engine import NumbaEngine
+from steradian.imaging.parameters import Parameters
+from steradian.imaging.tables import Tables
+
+if TYPE_CHECKING:
+    from steradian.imaging.engines.cuda.engine import CudaEngine
+
+AnyEngine: TypeAlias = "NumbaEngine | CudaEngine"
+
+
+class Chosen:
+    """The engine that ``device`` of the parameters asks for.
+
+    Parameters
+    ----------
+    tables
+        What to compute.
+    parameters
+        ``device``, ``device_memory``, ``memory_limit`` and ``threads`` of them.
+
+    Attributes
+    ----------
+    engine
+        The engine at present.
+    notes
+        What to know of the choice: that and why it is not what was asked for.
+
+    Raises
+    ------
+    InvalidInput
+        If the device asked for is not there, or memory does not suffice.
+    """
+
+    def __init__(self, tables: Tables, parameters: Parameters) -> None:
+        self._tables, self._parameters = tables, parameters
+        self.notes: list[str] = []
+        self.engine: AnyEngine = self._first()
+
+    @property
+    def device(self) -> str:
+        """Name of the GPU, or "cpu"."""
+        return "cpu" if isinstance(self.engine, NumbaEngine) else self.engine.backend.name
+
+    @property
+    def resident(self) -> bool:
+        """Whether images stay on a GPU."""
+        return not isinstance(self.engine, NumbaEngine) and self.engine.room.whole
+
+    def taken(self, field: str, values: Any) -> Any:
+        """Return an array of the GPU as it is, as CuPy's, and anything else as NumPy's.
+
+        Raises
+        ------
+        InvalidInput
+            If it is of a GPU and the engine is not.
+        """
+        if not on_gpu(values):
+            return np.asarray(values)
+        if isinstance(self.engine, NumbaEngine):
+            raise InvalidInput(field, "an array of a GPU", "an array in memory, or the device gpu")
+        return self.engine.backend.array(values)
+
+    def run(self, work: Callable[[AnyEngine], Any], *, keep: bool) -> Any:
+        """Do some work with the engine, and return its result as an array of the GPU (``keep``), or as NumPy's.
+
+        Where the GPU's memory turns out too small, the work is done again with half as much of it, in pieces, and at
+        last, with "auto", by the processor; what is to be kept on the GPU has to fit.
+
+        Raises
+        ------
+        InvalidInput
+            If the GPU's memory does not suffice.
+        """
+        while True:
+            engine = self.engine
+            if keep and not self.resident:
+                raise self._too_small()
+            try:
+                found = work(engine)
+                return found if keep or isinstance(engine, NumbaEngine) else engine.host(found)
+            except Exception as error:
+                if not self.is_full(error):
+                    raise
+            if keep or isinstance(engine, NumbaEngine):
+                raise self._too_small()
+            self._step_back(engine)  # not earlier: until here the error holds what was computed
+
+    def resident_run(self, work: Callable[[Any], Any], values: Any) -> Any:
+        """Do some work on an array, which is brought to the GPU; if that is then too full, on the array as it is."""
+        try:
+            assert not isinstance(self.engine, NumbaEngine)  # noqa: S101
+            return work(self.engine.array(values))
+        except Exception as error:
+            if not (self.is_full(error) or (isinstance(error, InvalidInput) and error.field == "device_memory")):
+                raise
+        self.notes.append("the GPU's memory was full; images were kept outside it")
+        return work(values)
+
+    def is_full(self, error: BaseException) -> bool:
+        """Whether an error says that the GPU has no memory left."""
+        return not isinstance(self.engine, NumbaEngine) and self.engine.backend.is_full(error)
+
+    def _too_small(self) -> InvalidInput:
+        allowed = "more of the GPU's memory for its own arrays; with arrays in memory it works in pieces"
+        return InvalidInput("device_memory", self._parameters.device_memory, allowed)
+
+    def _first(self) -> AnyEngine:
+        wanted = self._parameters.device
+        if wanted == "cpu":
+            return self._of_processor()
+        from steradian.imaging.engines.cuda.backend import missing
+
+        lacking = missing()
+        if wanted == "auto" and lacking is not None:
+            return self._of_processor()
+        try:
+            return self._of_gpu(self._parameters.device_memory)
+        except InvalidInput as error:
+            if wanted == "gpu" or error.field != "device_memory":
+                raise
+            self.notes.append(f"computed on the processor, the GPU's memory being too small: {error}")
+            return self._of_processor()
+
+    def _step_back(self, engine: CudaEngine) -> None:
+        engine.backend.release()
+        half = engine.room.device_bytes // 2
+        try:
+            self.engine = self._of_gpu(half)
+            self.notes.append(f"the GPU's memory was full; done again in pieces within {half} bytes of it")
+        except InvalidInput:
+            if self._parameters.device == "gpu":
+                raise
+            self.engine = self._of_processor()
+            self.notes.append("the GPU's memory was full; done again on the processor")
+
+    def _of_gpu(self, device_memory: int | None) -> CudaEngine:
+        from steradian.imaging.engines.cuda.engine import CudaEngine
+
+        return CudaEngine(self._tables, device_memory=device_memory, memory_limit=self._parameters.memory_limit)
+
+    def _of_processor(self) -> NumbaEngine:
+        chosen = self._parameters
+        return NumbaEngine(self._tables, threads=chosen.most_threads, memory_limit=chosen.memory_limit)

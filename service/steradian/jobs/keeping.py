@@ -1,0 +1,77 @@
+"""What a worker keeps of a job in the object store: results, known once it has succeeded, and a log of each start."""
+
+from __future__ import annotations
+
+import logging
+import shutil
+from pathlib import Path
+from typing import Any, Final
+
+from sqlalchemy.exc import SQLAlchemyError
+
+from steradian.drafts import ENDING
+from steradian.errors import StoreUnavailable
+from steradian.jobs.ledger import JobLedger
+from steradian.jobs.model import Outcome, Succeeded
+from steradian.settings import Settings
+from steradian.storage.arrays import Arrays, Stored, result_name
+from steradian.storage.database import Database
+from steradian.storage.job_directory import LOG, JobDirectory
+from steradian.storage.object_store import arrays_of
+from steradian.storage.paths import DataDirectory
+from steradian.storage.states import ReconstructionState
+from steradian.storage.tables import JobRow
+
+STORED: Final = "in the store"
+"""Under which name a report says what of it is kept; no report of a job has it."""
+_log = logging.getLogger(__name__)
+
+
+def put_results(arrays: Arrays, folder: JobDirectory) -> dict[str, Any]:
+    """Put all that a job left into the store, in its own process; returns what its report says of it."""
+    return {STORED: [arrays.put(result_name(folder.root.name, path.name), path).as_json() for path in folder.results()]}
+
+
+class JobKeeper:
+    """The worker's part; without a store there is none, as results lie where they belong."""
+
+    def __init__(self, settings: Settings, database: Database) -> None:
+        self._has_store = settings.store is not None
+        self._arrays = arrays_of(settings, database)
+
+    def announced(self, outcome: Outcome) -> Outcome:
+        """Have what was put into the store be known in the transaction that notes the success."""
+        if not isinstance(outcome, Succeeded) or not self._has_store or STORED not in outcome.result:
+            return outcome
+        stored = [Stored.of_json(each) for each in outcome.result[STORED]]
+        report = {name: value for name, value in outcome.result.items() if name != STORED}
+        return Succeeded(report, lambda session: self._arrays.announce(session, *stored))
+
+    def tidy(self, ledger: JobLedger, data: DataDirectory) -> None:
+        """Put away what is left of jobs that were cut off here, by a power cut for example, and are over now.
+
+        Results of earlier times, before there was a store, stay: they are nowhere else.
+        """
+        folders = {path.name: data.job(path.name) for path in data.job_folders()} if self._has_store else {}
+        for job_id, job in ledger.statuses(list(folders)).items():
+            needed = job.state is ReconstructionState.SUCCEEDED and folders[job_id].results()
+            if job.is_over and not needed and not folders[job_id].is_running:
+                self.put_away(ledger.get(job_id), folders[job_id])
+
+    def put_away(self, row: JobRow, folder: JobDirectory) -> None:
+        """Keep the log of a start, and leave nothing in the job's folder.
+
+        Raises
+        ------
+        Superseded
+            When a later start has begun there.
+        """
+        if not self._has_store or not folder.log.is_file():
+            return
+        folder.check(row.fence)
+        try:
+            copy = Path(shutil.copy(folder.log, folder.root / f"{LOG}{ENDING}"))  # who wrote it may have it open
+            self._arrays.keep(result_name(row.id, f"{LOG}-{row.fence:04}.txt"), copy)
+            shutil.rmtree(folder.root)
+        except (StoreUnavailable, SQLAlchemyError, OSError) as error:
+            _log.warning("the log of job %s stays in %s: %s", row.id, folder.root, error)

@@ -1,0 +1,56 @@
+"""Where and with what a job works, in its own process."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from steradian.errors import NotFound, StoreUnavailable
+from steradian.progress import Progress
+from steradian.storage.arrays import Arrays, Folder, scan_name
+from steradian.storage.paths import DataDirectory
+
+if TYPE_CHECKING:
+    from steradian.reconstructions.kept_plans import KeptPlans
+
+
+@dataclass(frozen=True)
+class Work:
+    """Where and with what a job works.
+
+    Attributes
+    ----------
+    data, folder
+        The data directory, and the job's own folder in it, which has the job's name.
+    principal
+        Who asked for the job.
+    plans
+        Plans of earlier jobs of this process.
+    arrays
+        Where what it needs is kept.
+    """
+
+    data: DataDirectory
+    folder: Path
+    principal: str
+    plans: KeptPlans
+    progress: Progress
+    arrays: Arrays
+
+    def scan(self, scan_id: str) -> Path:
+        """Find the file of a scan.
+
+        Raises
+        ------
+        NotFound
+            When there is none.
+        StoreUnavailable
+            When it is to come: its acquisition still has it, on another host.
+        """
+        try:
+            return self.arrays.open(scan_name(scan_id))
+        except NotFound as error:
+            if isinstance(self.arrays, Folder):
+                raise
+            raise StoreUnavailable(f"the A-lines of scan {scan_id} are not in the store yet") from error

@@ -1,0 +1,12 @@
+"""Backups: what a service keeps, as it was at one moment, in a folder beside which nothing else is needed.
+
+BACKUP/manifest.json    what is in it, with sizes and SHA-256; written last: without it the folder is no backup
+BACKUP/database.sqlite  metadata, whichever database the service uses, and of an embedded one the queue
+BACKUP/scans, jobs, …   files, as they lie in the data folder
+"""
+
+from steradian.runtime.backups.making import back_up
+from steradian.runtime.backups.manifest import Manifest
+from steradian.runtime.backups.restoring import restore
+
+__all__ = ["Manifest", "back_up", "restore"]

@@ -1,0 +1,26 @@
+"""Which GPU reconstructions of this machine use."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from importlib.util import find_spec
+
+_ASK = "from steradian.imaging.engines.cuda.backend import device; print(device().name)"
+_PATIENCE = 60.0  # seconds; a driver may have to load first
+
+
+def gpu_of_this_machine() -> str | None:
+    """Name of the GPU; None where there is none, or the extra ``gpu`` is not installed.
+
+    A process of its own looks: CuPy is large, and who has looked keeps a part of the GPU's memory.
+    """
+    if find_spec("cupy") is None and "STERADIAN_GPU" not in os.environ:
+        return None
+    command = [sys.executable, "-P", "-c", _ASK]
+    try:
+        found = subprocess.run(command, capture_output=True, text=True, timeout=_PATIENCE, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return found.stdout.strip() or None

@@ -1,0 +1,115 @@
+"""Scans go to the object store when they are over, from the host that measured them."""
+
+from __future__ import annotations
+
+import logging
+import os
+import shutil
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final
+
+from sqlalchemy.exc import SQLAlchemyError
+
+from steradian.errors import NotFound, StoreUnavailable
+from steradian.logs import caused_by
+from steradian.storage.arrays import scan_name
+from steradian.storage.object_store import CLOCK, ObjectStore, has_moved_on
+from steradian.storage.paths import PRIVATE, DataDirectory
+from steradian.storage.scans import ScanRepository
+from steradian.storage.states import ScanState, is_terminal
+from steradian.storage.tables import ScanRow
+
+LOOK_EVERY: Final = 1.0
+"""Seconds between looks at the scans of this host."""
+LEFT_FOR: Final = 600.0
+"""Seconds for which the file of a scan that is kept stays: who has begun to read it may end."""
+_log = logging.getLogger(__name__)
+
+
+class ScanKeeper:
+    """Puts scans into the store that are over or interrupted; one that is resumed and written to is put there again.
+
+    Parameters
+    ----------
+    store
+        Where they go.
+    scans
+        How they stand.
+    data
+        Where they are.
+    """
+
+    def __init__(self, store: ObjectStore, scans: ScanRepository, data: DataDirectory) -> None:
+        self._store, self._scans, self._data = store, scans, data
+        self._known: set[str] = set()
+        """Scans of files that are here, last seen at rest: one that another node deletes then takes its file along.
+
+        One under way cannot be deleted: where its row is gone, a database was set back, and the file is all there is.
+        """
+
+    def run(self, stopping: threading.Event) -> None:
+        """Work until asked to stop; while store or database do not answer, wait for them."""
+        while not stopping.wait(LOOK_EVERY):
+            try:
+                self.step()
+            except (StoreUnavailable, SQLAlchemyError, OSError) as error:
+                _log.warning("scans are not kept yet, trying again: %s", error)
+
+    def step(self) -> None:
+        """Look once at all files of scans."""
+        for path in self._data.scan_files():
+            try:
+                scan = self._scans.get(path.stem)
+            except NotFound:
+                if path.stem in self._known:
+                    path.unlink(missing_ok=True)
+                continue
+            if not (is_terminal(scan.state) or scan.state is ScanState.INTERRUPTED):
+                self._known.discard(scan.id)
+                continue
+            self._known.add(scan.id)
+            if path.is_symlink():
+                continue
+            kept, changed = self._store.kept(scan_name(scan.id)), path.stat().st_mtime
+            # Without a change, too: what was resumed in vain is to count again where its file is not.
+            if kept is None or changed > kept.created.timestamp() + CLOCK or has_moved_on(scan, kept):
+                self._keep(scan, path)
+            elif is_terminal(scan.state) and time.time() - kept.created.timestamp() > LEFT_FOR:
+                path.unlink()
+
+    def _keep(self, scan: ScanRow, path: Path) -> None:
+        """Keep what no one writes to any more as it is, of what may be resumed a copy."""
+        if is_terminal(scan.state):
+            keep(self._store, self._data, scan_name(scan.id), path)
+        else:
+            with _draft(self._data) as draft:
+                shutil.copy2(path, draft)
+                if self._scans.get(scan.id).revision != scan.revision:  # it was resumed meanwhile
+                    return
+                self._store.keep(scan_name(scan.id), draft)
+        with caused_by(scan.request_id):
+            _log.info("scan %s is in the store", scan.id)
+
+
+def keep(store: ObjectStore, data: DataDirectory, name: str, path: Path) -> None:
+    """Keep a file that nobody writes to any more; it stays where it is."""
+    with _draft(data) as draft:
+        os.link(path, draft)
+        store.keep(name, draft)
+
+
+@contextmanager
+def _draft(data: DataDirectory) -> Iterator[Path]:
+    """Yield a path beside the copies of what the store keeps: what is put there becomes one."""
+    folder = data.cache / "keeping"
+    folder.mkdir(mode=PRIVATE, parents=True, exist_ok=True)
+    draft = folder / f"{os.getpid()}-{threading.get_ident()}"
+    draft.unlink(missing_ok=True)
+    try:
+        yield draft
+    finally:
+        draft.unlink(missing_ok=True)

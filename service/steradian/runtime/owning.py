@@ -1,0 +1,79 @@
+"""Being the only one: the service of a database, which several nodes may be together, and the node of a scanner."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from steradian.errors import Conflict, InvalidInput
+from steradian.settings import Settings
+
+if TYPE_CHECKING:
+    from steradian.storage.advisory import SessionLock
+
+OWNER_INTERVAL = 2.0
+"""Seconds between proofs that what is owned still is."""
+OWNER_PATIENCE = 10.0
+"""Seconds for which an earlier owner, which is just ending, is waited for."""
+
+
+@contextmanager
+def owning_database(settings: Settings) -> Iterator[Callable[[], None]]:
+    """Be the one service on a PostgreSQL database; yields what raises :class:`Conflict` when it is that no more.
+
+    The nodes of one service share it.
+    """
+    if settings.database_url is None:
+        yield lambda: None
+        return
+    from steradian.storage.advisory import SessionLock
+
+    lock = SessionLock(settings.database_url, "service", shared=settings.role != "service")
+    with _holding(lock, "another service runs on this database; stop it or choose another database") as check:
+        yield check
+
+
+@contextmanager
+def owning_scanner(settings: Settings) -> Iterator[Callable[[], None]]:
+    """Be the one node of a scanner, where a service is several nodes; yields as above."""
+    if settings.database_url is None or settings.role != "acquisition":
+        yield lambda: None
+        return
+    from steradian.storage.advisory import SessionLock
+
+    name = settings.scanner_id
+    lock = SessionLock(settings.database_url, f"scanner {name}")
+    with _holding(lock, f"another node has {name}; stop it or name this one otherwise (STERADIAN_SCANNER_ID)") as check:
+        yield check
+
+
+@contextmanager
+def _holding(lock: SessionLock, refusal: str) -> Iterator[Callable[[], None]]:
+    from steradian.storage.advisory import Hold
+
+    over, taken = threading.Event(), threading.Event()
+
+    def stay() -> None:  # a thread's work: a connection that is cut off answers late, and the children are tended
+        while not over.wait(OWNER_INTERVAL):
+            if lock.renew() is Hold.TAKEN:
+                taken.set()
+
+    def check() -> None:
+        if taken.is_set():
+            raise Conflict(f"taken over meanwhile: {refusal}")
+
+    hold = lock.acquire(seconds=OWNER_PATIENCE)
+    if hold is Hold.UNREACHABLE:
+        raise InvalidInput("STERADIAN_DATABASE_URL", "set", "a PostgreSQL database that answers")
+    if hold is Hold.TAKEN:
+        raise Conflict(refusal)
+    keeper = threading.Thread(target=stay, daemon=True)
+    keeper.start()
+    try:
+        yield check
+    finally:
+        over.set()
+        keeper.join()
+        lock.release()

@@ -1,0 +1,132 @@
+"""What a recording says, what it lacks and a few of its A-lines, before anything is made of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.plans import ScanPlan
+from steradian.ranges import SOUND_SPEED
+from steradian.scans.importing import own
+from steradian.scans.importing.opening import is_own, open_source
+from steradian.scans.importing.source import Lack, Source, noting_lacks
+from steradian.scans.importing.tables import Table
+
+TRACES, POSITIONS, SAMPLES = 5, 4000, 4096
+"""At most so many A-lines and positions are shown, and samples of each A-line."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What was understood of a recording; ``None`` where it does not say.
+
+    Parameters
+    ----------
+    format
+        Kind of the file.
+    points, frames, samples, dtype
+        Shape and kind of its A-lines.
+    sampling_interval, time_zero, sound_speed, aperture, depth
+        Seconds, seconds, m/s, metres, metres.
+    positions
+        (P, 1 or 2) metres, evenly picked of all.
+    rows, traces
+        Some of the first A-lines and which they are; their first samples.
+    missing
+        What must be said before it can be imported.
+    """
+
+    format: str
+    points: int
+    frames: int
+    samples: int
+    dtype: str
+    sampling_interval: float | None
+    time_zero: float
+    sound_speed: float | None
+    aperture: float | None
+    depth: float | None
+    positions: list[list[float]] | None
+    rows: list[int]
+    traces: list[list[float]]
+    missing: list[Lack]
+
+
+def look_into(source: Path, description: Path | None = None, folder: Path | None = None) -> Look:
+    """Read what a recording says, as an import would understand it.
+
+    Parameters
+    ----------
+    source, description, folder
+        As in :func:`~steradian.scans.importing.opening.open_source`.
+
+    Raises
+    ------
+    NotFound, DamagedFile, InvalidInput
+        As an import, but not for what is missing.
+    """
+    if is_own(source):
+        with own.opened_scan(source) as (plan, table, time_zero):
+            return _own(plan, table, time_zero)
+    with noting_lacks() as lacks, open_source(source, description, folder) as opened:
+        return _look(opened, lacks)
+
+
+def _look(source: Source, lacks: list[Lack]) -> Look:
+    unknown = {lack.field for lack in lacks}
+    if source.sound_speed is None:
+        lacks.append(Lack("sound_speed", f"{SOUND_SPEED}; the file states none"))
+    placed = "positions" not in unknown
+    rows, traces = _some(source.table)
+    return Look(
+        format=source.format,
+        points=source.table.points,
+        frames=source.table.frames,
+        samples=source.table.samples,
+        dtype=source.table.dtype.name,
+        sampling_interval=None if "sampling_interval" in unknown else source.sampling_interval,
+        time_zero=source.time_zero,
+        sound_speed=source.sound_speed,
+        aperture=source.sensors.aperture if placed else None,
+        depth=source.depth,
+        positions=_spread(source.sensors.positions) if placed else None,
+        rows=rows,
+        traces=traces,
+        missing=lacks,
+    )
+
+
+def _own(plan: ScanPlan, table: Table, time_zero: float) -> Look:
+    rows, traces = _some(table)
+    return Look(
+        format=own.FORMAT,
+        points=plan.mask.count,
+        frames=plan.frames,
+        samples=plan.samples,
+        dtype=table.dtype.name,
+        sampling_interval=plan.sampling_interval,
+        time_zero=time_zero,
+        sound_speed=plan.sound_speed,
+        aperture=plan.mask.aperture,
+        depth=plan.mask.depth,
+        positions=_spread(plan.mask.film_positions),
+        rows=rows,
+        traces=traces,
+        missing=[],
+    )
+
+
+def _some(table: Table) -> tuple[list[int], list[list[float]]]:
+    """Take a few A-lines of the first block, which is read alone: a file may be large."""
+    start, block = next(iter(table.blocks()))
+    rows = np.unique(np.linspace(0, len(block) - 1, TRACES).round().astype(int))
+    return (start + rows).tolist(), np.nan_to_num(block[rows, :SAMPLES].astype(np.float64)).tolist()
+
+
+def _spread(positions: NDArray[np.float64]) -> list[list[float]]:
+    step = -(-len(positions) // POSITIONS)
+    found: list[list[float]] = positions[::step].tolist()
+    return found

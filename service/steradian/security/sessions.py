@@ -1,0 +1,111 @@
+"""Sessions: a key that a person has given once, for as long as a working day, without the browser's scripts having it.
+
+Only hashes are kept, as of keys. What guards against other pages' requests (the CSRF token) follows from the secret, so
+that it holds as long as the session and on every node of the service.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import secrets
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from typing import Final
+
+from sqlalchemy import delete, select
+
+from steradian.security.keys import KeyStore, Principal, Unauthorized
+from steradian.storage.database import Database
+from steradian.storage.repository import Clock, utc_now
+from steradian.storage.tables import SessionRow
+
+LIFETIME: Final = timedelta(hours=12)
+"""For how long a session lasts; a key that ends earlier ends it, too."""
+MOST: Final = 50
+"""Sessions of one key; the oldest ends when there is one more."""
+_WORTHLESS = "the session is over; sign in again"
+
+
+@dataclass(frozen=True)
+class SeenSession:
+    """A session that holds.
+
+    Attributes
+    ----------
+    principal
+        As with the key itself.
+    csrf_token
+        What a request that changes something must bring besides.
+    expires
+        When it ends.
+    """
+
+    principal: Principal
+    csrf_token: str
+    expires: datetime
+
+
+class SessionStore:
+    """Opens, checks and ends sessions."""
+
+    def __init__(self, database: Database, keys: KeyStore, clock: Clock = utc_now) -> None:
+        self.database, self.keys, self.clock = database, keys, clock
+        self._remembered: Mapping[str, SessionRow] = {}
+
+    def open(self, principal: Principal) -> str:
+        """Open a session of whoever has proved a key, and return its secret.
+
+        Raises
+        ------
+        Unauthorized
+            When it is nobody with a key.
+        """
+        issuer = self.keys.issuer(principal)
+        if issuer is None:
+            raise Unauthorized("send the key that the session is to be of: Authorization: Bearer …")
+        secret, now = secrets.token_urlsafe(32), self.clock()
+        of_key = select(SessionRow.hash).where(SessionRow.issuer == issuer)
+        with self.database.write() as session:
+            session.execute(delete(SessionRow).where(SessionRow.expires < now))
+            kept = session.scalars(of_key.order_by(SessionRow.created.desc()).limit(MOST - 1)).all()
+            session.execute(delete(SessionRow).where(SessionRow.issuer == issuer, SessionRow.hash.not_in(kept)))
+            session.add(SessionRow(hash=_hash(secret), issuer=issuer, created=now, expires=now + LIFETIME))
+        return secret
+
+    def check(self, secret: str) -> SeenSession:
+        """Tell whose session it is; raises :class:`Unauthorized` when it, or its key, holds no more."""
+        with self.database.read() as session:
+            row = session.get(SessionRow, _hash(secret))
+        return self._seen(secret, row, from_memory=False)
+
+    def remember(self) -> None:
+        """Look at the keys and sessions in the database, for :meth:`recall` and the keys' own."""
+        self.keys.remember()
+        with self.database.read() as session:
+            self._remembered = {row.hash: row for row in session.scalars(select(SessionRow))}
+
+    def recall(self, secret: str) -> SeenSession:
+        """Tell whose session it is without the database, from the last look at it; raises :class:`Unauthorized`."""
+        return self._seen(secret, self._remembered.get(_hash(secret)), from_memory=True)
+
+    def end(self, secret: str) -> None:
+        """Make a session worthless at once."""
+        with self.database.write() as session:
+            session.execute(delete(SessionRow).where(SessionRow.hash == _hash(secret)))
+
+    def _seen(self, secret: str, row: SessionRow | None, *, from_memory: bool) -> SeenSession:
+        if row is None or row.expires < self.clock():
+            raise Unauthorized(_WORTHLESS)
+        principal = self.keys.of_issuer(row.issuer, from_memory=from_memory)
+        return SeenSession(principal, csrf_token(secret), row.expires)
+
+
+def csrf_token(secret: str) -> str:
+    """Derive the token, which lets nobody find the secret."""
+    return hmac.new(secret.encode(), b"steradian csrf token", hashlib.sha256).hexdigest()
+
+
+def _hash(secret: str) -> str:
+    return hashlib.sha256(secret.encode()).hexdigest()

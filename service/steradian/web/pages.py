@@ -1,0 +1,119 @@
+"""The pages' shells and their files. Nothing here knows masks or scans: the scripts ask the HTTP API for all of it."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+from fastapi import APIRouter, Request
+from fastapi.responses import HTMLResponse, JSONResponse, Response
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from werkzeug.http import parse_accept_header, parse_etags
+
+from steradian.errors import NotFound
+
+POLICY: Final = (
+    "default-src 'none'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'; script-src 'self';"
+    " style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; connect-src 'self'; font-src 'self'"
+)
+"""What a page may do: run this service's files and ask it. Styles stand in the page, as Bokeh writes its own there."""
+PAGES: Final = {
+    "/design": "design",
+    "/scans": "scans",
+    "/scans/{identifier}": "scan",
+    "/reconstructions": "reconstructions",
+    "/reconstructions/{identifier}": "reconstruction",
+    "/volumes": "volumes",
+    "/volumes/{identifier}": "volume",
+    "/data": "data",
+}
+"""Addresses and their templates; what stands in an address is looked up by the page's script."""
+BOKEH: Final = frozenset({"bokeh.min.js", "bokeh-api.min.js"})
+"""The files of Bokeh's wheel that a page may load."""
+KINDS: Final = {
+    ".css": "text/css",
+    ".js": "text/javascript",
+    ".json": "application/json",
+    ".png": "image/png",
+    ".svg": "image/svg+xml",
+}
+"""Media types by name: what a system says about ``.js`` differs, and a browser that may not guess runs nothing else."""
+_STATIC: Final = Path(__file__).parent / "static"
+
+
+def make_router(version: str, lab: Path | None = None) -> APIRouter:
+    """Make the routes of the pages.
+
+    Parameters
+    ----------
+    version
+        Of the software, as the pages tell it.
+    lab
+        Folder of a laboratory's own scripts: each page runs those directly in it, in the order of their names.
+    """
+    router = APIRouter(include_in_schema=False)
+    templates = Environment(loader=PackageLoader(__package__), autoescape=True, undefined=StrictUndefined)
+
+    def shell(template: str) -> HTMLResponse:
+        own = sorted(path.name for path in lab.glob("*.js")) if lab is not None else []
+        text = templates.get_template(f"{template}.html").render(page=template, version=version, lab=own)
+        return HTMLResponse(text, headers={"Content-Security-Policy": POLICY})
+
+    @router.get("/")
+    def read_start(request: Request) -> Response:
+        """Show the page to a browser; tell anybody else where things are."""
+        if parse_accept_header(request.headers.get("accept")).quality("text/html"):
+            return shell("start")
+        return JSONResponse({"name": "steradian", "docs": "/docs", "openapi": "/openapi.json", "api": "/api/v1"})
+
+    for address, template in PAGES.items():
+        router.add_api_route(address, _showing(shell, template), response_class=HTMLResponse, name=f"show_{template}")
+
+    @router.get("/static/bokeh/{name}")
+    def read_bokeh_file(request: Request, name: str) -> Response:
+        """Give one of Bokeh's scripts; raises :class:`NotFound`."""
+        if name not in BOKEH:
+            raise NotFound("file of the page", name)
+        return _file(request, _bokeh(), name)
+
+    @router.get("/static/lab/{name:path}")
+    def read_lab_file(request: Request, name: str) -> Response:
+        """Give a file of the laboratory's own; raises :class:`NotFound`."""
+        if lab is None:
+            raise NotFound("file of the page", name)
+        return _file(request, lab, name)
+
+    @router.get("/static/{name:path}")
+    def read_static_file(request: Request, name: str) -> Response:
+        """Give a script, a style or a picture; raises :class:`NotFound`."""
+        return _file(request, _STATIC, name)
+
+    return router
+
+
+def _showing(shell: Callable[[str], HTMLResponse], template: str) -> Callable[[], HTMLResponse]:
+    def show() -> HTMLResponse:
+        return shell(template)
+
+    return show
+
+
+def _file(request: Request, folder: Path, name: str) -> Response:
+    """Answer with a file below a folder, or with 304 to who has it; raises :class:`NotFound`."""
+    path, root = (folder / name).resolve(), folder.resolve()
+    if path.suffix not in KINDS or not path.is_relative_to(root) or not path.is_file():
+        raise NotFound("file of the page", name)
+    body = path.read_bytes()
+    tag = hashlib.blake2s(body, digest_size=12).hexdigest()  # the files of a wheel may all have the same time
+    headers = {"ETag": f'"{tag}"'}
+    if parse_etags(request.headers.get("if-none-match")).contains_weak(tag):
+        return Response(status_code=304, headers=headers)
+    return Response(body, media_type=KINDS[path.suffix], headers=headers)
+
+
+def _bokeh() -> Path:
+    found: Any = importlib.util.find_spec("bokeh")
+    return Path(found.origin).parent / "server" / "static" / "js"

@@ -1,0 +1,219 @@
+// @ts-check
+// The bar: how the scanner stands, the running scan, and the stop, which needs neither the event stream nor a look.
+import { api, Problem } from "./api.js";
+import { byId, h, openDialog, put, renew, replace } from "./dom.js";
+import { live } from "./live.js";
+import { count, clock, duration } from "./units.js";
+
+/** @param {string} name */
+const stopOf = (name) => `/scanners/${name}/emergency-stop`;
+const PATIENCE = 1500;
+const LOOK = 3000;
+const TRY_AGAIN = 500;
+const UNDER_WAY = ["arming", "running", "pausing", "paused", "stopping", "recovering", "completing", "aborting"].map((state) => `state=${state}`).join("&");
+const SWITCH = "use the hardware switch";
+
+/** @type {string[]} all scanners of the service; the first is there before anybody was asked */
+let names = ["scanner-0"];
+/** @type {any[]} how they stand, as far as that is known */
+let scanners = [];
+/** @type {any} the first of them */
+let scanner = null;
+/** @type {Set<(scanner: any) => void>} */
+const watchers = new Set();
+/** @type {any} the last press of this page, until it is released */
+let press = null;
+/** @type {string} */
+let shown = "";
+
+/** Be told, now and whenever it is looked at, how the scanner stands; null while nobody answers. @param {(scanner: any) => void} act */
+export function watchScanner(act) {
+  watchers.add(act);
+  if (scanner) act(scanner);
+}
+
+export function startBar() {
+  byId("stop").addEventListener("click", () => void stop());
+  document.addEventListener("keydown", (event) => {
+    if (event.key === "." && event.ctrlKey) {
+      event.preventDefault();
+      if (!event.repeat) void stop();
+    }
+  }, { capture: true });
+  live.on("scanner", look);
+  live.on("again", look);
+  live.on("scan", lookAtScan);
+  live.on("again", lookAtScan);
+  live.on("progress", (one) => one.kind === "scan" && showProgress(one));
+  live.watch(({ is, since }) => {
+    const line = byId("cut");
+    line.hidden = is !== "cut";
+    line.textContent = is === "cut" ? `Not live since ${clock(since)}, trying again. The emergency stop works.` : "";
+  });
+  setInterval(() => document.hidden || look(), LOOK);
+}
+
+/** Press the stop of every scanner; each is sent again until the service has taken it. */
+async function stop() {
+  press = { sent: clock(new Date()), of: names, answers: new Map(), silent: false };
+  const mine = press;
+  showStop();
+  const timer = setTimeout(() => {
+    mine.silent = true;
+    if (press === mine) showStop();
+  }, PATIENCE);
+  await Promise.all(mine.of.map((/** @type {string} */ name) => send(name, mine)));
+  clearTimeout(timer);
+  if (press === mine) showStop();
+  look();
+}
+
+/** @param {string} name @param {any} mine the press */
+async function send(name, mine) {
+  while (press === mine && !mine.answers.has(name)) {
+    try {
+      const answer = await api.post(stopOf(name), { reason: "pressed on the page" }, { urgent: true });
+      mine.answers.set(name, answer.emergency_stop);
+    } catch (error) {
+      mine.silent = true;
+      mine.why = error instanceof Problem ? error.message : "the service does not answer";
+      if (press === mine) showStop();
+      await new Promise((go) => setTimeout(go, TRY_AGAIN));
+    }
+  }
+}
+
+/** The stop that stands of which least good is known, or null: a press stands when each scanner has answered. */
+function worst() {
+  if (press && press.answers.size < press.of.length) return null;
+  const stops = press ? [...press.answers.values()] : scanners.map((one) => one.emergency_stop).filter(Boolean);
+  return ["unconfirmed", "off", "idle"].map((laser) => stops.find((one) => one.laser === laser)).find(Boolean) ?? null;
+}
+
+/** What is known of a press, in words. @param {any} stop */
+function verdict(stop) {
+  if (stop.laser === "off") return `laser off (confirmed by the device${stop.seconds === null ? "" : `, ${duration(stop.seconds)}`})`;
+  if (stop.laser === "idle") return "no scan ran; the laser was not armed";
+  return `no answer from the scanner: ${SWITCH}`;
+}
+
+function showStop() {
+  const panel = byId("stopped");
+  const standing = worst();
+  if (!press && !standing) {
+    panel.hidden = true;
+    shown = "";
+    return;
+  }
+  const head = standing ? verdict(standing) : press.silent ? `no answer: ${SWITCH}` : "stop sent …";
+  const rest = standing
+    ? `Pressed ${clock(standing.at)} by ${standing.by}${standing.reason ? `: ${standing.reason}` : ""}. No scan begins until it is released.`
+    : press.silent
+      ? `Sent ${press.sent}${press.why ? `; ${press.why}` : ""}; it is sent again and again.`
+      : `Sent ${press.sent}.`;
+  if (shown === head + rest) return;
+  shown = head + rest;
+  panel.hidden = false;
+  const button = standing ? h("button", { type: "button", onclick: release }, "Release …") : null;
+  replace(panel, h("strong", null, `Emergency stop: ${head}`), h("span", null, rest), button);
+}
+
+/** Ask why, then release what stands on each scanner and no later press. */
+function release() {
+  const standing = press ? [...press.answers] : scanners.map((one) => [one.id, one.emergency_stop]).filter(([, stop]) => stop);
+  const reason = h("input", { type: "text", id: "release-reason", required: true, maxlength: 500, style: { width: "100%" } });
+  const said = h("p", { class: "fault", role: "alert" });
+  const form = h("form", null,
+    h("h2", { id: "release-title" }, "Release the emergency stop"),
+    h("p", null, "Look at the scanner first: is it safe that a laser fires? No scan begins by itself."),
+    h("label", { for: "release-reason" }, "Why it may be released"), reason, said,
+    h("menu", null,
+      h("button", { type: "button", onclick: () => dialog.close() }, "Cancel"),
+      h("button", { class: "primary" }, "Release")));
+  const dialog = h("dialog", { "aria-labelledby": "release-title" }, form);
+  form.addEventListener("submit", async (event) => {
+    event.preventDefault();
+    try {
+      for (const [name, { number }] of standing) {
+        const query = new URLSearchParams({ number, reason: reason.value.trim() });
+        await api.remove(`${stopOf(name)}?${query}`, { urgent: true });
+      }
+      press = null;
+      dialog.close();
+      await look();
+    } catch (error) {
+      said.textContent = error instanceof Error ? error.message : String(error);
+      void look(); // some may have been released
+    }
+  });
+  openDialog(dialog);
+}
+
+async function look() {
+  const answered = press?.answers.size === press?.of.length ? press : null; // a look from before it may know nothing of it
+  try {
+    scanners = (await api.get("/scanners")).items.toSorted((/** @type {any} */ a, /** @type {any} */ b) => (a.id < b.id ? -1 : 1));
+    if (scanners.length) names = scanners.map((one) => one.id);
+    scanner = scanners[0] ?? null;
+    // From when the service knows of each press what the answer said, what stands is what it says: others release, too.
+    const isKnown = (/** @type {[string, any]} */ [name, stop]) => {
+      const seen = scanners.find((one) => one.id === name)?.emergency_stop;
+      return seen ? seen.number !== stop.number || seen.laser !== "unconfirmed" || stop.laser === "unconfirmed" : stop.recorded;
+    };
+    if (answered && press === answered && [...answered.answers].every(isKnown)) press = null;
+    if (scanner) showScanner();
+  } catch {
+    scanner = null;
+    for (const watcher of watchers) watcher(null);
+    tell(h("span", { class: "fault" }, "the service does not answer"));
+  }
+}
+
+/** Put it into the pill, if that says something else: a screen reader reads what is new. @param {...(Node | null)} children */
+function tell(...children) {
+  const pill = byId("scanner");
+  const made = /** @type {HTMLElement} */ (pill.cloneNode(false));
+  put(made, ...children);
+  if (!made.isEqualNode(pill)) pill.replaceChildren(...made.childNodes);
+}
+
+function showScanner() {
+  const pill = byId("scanner");
+  const connected = scanner.connection === "connected";
+  const link = connected ? "connected" : scanner.connection === "unknown" ? "not used yet" : "not connected";
+  const name = scanner.simulated ? "Simulated scanner" : "Scanner";
+  const { interlock, lease } = scanner;
+  tell(
+    h("span", { class: scanner.connection === "disconnected" ? "fault" : "" }, `${name}: ${link}`),
+    scanner.state === "scanning" ? h("span", { class: "laser" }, "laser on") : h("span", { class: "dim" }, connected ? "idle, laser off" : "idle"),
+    interlock === "open" ? h("span", { class: "fault" }, "interlock open") : null,
+    lease ? h("span", { class: "dim" }, `held by ${lease.holder} until ${clock(lease.ends)}`) : null);
+  if (scanner.last_error && !connected) pill.title = scanner.last_error;
+  else pill.removeAttribute("title");
+  for (const watcher of watchers) watcher(scanner);
+  showStop();
+}
+
+/** @type {any} */
+let scan = null;
+
+async function lookAtScan() {
+  try {
+    const found = await api.get(`/scans?${UNDER_WAY}&limit=1`);
+    scan = found.items[0] ?? null;
+    const { done, total } = scan?.progress ?? {};
+    if (scan) showProgress({ id: scan.id, done, total, eta: null });
+    else replace(byId("running"));
+  } catch {
+    // the pill says that nobody answers
+  }
+}
+
+/** @param {{id: string, done: number, total: number, eta: number | null}} seen */
+function showProgress({ id, done, total, eta }) {
+  const left = eta === null ? "" : `${duration(eta)} left`;
+  renew(byId("running"),
+    h("a", { href: `/scans/${id}` }, scan?.id === id && scan.state === "paused" ? "scan paused" : "scan"),
+    h("progress", { max: total || 1, value: done, "aria-label": "Progress of the scan" }),
+    h("span", null, `${count(done)} of ${count(total)}`), h("span", { class: "dim" }, left));
+}

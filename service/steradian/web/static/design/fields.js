@@ -1,0 +1,231 @@
+// @ts-check
+// What a design is made of: the fields of each arrangement and of the plan, in the units a person thinks in.
+
+/**
+ * @typedef {object} Field
+ * @property {string} name of the API
+ * @property {string} label
+ * @property {string} unit
+ * @property {number} scale SI units in one of these
+ * @property {number} from of the slider
+ * @property {number} to of the slider; a number may be beyond, the service says what it allows
+ * @property {number} step
+ * @property {number} start
+ * @property {boolean} [log]
+ * @property {[string, string][]} [choices]
+ * @property {string} help
+ */
+
+/** @type {Record<string, Field>} */
+const KNOWN = {
+  aperture: field("aperture", "Aperture", "mm", 1e-3, 1, 30, 0.01, 13.56, "Side of the square that is scanned"),
+  depth: field("depth", "Depth of point", "mm", 1e-3, 0.2, 15, 0.01, 3.6, "Distance of the point of interest from the film"),
+  x: field("x", "x of the point", "mm", 1e-3, -10, 10, 0.01, 0, "Place of the point of interest over the aperture; drag the cross"),
+  y: field("y", "y of the point", "mm", 1e-3, -10, 10, 0.01, 0, "Place of the point of interest over the aperture; drag the cross"),
+  count: { ...field("count", "Points", "", 1, 20, 20_000, 1, 1600, "Wanted number of points; the nearest that fits is taken"), log: true },
+  side: { ...field("count", "Points a side", "", 1, 2, 200, 1, 41, "Points on each axis of the grid") },
+  interval: field("interval", "Interval", "µm", 1e-6, 20, 2000, 1, 300, "Distance between neighbours"),
+  seed: field("seed", "Seed", "", 1, 0, 100, 1, 0, "The same seed gives the same points"),
+};
+
+/** @param {string} name @param {string} label @param {string} unit @param {number} scale @param {number} from @param {number} to @param {number} step @param {number} start @param {string} help @returns {Field} */
+function field(name, label, unit, scale, from, to, step, start, help) {
+  return { name, label, unit, scale, from, to, step, start, help };
+}
+
+/** What each point of interest after the first has, if there are several. */
+const FURTHER = /** @type {Record<string, string>} */ ({ count: "Points for", depth: "Depth of", x: "x of", y: "y of" });
+const OF_POINT = Object.keys(FURTHER);
+export const MOST_POINTS = 64;
+const FIRST_COUNT = 800; // of a further point
+const AWAY = 3e-3; // m from the middle, where a further point is first
+
+export const MOST_PINS = 2;
+
+/** Arrangements that a form can describe, and the fields of each; the others come with positions of their own. */
+export const ARRANGEMENTS = /** @type {Record<string, {label: string, fields: string[]}>} */ ({
+  "equi-steradian": { label: "Equi-steradian", fields: ["aperture", "count", "depth", "x", "y"] },
+  combined: { label: "Equi-steradian, several points", fields: ["aperture", "count", "depth", "x", "y"] },
+  grid: { label: "Grid", fields: ["aperture", "side", "interval", "depth", "x", "y"] },
+  hexagonal: { label: "Hexagonal", fields: ["aperture", "count", "depth", "x", "y"] },
+  "poisson-disc": { label: "Poisson disc", fields: ["aperture", "count", "seed", "depth", "x", "y"] },
+  random: { label: "Random", fields: ["aperture", "count", "seed", "depth", "x", "y"] },
+  equiangular: { label: "Equiangular line", fields: ["aperture", "count", "depth", "x"] },
+});
+
+/** @param {string} key of the mask's values: a further point's have its number, from 2 @returns {Field} */
+export function maskField(key) {
+  const [, name, number] = /** @type {RegExpMatchArray} */ (key.match(/^([a-z]+)([0-9]*)$/));
+  return number ? { ...KNOWN[name], name: key, label: `${FURTHER[name]} point ${number}` } : KNOWN[name];
+}
+
+/** Names of the values of a further point of interest. @param {number} number from 2 */
+export const fieldsOfPoint = (number) => OF_POINT.map((name) => name + number);
+
+/** Numbers of the points of interest after the first. @param {Design} design @returns {number[]} */
+export function furtherPoints({ arrangement, points }) {
+  return arrangement === "combined" ? Array.from({ length: points - 1 }, (_, n) => n + 2) : [];
+}
+
+/** Add a point of interest. @param {Design} design */
+export function addPoint(design) {
+  design.points = Math.min(design.points + 1, MOST_POINTS);
+  place(design.mask, design.points);
+}
+
+/** Take one away; the later ones move up. @param {Design} design @param {number} number from 2 */
+export function removePoint(design, number) {
+  for (let n = number; n < design.points; n++) for (const name of OF_POINT) design.mask[name + n] = design.mask[name + (n + 1)];
+  for (const key of fieldsOfPoint(design.points)) delete design.mask[key];
+  design.points -= 1;
+}
+
+/** Give a further point what it lacks. @param {Record<string, number>} mask @param {number} number */
+function place(mask, number) {
+  const [x, y] = [[AWAY, 0], [-AWAY, 0], [0, AWAY], [0, -AWAY]][(number - 2) % 4];
+  const first = /** @type {Record<string, number>} */ ({ count: FIRST_COUNT, depth: mask.depth, x, y });
+  for (const name of OF_POINT) mask[name + number] ??= first[name];
+}
+
+/** @type {Field[]} */
+export const PLAN = [
+  { ...field("pulse_rate", "Pulse rate", "Hz", 1, 1, 2000, 1, 50, "Laser pulses a second"), log: true },
+  { ...field("averages", "Averages", "", 1, 1, 100, 1, 1, "Pulses averaged into one A-line"), log: true },
+  { ...field("samples", "Samples", "", 1, 64, 8192, 16, 1024, "Samples of an A-line"), log: true },
+  field("sampling_interval", "Sampling interval", "ns", 1e-9, 1, 100, 1, 8, "Time between samples"),
+  field("sound_speed", "Speed of sound", "m/s", 1, 1400, 1650, 1, 1500, "Assumed for the depth that is recorded"),
+  { ...field("frames", "Frames", "", 1, 1, 100, 1, 1, "How often the mask is measured"), log: true },
+  {
+    ...field("order", "Order of visit", "", 1, 0, 0, 1, 0, "In which order the beam visits the points"),
+    choices: [["snake", "Snake, row by row"], ["hilbert", "Hilbert curve"], ["shortest", "Shortest way"],
+      ["progressive", "Coarse first, then finer"], ["wavelength", "By bias wavelength"],
+      ["bands", "In bands of bias wavelength"], ["given", "As the arrangement gives them"]],
+  },
+];
+
+/**
+ * @typedef {object} Design values in SI units
+ * @property {string} arrangement
+ * @property {number} points of interest, where there are several
+ * @property {Record<string, number>} mask
+ * @property {Record<string, number | string>} plan
+ * @property {Record<string, any>} more of the plan, as the API takes it
+ * @property {{positions: number[][], wavelengths: number[]} | null} map of bias wavelengths; not in a query
+ * @property {[number, number, number] | null} look
+ * @property {string} label
+ * @property {string[]} pins queries of others
+ */
+
+/** In SI units, without the noise of binary fractions. @param {Field} field @param {number} value */
+export function inSi(field, value) {
+  return Number((value * field.scale).toPrecision(12));
+}
+
+/** @returns {Design} */
+export function firstDesign() {
+  const mask = Object.fromEntries(Object.entries(KNOWN).map(([key, one]) => [key, inSi(one, one.start)]));
+  const plan = Object.fromEntries(PLAN.map((one) => [one.name, one.choices ? one.choices[0][0] : inSi(one, one.start)]));
+  place(mask, 2);
+  return { arrangement: "equi-steradian", points: 2, mask, plan, more: {}, map: null, look: null, label: "", pins: [] };
+}
+
+/** The arrangement as the API takes it. @param {Design} design */
+export function arrangementOf(design) {
+  const { arrangement, mask } = design;
+  if (arrangement === "combined") {
+    const points_of_interest = ["", ...furtherPoints(design)].map((one) => ({ depth: mask[`depth${one}`], count: mask[`count${one}`], offset: [mask[`x${one}`], mask[`y${one}`]] }));
+    return { arrangement, aperture: mask.aperture, points_of_interest };
+  }
+  /** @type {Record<string, any>} */
+  const body = { arrangement };
+  for (const key of ARRANGEMENTS[arrangement].fields) if (key !== "x" && key !== "y") body[maskField(key).name] = mask[key];
+  body.offset = arrangement === "equiangular" ? mask.x : [mask.x, mask.y];
+  return body;
+}
+
+/** The other points of interest on the film. @param {Design} design @returns {[number, number][]} */
+export function othersOf(design) {
+  return furtherPoints(design).map((number) => [design.mask[`x${number}`], design.mask[`y${number}`]]);
+}
+
+/** The field of a form that a refusal is about. @param {string} pointer of the API */
+export function fieldOf(pointer) {
+  const parts = pointer.replace(/^#\//, "").split("/");
+  if (parts[0] === "tuning_map") return parts[0];
+  if (parts[0] !== "arrangement") return parts.filter((part) => !/^[0-9]+$/.test(part)).join(".");
+  if (parts[1] !== "points_of_interest") return parts[1] ?? "arrangement";
+  return (parts[3] ?? "depth") + (Number(parts[2]) > 0 ? Number(parts[2]) + 1 : "");
+}
+
+/** How it is measured, as the API takes it. @param {Design} design @returns {Record<string, any>} */
+export function planOf({ plan, more, map }) {
+  return { ...more, ...plan, ...(map ? { tuning_map: map } : {}) };
+}
+
+/** @param {Design} design */
+export function bodyOf(design) {
+  return { ...planOf(design), arrangement: arrangementOf(design), point: design.look };
+}
+
+/**
+ * A mask around places that a volume shows, as the query of a design.
+ * @param {[number, number, number][]} places x, y and depth in mm @param {boolean} flat whether they are of a line's image
+ * @param {number | null} aperture of the mask that showed them
+ */
+export function aroundPoints(places, flat, aperture) {
+  const design = firstDesign();
+  design.arrangement = flat ? "equiangular" : places.length > 1 ? "combined" : "equi-steradian";
+  if (aperture) design.mask.aperture = aperture;
+  while (design.points < places.length) addPoint(design);
+  places.forEach((place, n) => ["x", "y", "depth"].forEach((name, axis) => (design.mask[name + (n ? n + 1 : "")] = Number((place[axis] * 1e-3).toPrecision(5)))));
+  return toQuery(design);
+}
+
+/** The design as a query, so that a link shows the same. @param {Design} design */
+export function toQuery(design) {
+  const first = firstDesign();
+  const query = new URLSearchParams({ mask: design.arrangement });
+  for (const key of [...ARRANGEMENTS[design.arrangement].fields, ...furtherPoints(design).flatMap(fieldsOfPoint)]) query.set(key, String(design.mask[key]));
+  for (const { name } of PLAN) if (design.plan[name] !== first.plan[name]) query.set(name, String(design.plan[name]));
+  if (Object.keys(design.more).length) query.set("more", JSON.stringify(design.more));
+  if (design.look) query.set("look", design.look.join(" "));
+  if (design.label) query.set("label", design.label);
+  for (const one of design.pins) query.append("pin", one);
+  return query;
+}
+
+/** @param {URLSearchParams} query @returns {Design} */
+export function fromQuery(query) {
+  const design = firstDesign();
+  const wanted = query.get("mask");
+  if (wanted && wanted in ARRANGEMENTS) design.arrangement = wanted;
+  for (const [key, text] of query) {
+    const number = Number(key.match(/^(?:count|depth|x|y)([0-9]{1,2})$/)?.[1] ?? 0);
+    if ((!Object.hasOwn(KNOWN, key) && number < 2) || number > MOST_POINTS) continue;
+    if (text !== "" && Number.isFinite(Number(text))) design.mask[key] = Number(text);
+    design.points = Math.max(design.points, number);
+  }
+  for (let number = 2; number <= design.points; number++) place(design.mask, number);
+  for (const { name, choices } of PLAN) {
+    const given = query.get(name);
+    if (given !== null && (choices ? choices.some(([one]) => one === given) : Number.isFinite(Number(given)))) {
+      design.plan[name] = choices ? given : Number(given);
+    }
+  }
+  const look = (query.get("look") ?? "").split(" ").map(Number);
+  if (look.length === 3 && look.every(Number.isFinite)) design.look = /** @type {[number, number, number]} */ (look);
+  design.more = objectOf(query.get("more"));
+  design.label = query.get("label") ?? "";
+  design.pins = query.getAll("pin").slice(0, MOST_PINS);
+  return design;
+}
+
+/** @param {string | null} text @returns {Record<string, any>} */
+function objectOf(text) {
+  try {
+    const found = JSON.parse(text ?? "{}");
+    return found && typeof found === "object" && !Array.isArray(found) ? found : {};
+  } catch {
+    return {};
+  }
+}

@@ -1,0 +1,16 @@
+// @ts-check
+// What a design comes to, in a few figures.
+import { bytes, count, degrees, duration, length, percent } from "../units.js";
+
+/** @param {any} seen of the API @returns {[string, string][]} */
+export function figuresOf({ mask, plan, visible_share: visible }) {
+  return [
+    ["Points", count(mask.count)],
+    ["Spacing", mask.coarsest - mask.finest > 1e-9 ? `${length(mask.finest)} to ${length(mask.coarsest)}` : length(mask.finest)],
+    ["Weight ratio", mask.weight_ratio.toFixed(2)],
+    ["Opening", degrees(mask.opening_angle)],
+    ["Visible edges", percent(visible)],
+    ["Scan", duration(plan.total_seconds)],
+    ["Data", bytes(plan.bytes)],
+  ];
+}

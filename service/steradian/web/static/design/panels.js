@@ -1,0 +1,174 @@
+// @ts-check
+// What a point sees: its image, the orientations of edges that are visible, and how even the solid angles are.
+import { framed, h, replace, s } from "../dom.js";
+import { loading, words } from "../states.js";
+import { duration, length, mm, percent } from "../units.js";
+import { table } from "../volume/colours.js";
+import { extent } from "./view.js";
+
+const LOW = -0.2; // of the scale of a point's image, whose peak is 1
+
+/** The image of a tiny ball in x–z. @param {HTMLElement} host */
+export function spreadPanel(host) {
+  const title = h("p", { class: "dim caption" });
+  const body = h("div", { class: "picture" });
+  replace(host, h("h2", null, "Point spread"), body, title);
+  loading(body, "simulating a ball …");
+  return {
+    working: () => body.classList.add("stale"),
+    /** @param {unknown} error */
+    failed(error) {
+      body.classList.remove("stale");
+      replace(body, h("div", { class: "state failed" }, ...words(error)));
+      title.textContent = "";
+    },
+    /** @param {any} seen */
+    show(seen) {
+      body.classList.remove("stale");
+      replace(body, paint(seen), bar(seen));
+      title.textContent = sizeOf(seen);
+    },
+  };
+}
+
+/** @param {any} seen of a ball's image */
+export function sizeOf(seen) {
+  const width = seen.lateral === null ? "wider than shown" : `${length(seen.lateral)} wide`;
+  const height = seen.axial === null ? "deeper than shown" : `${length(seen.axial)} deep`;
+  return `A ball of ${length(seen.true_width)}: ${width}, ${height}; background ${percent(seen.background, 1)}`;
+}
+
+/** @param {any} seen @returns {HTMLCanvasElement} */
+export function paint({ x, z, section }) {
+  const canvas = h("canvas", { width: x.length, height: z.length, role: "img", "aria-label": "Image of a ball, x to the right, z down" });
+  const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
+  const image = context.createImageData(x.length, z.length);
+  const pixels = new Uint32Array(image.data.buffer);
+  const colours = table("inferno");
+  for (let i = 0; i < x.length; i++) {
+    for (let k = 0; k < z.length; k++) {
+      const share = (section[i][k] - LOW) / (1 - LOW);
+      pixels[k * x.length + i] = colours[Math.round(255 * Math.min(1, Math.max(0, share)))];
+    }
+  }
+  context.putImageData(image, 0, 0);
+  const [wide, deep] = [x[x.length - 1] - x[0], z[z.length - 1] - z[0]];
+  canvas.style.aspectRatio = `${wide} / ${deep}`;
+  return canvas;
+}
+
+/** @param {any} seen */
+function bar({ x, z }) {
+  return h("span", { class: "axes dim" }, `x →, z ↓ from ${mm(z[0], 1)} to ${mm(z[z.length - 1], 1)}`);
+}
+
+/** Which edges the point's surroundings show: directions of their normals, as seen from above. @param {HTMLElement} host */
+export function orientationPanel(host) {
+  const title = h("p", { class: "dim caption" });
+  const plot = s("svg", { viewBox: "-110 -110 220 220", role: "img", "aria-label": "Visible orientations of edges" });
+  replace(host, h("h2", null, "Visible orientations"), plot, title);
+  return {
+    /** @param {any} seen @param {[number, number, number] | null} point */
+    show(seen, point) {
+      if (!point || seen.visible_share === null) {
+        replace(plot);
+        title.textContent = "This mask has no point of interest.";
+        return;
+      }
+      const polar = (/** @type {number[]} */ [x, y = 0]) => {
+        const tilt = Math.atan2(Math.hypot(x - point[0], y - point[1]), point[2]);
+        const turn = Math.atan2(y - point[1], x - point[0]);
+        const far = (100 * tilt) / (Math.PI / 2);
+        return `${(far * Math.cos(turn)).toFixed(1)},${(-far * Math.sin(turn)).toFixed(1)}`;
+      };
+      const edge = seen.outline && seen.outline[0].length === 2 ? along(seen.outline).map(polar).join(" ") : "";
+      const step = Math.max(1, Math.ceil(seen.positions.length / 800));
+      const dots = seen.positions.filter((/** @type {any} */ _, /** @type {number} */ n) => n % step === 0).map((/** @type {number[]} */ one) => `M${polar(one)}h0`).join("");
+      replace(plot,
+        [30, 60, 90].map((angle) => s("circle", { r: (100 * angle) / 90, class: "ring" })),
+        [30, 60].map((angle) => s("text", { x: 3, y: -(100 * angle) / 90 + 12, class: "tick" }, `${angle}°`)),
+        s("text", { x: 3, y: -90, class: "tick" }, "90°"),
+        edge ? s("polygon", { points: edge, class: "seen" }) : null,
+        s("path", { d: dots, class: "dots" }));
+      title.textContent = `${percent(seen.visible_share)} visible. Middle: edges parallel to the film; rim: perpendicular`;
+    },
+  };
+}
+
+/** Points along a polygon, close enough that a bent edge looks bent. @param {number[][]} corners */
+function along(corners) {
+  return corners.flatMap((from, n) => {
+    const next = corners[(n + 1) % corners.length];
+    return Array.from({ length: 12 }, (_, k) => from.map((one, axis) => one + ((next[axis] - one) * k) / 12));
+  });
+}
+
+/** Solid angle of each point against its distance: level where the mask is even. @param {HTMLElement} host */
+export function anglePanel(host) {
+  const title = h("p", { class: "dim caption" });
+  const plot = s("svg", { viewBox: "0 0 240 120", role: "img", "aria-label": "Solid angle of each point over its distance" });
+  replace(host, h("h2", null, "Solid angle per point"), plot, title);
+  return {
+    /** @param {any} seen @param {[number, number, number] | null} point */
+    show(seen, point) {
+      if (!point || !seen.solid_angles) {
+        replace(plot);
+        title.textContent = "This mask has no point of interest.";
+        return;
+      }
+      const angles = /** @type {number[]} */ (seen.solid_angles);
+      const mean = angles.reduce((sum, one) => sum + one, 0) / angles.length;
+      const far = seen.positions.map((/** @type {number[]} */ [x, y = 0]) => Math.hypot(x - point[0], y - point[1]));
+      const [, most] = extent(far);
+      const top = Math.max(2, Math.min(4, extent(angles)[1] / mean));
+      const step = Math.max(1, Math.ceil(far.length / 1500));
+      const up = (/** @type {number} */ value) => 98 - (92 * Math.min(top, value)) / top;
+      let dots = "";
+      for (let n = 0; n < far.length; n += step) dots += `M${(34 + (200 * far[n]) / most).toFixed(1)},${up(angles[n] / mean).toFixed(1)}h0`;
+      replace(plot,
+        s("path", { d: `M34,${up(1)}H236`, class: "ring" }), s("path", { d: "M34,4V98H236", class: "axis" }),
+        s("text", { x: 30, y: up(1) + 4, class: "tick end" }, "mean"), s("text", { x: 30, y: 102, class: "tick end" }, "0"),
+        s("text", { x: 236, y: 114, class: "tick end" }, `${mm(most, 1)} from the point`),
+        s("path", { d: dots, class: "dots" }));
+      const even = seen.mask.evenness;
+      title.textContent = even === null ? "" : `deviation ${percent(even, 1)} of the mean, rim left out`;
+    },
+  };
+}
+
+/** What the scan's time goes into; the parts overlap, so each has a bar of its own. @param {HTMLElement} host */
+export function timePanel(host) {
+  const draw = (/** @type {any} */ plan) => {
+    const parts = Object.entries(plan.seconds ?? {}).filter(([, seconds]) => Number(seconds) > 0);
+    const total = plan.total_seconds ?? 0;
+    replace(host, ...bars(parts, total, plan.limiting));
+  };
+  let plan = /** @type {any} */ (null);
+  const asked = framed(() => plan && draw(plan));
+  return { show: (/** @type {any} */ one) => ((plan = one), asked()) };
+}
+
+const PARTS = /** @type {Record<string, [string, string]>} */ ({
+  laser: ["laser", "a higher pulse rate or fewer averages would help"],
+  mover: ["moving and settling", "another order of visit or a faster mover would help"],
+  tuning: ["retuning", "bands of wavelengths would help"],
+  gate: ["waiting for the gate", "more points a gate would help"],
+  link: ["the link", "fewer samples or a faster link would help"],
+  disk: ["the disk", "fewer samples would help"],
+});
+
+/** @param {[string, any][]} parts @param {number} total @param {string | null} limiting */
+function* bars(parts, total, limiting) {
+  const long = Math.max(total, ...parts.map(([, seconds]) => Number(seconds)));
+  for (const [name, seconds] of parts) {
+    const [label] = PARTS[name] ?? [name];
+    yield h("div", { class: `part ${name === limiting ? "limiting" : ""}` },
+      h("span", null, label),
+      h("span", { class: "track" }, h("span", { class: "fill", style: { width: `${Math.max(0.3, (100 * Number(seconds)) / long)}%` } })),
+      h("span", { class: "number" }, duration(Number(seconds))));
+  }
+  if (limiting) {
+    const [label, help] = PARTS[limiting] ?? [limiting, ""];
+    yield h("p", { class: "caption" }, `${duration(total)} in all: ${label} decides; ${help}.`);
+  }
+}

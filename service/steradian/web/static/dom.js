@@ -1,0 +1,178 @@
+// @ts-check
+// Elements from values. Text goes in as text, never as markup: a label may hold whatever somebody typed.
+
+/** @typedef {Node | string | number | false | null | undefined} Child */
+/** @typedef {Record<string, any>} Props */
+
+/**
+ * Make an element.
+ *
+ * `class` and attributes are set as such, `on…` functions listen, `dataset` and `style` take objects, `value`,
+ * `checked` and `disabled` are properties; what is null, undefined or false is left out.
+ * @template {keyof HTMLElementTagNameMap} T
+ * @param {T} tag
+ * @param {Props | null} [props]
+ * @param {...(Child | Child[])} children
+ * @returns {HTMLElementTagNameMap[T]}
+ */
+export function h(tag, props, ...children) {
+  return /** @type {HTMLElementTagNameMap[T]} */ (fill(document.createElement(tag), props, children));
+}
+
+/**
+ * Make an element of SVG.
+ * @template {keyof SVGElementTagNameMap} T
+ * @param {T} tag
+ * @param {Props | null} [props]
+ * @param {...(Child | Child[])} children
+ * @returns {SVGElementTagNameMap[T]}
+ */
+export function s(tag, props, ...children) {
+  const made = document.createElementNS("http://www.w3.org/2000/svg", tag);
+  return /** @type {SVGElementTagNameMap[T]} */ (fill(made, props, children));
+}
+
+const PROPERTIES = new Set(["value", "checked", "disabled", "hidden", "open", "multiple", "selected"]);
+
+/**
+ * @param {HTMLElement | SVGElement} element
+ * @param {Props | null | undefined} props
+ * @param {(Child | Child[])[]} children
+ */
+function fill(element, props, children) {
+  for (const [name, value] of Object.entries(props ?? {})) {
+    if (value === null || value === undefined || value === false) continue;
+    if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
+    else if (name === "dataset") Object.assign(element.dataset, value);
+    else if (name === "style") for (const [key, one] of Object.entries(value)) element.style.setProperty(key, String(one));
+    else if (PROPERTIES.has(name)) /** @type {any} */ (element)[name] = value;
+    else element.setAttribute(name, value === true ? "" : String(value));
+  }
+  put(element, ...children);
+  return element;
+}
+
+/**
+ * Append children to an element; nothing is appended for what is null or false.
+ * @param {Element} element
+ * @param {...(Child | Child[])} children
+ */
+export function put(element, ...children) {
+  for (const child of children.flat()) {
+    if (child === null || child === undefined || child === false) continue;
+    element.append(child instanceof Node ? child : String(child));
+  }
+}
+
+/**
+ * Have an element hold these children alone.
+ * @param {Element} element
+ * @param {...(Child | Child[])} children
+ */
+export function replace(element, ...children) {
+  element.replaceChildren();
+  put(element, ...children);
+}
+
+/**
+ * The same while somebody may be at it: what had the focus has it again, if there is something of its name.
+ * @param {Element} element
+ * @param {...(Child | Child[])} children
+ * @returns {boolean} false where the focus is lost
+ */
+export function renew(element, ...children) {
+  const held = element.contains(document.activeElement) ? nameOf(document.activeElement) : null;
+  replace(element, ...children);
+  if (held === null) return true;
+  const again = /** @type {HTMLElement[]} */ ([...element.querySelectorAll("button:enabled, a")]).find((one) => nameOf(one) === held);
+  again?.focus({ preventScroll: true });
+  return again !== undefined;
+}
+
+/** What tells a control from others. @param {Element | null} control */
+const nameOf = (control) => control?.getAttribute("aria-label") ?? control?.getAttribute("href") ?? control?.textContent ?? null;
+
+/**
+ * Find an element that the shell has.
+ * @param {string} id
+ * @returns {HTMLElement}
+ */
+export function byId(id) {
+  const found = document.getElementById(id);
+  if (!found) throw new Error(`the page has no element ${id}`);
+  return found;
+}
+
+/**
+ * Have a function called once before the next frame, however often it is asked for.
+ * @param {() => void} draw
+ * @returns {() => void}
+ */
+export function framed(draw) {
+  let asked = 0;
+  return () => {
+    if (asked) return;
+    asked = requestAnimationFrame(() => {
+      asked = 0;
+      draw();
+    });
+  };
+}
+
+/**
+ * Have a function called once things have been quiet for a while.
+ * @param {() => void} act
+ * @param {number} milliseconds
+ * @returns {() => void}
+ */
+export function settled(act, milliseconds) {
+  let timer = 0;
+  return () => {
+    clearTimeout(timer);
+    timer = setTimeout(act, milliseconds);
+  };
+}
+
+/**
+ * Put a text on the clipboard and say on the button for a while whether it is there: a page that came by plain HTTP
+ * from another machine may not.
+ * @param {HTMLElement} button @param {string} text @param {string} [done]
+ */
+export async function copy(button, text, done = "copied") {
+  const before = (button.dataset.before ??= button.textContent ?? "");
+  const is = navigator.clipboard ? await navigator.clipboard.writeText(text).then(() => true, () => false) : false;
+  button.textContent = is ? done : "not allowed here";
+  setTimeout(() => (button.textContent = before), 1500);
+}
+
+/** The last part of the page's address: what it is about. */
+export function identifier() {
+  return decodeURIComponent(location.pathname.split("/").pop() ?? "");
+}
+
+/**
+ * Ask something above the page, which can do nothing else meanwhile but stop the scanner: a dialog that the browser
+ * itself made modal would take the emergency stop away from mouse and touch.
+ * @param {HTMLDialogElement} dialog gone when it is closed
+ */
+export function openDialog(dialog) {
+  const before = document.activeElement;
+  const rest = /** @type {HTMLElement[]} */ ([...document.querySelectorAll("body > nav, body > main, body > .skip, dialog[open]")]);
+  const shade = h("div", { class: "shade" });
+  for (const one of rest) one.inert = true;
+  const escape = (/** @type {KeyboardEvent} */ event) => {
+    if (event.key === "Escape") dialog.close();
+  };
+  dialog.addEventListener("close", () => {
+    document.removeEventListener("keydown", escape);
+    shade.remove();
+    dialog.remove();
+    for (const one of rest) one.inert = false;
+    if (before instanceof HTMLElement) before.focus();
+  });
+  document.addEventListener("keydown", escape);
+  document.body.append(shade, dialog);
+  dialog.setAttribute("aria-modal", "true");
+  dialog.show();
+  if (!dialog.contains(document.activeElement)) /** @type {HTMLElement | null} */ (dialog.querySelector("input, button"))?.focus();
+}

@@ -1,0 +1,71 @@
+// @ts-check
+// Asking for a reconstruction: of a scan with the defaults, or again with what is changed.
+import { api, onceOnly, Problem } from "../api.js";
+import { h, replace } from "../dom.js";
+import { failed, loading, words } from "../states.js";
+import { clock } from "../units.js";
+import { ParameterForm } from "./form.js";
+import { groupsOf } from "./schema.js";
+
+/**
+ * Show the form in a panel.
+ * @param {HTMLElement} panel
+ * @param {{again: string | null, scan: string | null, set: any}} wanted what the address says
+ * @param {(made: any) => void} done
+ */
+export async function showForm(panel, wanted, done) {
+  panel.hidden = false;
+  loading(panel, "reading what can be chosen …");
+  try {
+    const [groups, origin, scans] = await Promise.all([
+      groupsOf("ReconstructionParameters"),
+      wanted.again ? api.get(`/reconstructions/${wanted.again}`) : null,
+      api.get("/scans?limit=200"),
+    ]);
+    fill(panel, groups, origin, scans.items, wanted, done);
+  } catch (error) {
+    failed(panel, error, () => void showForm(panel, wanted, done));
+  }
+}
+
+/** @param {HTMLElement} panel @param {any} groups @param {any} origin @param {any[]} scans @param {any} wanted @param {(made: any) => void} done */
+function fill(panel, groups, origin, scans, wanted, done) {
+  const usable = scans.filter((one) => one.summary?.stored || (one.state === "running" && one.progress.done));
+  const values = { ...(origin?.parameters ?? {}), ...(wanted.set ?? {}) };
+  const form = new ParameterForm(groups, values, origin?.parameters ?? null);
+  const scan = h("select", { id: "of-scan" }, usable.map((one) => h("option", { value: one.id }, scanTitle(one))));
+  scan.value = origin?.scan_id ?? wanted.scan ?? usable[0]?.id ?? "";
+  const priority = h("input", { type: "text", inputmode: "numeric", id: "of-priority", value: "100", class: "short-field" });
+  const told = h("div", { role: "alert" });
+  const button = h("button", { class: "primary", disabled: !usable.length }, "Reconstruct");
+  const close = h("button", { type: "button", onclick: () => { panel.hidden = true; history.replaceState(null, "", "/reconstructions"); } }, "Close");
+  const whole = h("form", { novalidate: true, class: "stack" },
+    h("h2", null, origin ? `Again with changes: ${origin.id.slice(-5)}` : "Reconstruct a scan"),
+    usable.length ? null : h("p", { class: "note" }, "There is no scan with A-lines yet: make one, or import your own data."),
+    h("div", { class: "fields" },
+      h("div", { class: "field" }, h("label", { for: "of-scan" }, "Scan"), scan),
+      h("div", { class: "field" }, h("label", { for: "of-priority" }, "Priority (smaller first)"), priority)),
+    form.element, told, h("div", { class: "asking-foot" }, button, close, form.help));
+  whole.addEventListener("submit", async (event) => {
+    event.preventDefault();
+    button.disabled = true;
+    replace(told);
+    const asked = { scan_id: scan.value, parameters: form.values, priority: Number(priority.value), ...(origin?.mask_id ? { through: { mask_id: origin.mask_id } } : {}), ...(origin && origin.frame !== null ? { frame: origin.frame } : {}) };
+    try {
+      done(await api.post("/reconstructions", asked, { headers: onceOnly() }));
+      panel.hidden = true;
+    } catch (error) {
+      const others = error instanceof Problem ? form.blame(error.errors) : [];
+      if (!(error instanceof Problem) || others.length || !error.errors.length) replace(told, ...words(error));
+    }
+    button.disabled = false;
+  });
+  replace(panel, whole);
+}
+
+/** A scan in a line. @param {any} one */
+export function scanTitle(one) {
+  const labels = Object.entries(one.labels ?? {}).map(([name, text]) => `${name}: ${text}`).join(", ");
+  const stored = one.summary?.stored ?? one.progress.done;
+  return `${clock(one.created)}, ${stored} A-lines${labels ? `, ${labels}` : ""}, ${one.id.slice(-5)}`;
+}

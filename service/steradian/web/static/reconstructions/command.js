@@ -1,0 +1,62 @@
+// @ts-check
+// How a reconstruction is made again without this page: on the command line, and by one request.
+import { differences } from "./schema.js";
+
+/** Options of `steradian reconstruct` by the parameter they set; the second of two is for the range's end. */
+const OPTIONS = /** @type {Record<string, string | string[]>} */ ({
+  method: "--method", modes: "--modes", upsampling: "--upsampling", sound_speed: "--sound-speed",
+  depth_range: ["--first-depth", "--last-depth"], weights: "--weights", tolerance: "--tolerance", window: "--window",
+  time_padding: "--time-padding", lateral_padding: "--lateral-padding", highest_frequency: "--highest-frequency",
+  depth_step: "--depth-step", device: "--device", "shots.time_zero": "--time-zero", "shots.normalise_energy": "--energy", "shots.correct_sensitivity": "--sensitivity",
+  "shots.leave_out": "--leave-out", "conditioning.zero_first": "--zero-first",
+  "conditioning.remove_offset": "--remove-offset", "conditioning.remove_common": "--remove-common",
+  "conditioning.band": ["--low-cut", "--high-cut"], "conditioning.rim": "--rim", "conditioning.delay": "--delay",
+  "display.gain_db_per_mm": "--gain", "display.envelope": "--envelope", "display.log_range_db": "--log-range",
+  "display.non_negative": "--non-negative", "display.near_field": "--near-field", "display.percentile": "--percentile",
+  "display.colour_map": "--colour-map", "display.scale_bar": "--scale-bar", "display.size": "--size",
+  "iterative.regularisation": "--regularisation", "iterative.strength": "--strength",
+  "iterative.iterations": "--iterations", "iterative.non_negative": "--signed", "film.kind": "--film",
+  "film.max_gain": "--max-gain", "film.thickness": "--thickness",
+});
+const SWITCHES = new Set(["shots.normalise_energy", "shots.correct_sensitivity", "conditioning.remove_offset", "display.envelope", "display.non_negative"]);
+
+/**
+ * @param {import("./schema.js").Group[]} groups of ReconstructionParameters
+ * @param {any} parameters as they took effect
+ * @returns {{options: string[], missing: import("./schema.js").Field[]}} missing: what the command line cannot say
+ */
+export function optionsOf(groups, parameters) {
+  const options = [];
+  const missing = [];
+  for (const field of differences(groups, [parameters, {}])) {
+    const name = field.path.join(".");
+    const option = OPTIONS[name];
+    const value = field.path.reduce((inner, part) => inner?.[part], parameters);
+    if (value === null || value === undefined) continue;
+    if (!option) missing.push(field);
+    else if (Array.isArray(option)) option.forEach((one, n) => value[n] !== null && options.push(one, String(value[n])));
+    else if (name === "iterative.non_negative") options.push(value ? "--no-signed" : "--signed");
+    else if (SWITCHES.has(name)) options.push(value ? option : option.replace("--", "--no-"));
+    else if (Array.isArray(value)) options.push(option, value.join(",") || "none");
+    else options.push(option, String(value));
+  }
+  return { options, missing };
+}
+
+/** Lines to paste into a shell. @param {string} origin of this service @param {any} about the reconstruction @param {string[]} options */
+export function shellOf(origin, about, options) {
+  const file = `${about.scan_id}.h5`;
+  const words = options.reduce((lines, one) => (one.startsWith("--") ? [...lines, one] : [...lines.slice(0, -1), `${lines.at(-1)} ${quoted(one)}`]), /** @type {string[]} */ ([]));
+  return [`curl -o ${file} ${origin}/api/v1/scans/${about.scan_id}/file`, [`steradian reconstruct ${file} -o ${about.id}`, ...words].join(" \\\n  ")].join("\n");
+}
+
+/** The request that had this service make it. @param {string} origin @param {any} about */
+export function requestOf(origin, about) {
+  const body = { scan_id: about.scan_id, parameters: about.parameters, ...(about.mask_id ? { through: { mask_id: about.mask_id } } : {}), ...(about.frame === null ? {} : { frame: about.frame }) };
+  return `curl ${origin}/api/v1/reconstructions \\\n  -H 'Content-Type: application/json' -H "Idempotency-Key: $(uuidgen)" \\\n  -d ${quoted(JSON.stringify(body))}`;
+}
+
+/** @param {string} text as one word of a shell */
+function quoted(text) {
+  return /^[A-Za-z0-9_.,:+/-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`;
+}

@@ -1,0 +1,212 @@
+// @ts-check
+// The parameters of a reconstruction as a form, made from what the API's document says about them.
+import { h, replace } from "../dom.js";
+import { shownUnit, told, valueAt, withValue } from "./schema.js";
+
+/** @typedef {import("./schema.js").Field} Field */
+/** @typedef {import("./schema.js").Group} Group */
+/** @typedef {{field: Field, row: HTMLElement, read: () => any, write: (value: any) => void, fault: HTMLElement, control: HTMLElement}} Entry */
+
+/** What most people change of a reconstruction; all else is folded away. */
+const PLAIN = { plain: new Set(["method", "modes", "sound_speed", "depth_range", "upsampling"]), rest: "Transforms, weights, frequencies" };
+
+export class ParameterForm {
+  /**
+   * @param {Group[]} groups @param {any} values shown first
+   * @param {any} origin against which changes are marked; null: the defaults
+   * @param {{plain: Set<string>, rest: string}} shown what is not folded away, and what the rest is about
+   */
+  constructor(groups, values, origin, shown = PLAIN) {
+    this.origin = origin ?? {};
+    this.hasOrigin = origin !== null;
+    /** @type {Entry[]} */
+    this.entries = [];
+    const [own, ...inner] = groups;
+    const plain = own.fields.filter((field) => shown.plain.has(field.path[0]));
+    const rest = own.fields.filter((field) => !shown.plain.has(field.path[0]));
+    this.element = h("div", { class: "parameters" },
+      plain.length ? h("div", { class: "fields" }, plain.map((field) => this.row(field, values))) : null,
+      this.folded("More", shown.rest, rest, values),
+      ...inner.map((group) => this.folded(group.title, group.description, group.fields, values)));
+    /** Explains the field that has the focus; beside the buttons, for nothing may move under the mouse. */
+    this.help = h("p", { class: "dim small help", "aria-hidden": "true" });
+    this.element.addEventListener("focusin", (event) => {
+      const row = /** @type {Element} */ (event.target).closest(".field");
+      this.help.textContent = row?.querySelector(".explained")?.textContent ?? "";
+    });
+    this.element.addEventListener("input", () => this.mark());
+    this.mark();
+  }
+
+  /** @param {string} title @param {string} description @param {Field[]} fields @param {any} values */
+  folded(title, description, fields, values) {
+    const known = fields.filter((field) => field.kind !== "other");
+    const changed = known.some((field) => differ(field, valueAt(values, field.path) ?? field.default, field.default));
+    return h("details", { open: changed, dataset: { group: title } },
+      h("summary", null, h("strong", null, title), " ", h("span", { class: "dim" }, description)),
+      h("div", { class: "fields" }, known.map((field) => this.row(field, values))));
+  }
+
+  /** @param {Field} field @param {any} values */
+  row(field, values) {
+    const id = `field-${field.path.join("-")}`;
+    const { control, read, write } = controlOf(field, id);
+    const [unit] = shownUnit(field.unit);
+    const fault = h("p", { class: "fault small", id: `${id}-fault`, hidden: true });
+    const mark = h("span", { class: "changed", hidden: true });
+    const about = [`${field.description || field.name}.`, limits(field), `Default: ${told(field, field.default)}.`].filter(Boolean).join(" ");
+    const row = h("div", { class: "field", dataset: { field: field.path.join(".") } },
+      h("label", { for: id }, field.name, mark), h("span", { class: "entry" }, control, unit ? h("span", { class: "dim" }, unit) : null),
+      h("p", { class: "explained", id: `${id}-about`, hidden: true }, `${field.name}: ${about}`), fault);
+    control.setAttribute("aria-describedby", `${id}-about ${id}-fault`);
+    write(valueAt(values, field.path) ?? field.default);
+    this.entries.push({ field, row, read, write, fault, control });
+    return row;
+  }
+
+  /** Mark what differs from the origin, or from the defaults where there is none. */
+  mark() {
+    for (const { field, row, read } of this.entries) {
+      const before = this.hasOrigin ? valueAt(this.origin, field.path) ?? field.default : field.default;
+      const changed = differ(field, read(), before);
+      const mark = /** @type {HTMLElement} */ (row.querySelector(".changed"));
+      row.classList.toggle("is-changed", changed);
+      mark.hidden = !changed;
+      mark.textContent = `${this.hasOrigin ? "was" : "default"} ${told(field, before)}`;
+    }
+  }
+
+  /** Parameters as the API takes them: what is as by default is not said. */
+  get values() {
+    return this.entries.reduce((values, { field, read }) => {
+      const value = read();
+      return differ(field, value, field.default) ? withValue(values, field.path, value) : values;
+    }, /** @type {any} */ ({}));
+  }
+
+  /** Show each fault at its field; returns those that are about none. @param {import("../api.js").Finding[]} findings */
+  blame(findings) {
+    for (const { fault, control } of this.entries) {
+      fault.hidden = true;
+      control.removeAttribute("aria-invalid");
+    }
+    /** @type {HTMLElement | null} */
+    let first = null;
+    const others = findings.filter((finding) => {
+      const parts = finding.pointer.replace(/^#?\//, "").split("/").filter((part) => part !== "parameters" && !/^[0-9]+$/.test(part));
+      const entry = this.entries.find(({ field }) => field.path.join("/") === parts.join("/"));
+      if (!entry) return true;
+      entry.fault.hidden = false;
+      replace(entry.fault, finding.detail || `allowed: ${finding.allowed}`);
+      entry.control.setAttribute("aria-invalid", "true");
+      /** @type {HTMLDetailsElement | null} */ (entry.row.closest("details"))?.setAttribute("open", "");
+      first ??= entry.control;
+      return false;
+    });
+    /** @type {HTMLElement | null} */ (first)?.focus();
+    return others;
+  }
+}
+
+/** @param {Field} field @param {any} one @param {any} other */
+function differ(field, one, other) {
+  if (typeof one === "number" && typeof other === "number") return Math.abs(one - other) > 1e-9 * Math.max(Math.abs(one), Math.abs(other));
+  return JSON.stringify(one ?? null) !== JSON.stringify(other ?? null);
+}
+
+/** @param {Field} field */
+function limits(field) {
+  const [unit, factor] = shownUnit(field.unit);
+  if (field.minimum === null && field.maximum === null) return "";
+  const one = (/** @type {number | null} */ value) => (value === null ? "…" : Number((value * factor).toPrecision(6)));
+  return `From ${one(field.minimum)} to ${one(field.maximum)}${unit ? ` ${unit}` : ""}.`;
+}
+
+/** @param {Field} field @param {string} id @returns {{control: HTMLElement, read: () => any, write: (value: any) => void}} */
+function controlOf(field, id) {
+  if (field.kind === "boolean") {
+    const input = h("input", { type: "checkbox", id });
+    return { control: input, read: () => input.checked, write: (value) => (input.checked = Boolean(value)) };
+  }
+  if (field.kind === "choice") {
+    const none = field.nullable ? [h("option", { value: "" }, "none")] : [];
+    const select = h("select", { id }, ...none, field.choices.map((one) => h("option", { value: one }, one)));
+    return { control: select, read: () => select.value || null, write: (value) => (select.value = value ?? "") };
+  }
+  if (field.kind === "choices") return severalOf(field, id);
+  if (field.kind === "range") return rangeOf(field, id);
+  if (field.kind === "numbers" || field.kind === "pairs") return listOf(field, id);
+  if (field.kind === "text") {
+    const input = h("input", { type: "text", id });
+    return { control: input, read: () => input.value || null, write: (value) => (input.value = value ?? "") };
+  }
+  return numberOf(field, id);
+}
+
+/** @param {Field} field @param {string} id */
+function severalOf(field, id) {
+  const boxes = field.choices.map((one) => h("input", { type: "checkbox", value: one }));
+  const control = h("span", { id, role: "group", tabindex: -1, class: "row" }, boxes.map((box) => h("label", { class: "row" }, box, box.value)));
+  return {
+    control,
+    read: () => boxes.filter((box) => box.checked).map((box) => box.value),
+    write: (/** @type {string[]} */ value) => boxes.forEach((box) => (box.checked = (value ?? []).includes(box.value))),
+  };
+}
+
+/** Numbers are given in the units that are shown; a word may stand in place of one. @param {Field} field */
+function reading(field) {
+  const factor = shownUnit(field.unit)[1];
+  return {
+    read: (/** @type {string} */ text) => {
+      const plain = text.trim();
+      if (!plain || plain === "none") return null;
+      if (field.words.includes(plain)) return plain;
+      const value = Number(plain.replace(",", "."));
+      return Number.isFinite(value) ? Number((value / factor).toPrecision(12)) : plain; // what is no number the API refuses
+    },
+    write: (/** @type {any} */ value) => (value === null || value === undefined ? "" : typeof value === "number" ? String(Number((value * factor).toPrecision(9))) : String(value)),
+  };
+}
+
+/** @param {Field} field @param {string} id */
+function numberOf(field, id) {
+  const { read, write } = reading(field);
+  const hint = field.nullable ? (field.words.length ? `none, or ${field.words.join(", ")}` : "none") : "";
+  const input = h("input", { type: "text", inputmode: "decimal", id, placeholder: hint, class: "short-field" });
+  return {
+    control: input,
+    read: () => read(input.value) ?? (field.nullable ? null : field.default),
+    write: (/** @type {any} */ value) => (input.value = write(value)),
+  };
+}
+
+/** Numbers with commas between them; pairs of them with semicolons. @param {Field} field @param {string} id */
+function listOf(field, id) {
+  const { read, write } = reading(field);
+  const ofPairs = field.kind === "pairs";
+  const input = h("input", { type: "text", id, placeholder: ofPairs ? "x, y; x, y" : "none" });
+  const numbers = (/** @type {string} */ text) => text.split(/[,\s]+/).filter(Boolean).map(read);
+  const written = (/** @type {any} */ one) => (Array.isArray(one) ? one.map(write).join(", ") : write(one));
+  return {
+    control: input,
+    read: () => (ofPairs ? input.value.split(";").map(numbers).filter((one) => one.length) : numbers(input.value)),
+    write: (/** @type {any} */ value) => (input.value = (Array.isArray(value) ? value : []).map(written).join(ofPairs ? "; " : ", ")),
+  };
+}
+
+/** @param {Field} field @param {string} id */
+function rangeOf(field, id) {
+  const { read, write } = reading(field);
+  const inputs = ["from", "to"].map((name, n) => h("input", { type: "text", inputmode: "decimal", "aria-label": `${field.name} ${name}`, placeholder: name, class: "half-field", id: n ? null : id }));
+  const control = h("span", { class: "row nowrap" }, ...inputs);
+  return {
+    control,
+    read: () => {
+      const ends = inputs.map((input) => read(input.value));
+      return field.nullable && ends.every((one) => one === null) ? null : ends;
+    },
+    write: (/** @type {any[] | null} */ value) => inputs.forEach((input, n) => (input.value = write(value?.[n] ?? null))),
+  };
+}
+

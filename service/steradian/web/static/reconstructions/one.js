@@ -1,0 +1,77 @@
+// @ts-check
+// One reconstruction: how far it is, what was asked, what it wrote, how often it was begun.
+import { api } from "../api.js";
+import { byId, h, identifier, replace, settled } from "../dom.js";
+import { live } from "../live.js";
+import { failed, loading, words } from "../states.js";
+import { clock, duration, identifierOf } from "../units.js";
+import { askedBy, methodOf, stateOf } from "./state.js";
+import { differences, groupsOf, told, valueAt } from "./schema.js";
+
+const panel = byId("reconstruction");
+const said = h("div", { role: "alert" });
+
+async function load() {
+  try {
+    const id = identifier();
+    const [one, groups, log, attempts] = await Promise.all([
+      api.get(`/reconstructions/${id}`), groupsOf("ReconstructionParameters"),
+      api.ask("GET", `/jobs/${id}/log`, undefined, { accept: "text/plain" }).then((answer) => answer.text()),
+      api.get(`/jobs/${id}/attempts`),
+    ]);
+    show(one, groups, log, attempts.items);
+  } catch (error) {
+    failed(panel, error, load);
+  }
+}
+
+/** @param {any} one @param {any} groups @param {string} log @param {any[]} attempts */
+function show(one, groups, log, attempts) {
+  const over = !["queued", "running"].includes(one.state);
+  const changed = differences(groups, [one.parameters, {}]);
+  replace(panel, said,
+    h("div", { class: "row spread" }, h("div", { class: "row state-cell" }, stateOf(one), one.error ? h("span", { class: "fault" }, one.error.detail) : null, one.reason ? h("span", { class: "dim" }, one.reason) : null),
+      h("div", { class: "row" },
+        one.state === "succeeded" ? h("a", { class: "button primary", href: `/volumes/${one.id}` }, "Look at the volume") : null,
+        h("a", { class: "button", href: `/reconstructions?again=${one.id}` }, "Again with changes"),
+        over ? null : h("button", { type: "button", disabled: one.desired_state === "cancelled", onclick: () => void cancel(one.id) }, "Cancel"))),
+    h("div", { class: "halves" },
+      h("section", { class: "panel" }, h("h2", null, "What was asked"),
+        h("dl", { class: "figures" },
+          pair("Identifier", identifierOf(one.id)), pair("Scan", identifierOf(one.scan_id, `/scans/${one.scan_id}`)), pair("Kind", methodOf(one)),
+          pair("Asked for", clock(one.created)), pair("By", askedBy(one)), pair("Began", clock(one.started)), pair("Ended", clock(one.ended)),
+          pair("Priority", String(one.priority)),
+          one.queue?.position ? pair("Place", String(one.queue.position)) : [], one.queue?.expected_end ? pair("Expected end", clock(one.queue.expected_end)) : []),
+        h("h3", null, "Parameters other than the defaults"),
+        changed.length ? h("dl", { class: "figures" }, changed.flatMap((field) => pair(field.path.join(", ").replaceAll("_", " "), told(field, valueAt(one.parameters, field.path))))) : h("p", { class: "dim" }, "None.")),
+      h("section", { class: "panel" }, h("h2", null, "Attempts"),
+        attempts.length ? h("table", null, h("thead", null, h("tr", null, ["", "Worker", "Began", "Took", "Outcome"].map((name) => h("th", null, name)))),
+          h("tbody", null, attempts.map((start) => h("tr", null, h("td", { class: "number" }, String(start.number)), h("td", null, start.worker ?? "–"), h("td", { class: "nowrap" }, clock(start.started)),
+            h("td", { class: "nowrap" }, start.started && start.ended ? duration((new Date(start.ended).getTime() - new Date(start.started).getTime()) / 1e3) : "–"),
+            h("td", null, start.outcome ?? "at work", start.detail ? h("span", { class: "dim" }, ` ${start.detail}`) : null))))) : h("p", { class: "dim" }, "It has not begun."))),
+    h("section", { class: "panel" }, h("h2", null, "Log"), log ? h("pre", { class: "log", tabindex: 0 }, log) : h("p", { class: "dim" }, "Nothing was written.")));
+}
+
+/** @param {string} name @param {import("../dom.js").Child} value */
+const pair = (name, value) => [h("dt", null, name), h("dd", null, value)];
+
+/** @param {string} id */
+async function cancel(id) {
+  try {
+    await api.put(`/jobs/${id}/desired-state`, { state: "cancelled", reason: "cancelled on the page" });
+    replace(said);
+  } catch (error) {
+    replace(said, ...words(error));
+  }
+  await load();
+}
+
+loading(panel);
+const soon = settled(load, 250);
+for (const kind of /** @type {const} */ (["reconstruction", "job"])) live.on(kind, (seen) => seen.id === identifier() && soon());
+live.on("again", soon);
+live.on("progress", (seen) => {
+  const cell = panel.querySelector(".state-cell");
+  if (seen.id === identifier() && cell) replace(cell, stateOf({ state: "running", progress: seen }));
+});
+void load();

@@ -1,0 +1,205 @@
+// @ts-check
+// The queue as a table: what waits, runs and is done, to move, cancel, look at and make again.
+import { api } from "../api.js";
+import { byId, h, replace, settled } from "../dom.js";
+import { addKey } from "../keys.js";
+import { live } from "../live.js";
+import { empty, failed, loading, words } from "../states.js";
+import { clock, duration } from "../units.js";
+import { showForm } from "./ask.js";
+import { handle } from "./drag.js";
+import { inOrder, toPlace } from "./order.js";
+import { showSide } from "./side.js";
+import { askedBy, methodOf, namesOfScans, stateOf } from "./state.js";
+
+const MOST_SIDE = 4;
+const LOOKED_UP = 12; // jobs not over whose place in the queue is asked for
+const RELOAD = 250;
+
+const chosen = new Set(/** @type {string[]} */ ([]));
+/** @type {any[]} */
+let items = [];
+/** @type {Map<string, string>} */
+let names = new Map();
+const panel = byId("reconstructions");
+const asking = byId("asking");
+const told = h("div", { role: "alert" });
+const placed = h("p", { class: "visually-hidden", role: "status" });
+let isHeld = false; // a row is in somebody's hand
+let moves = 0; // under way
+let loads = 0;
+
+/** @param {any} one */
+const isOver = (one) => !["queued", "running", "cancelling"].includes(one.state);
+
+async function load() {
+  const mine = (loads += 1);
+  try {
+    const [page, known] = await Promise.all([api.get("/reconstructions?limit=100"), namesOfScans()]);
+    names = known;
+    const open = page.items.filter((/** @type {any} */ one) => !isOver(one)).slice(-LOOKED_UP);
+    const looked = await Promise.all(open.map((/** @type {any} */ one) => api.get(`/reconstructions/${one.id}`).catch(() => one)));
+    if (mine !== loads || moves || isHeld) return; // older than what is shown, or not to be shown now
+    const by = new Map(looked.map((one) => [one.id, one]));
+    items = page.items.map((/** @type {any} */ one) => by.get(one.id) ?? one);
+    show();
+  } catch (error) {
+    failed(panel, error, load);
+  }
+}
+
+function show() {
+  if (!items.length) {
+    empty(panel, "Nothing has been reconstructed yet", "Choose a scan and its parameters, or make a scan first.",
+      h("button", { type: "button", class: "primary", onclick: () => ask({ again: null, scan: null, set: null }) }, "Reconstruct a scan"));
+    return;
+  }
+  const rest = items.filter((one) => !isOver(one) && !isWaiting(one));
+  const open = [...rest.filter(({ state }) => state === "running"), ...inOrder(waiting()), ...rest.filter(({ state }) => state !== "running")];
+  const done = items.filter(isOver);
+  const focused = /** @type {HTMLElement | null} */ (document.activeElement)?.dataset.key;
+  replace(panel, told, placed, h("div", { class: "scrolls" }, h("table", { class: "queue" },
+    h("thead", null, h("tr", null, ["", "State", "Time", "Method", "Scan", "Asked for, by", "Priority", ""].map((name) => h("th", null, name)))),
+    h("tbody", null, [...open, ...done].map(row)))));
+  if (focused) /** @type {HTMLElement | null} */ (panel.querySelector(`[data-key="${CSS.escape(focused)}"]`))?.focus();
+  showChosen();
+}
+
+/** Whether a job has a place in the queue, and waits for no scan. @param {any} one */
+const isWaiting = (one) => one.state === "queued" && one.queue?.position !== null;
+
+/** What has a place in the queue, oldest first: the service lists the newest first. */
+const waiting = () => items.filter(isWaiting).reverse();
+
+/** @param {any} one */
+function row(one) {
+  const box = h("input", { type: "checkbox", checked: chosen.has(one.id), disabled: one.state !== "succeeded", "aria-label": `Side by side: ${one.id}`, dataset: { key: `box ${one.id}` } });
+  box.addEventListener("change", () => {
+    if (box.checked) chosen.add(one.id);
+    else chosen.delete(one.id);
+    showChosen();
+  });
+  return h("tr", { dataset: { row: one.id, state: one.state, ...(isWaiting(one) ? { waits: "" } : {}) } },
+    h("td", null, isWaiting(one) ? handle(one.id, waitingRows, (to) => put(one.id, to), hold) : box), h("td", { class: "state-cell" }, stateOf(one)), h("td", { class: "nowrap" }, timeOf(one)),
+    h("td", { class: "nowrap" }, methodOf(one)), h("td", { class: "named" }, h("a", { href: `/scans/${one.scan_id}`, title: `${names.get(one.scan_id) ?? ""} ${one.scan_id}` }, names.get(one.scan_id) || `…${one.scan_id.slice(-5)}`)),
+    h("td", { class: "nowrap" }, clock(one.created), h("span", { class: "by dim small", title: askedBy(one) }, askedBy(one))), h("td", { class: "nowrap" }, priorityOf(one)), h("td", null, h("div", { class: "actions" }, ...actionsOf(one))));
+}
+
+/** @param {any} one */
+function timeOf(one) {
+  if (!isOver(one)) return one.queue?.expected_end ? `done at about ${clock(one.queue.expected_end)}` : "–";
+  if (!one.started || !one.ended) return "–";
+  return `took ${duration((new Date(one.ended).getTime() - new Date(one.started).getTime()) / 1e3)}`;
+}
+
+/** @param {any} one */
+function priorityOf(one) {
+  if (one.state !== "queued") return h("span", { class: "dim" }, String(one.priority));
+  const move = (/** @type {number} */ by, /** @type {string} */ text, /** @type {string} */ label) => h("button", {
+    type: "button", class: "quiet", "aria-label": `${label}: ${one.id}`, title: label, dataset: { key: `${label} ${one.id}` },
+    onclick: () => act(() => api.patch(`/reconstructions/${one.id}`, { priority: Math.min(Math.max(one.priority + by, 0), 1000) })),
+  }, text);
+  return h("span", { class: "actions" }, move(-10, "↑", "Sooner"), String(one.priority), move(10, "↓", "Later"));
+}
+
+const waitingRows = () => /** @type {HTMLElement[]} */ ([...panel.querySelectorAll("[data-waits]")]);
+
+/** @param {boolean} is whether a row is in somebody's hand; what has come meanwhile is shown when it is let go */
+function hold(is) {
+  isHeld = is;
+  if (!is) void load();
+}
+
+/** Have a job begin as the one at a place among those that wait; shown at once, and taken back where it is refused. @param {string} id @param {number} to */
+function put(id, to) {
+  const changes = toPlace(waiting(), id, to);
+  if (!changes) return replace(told, h("p", { class: "fault" }, "No priority is left there: the smallest is 0, the largest 1000."));
+  const before = items;
+  const by = new Map(changes.map((one) => [one.id, one.priority]));
+  items = items.map((one) => (by.has(one.id) ? { ...one, priority: by.get(one.id) } : one));
+  show();
+  placed.textContent = `Now number ${to + 1} of ${waiting().length} that wait.`;
+  const ask = async () => {
+    for (const one of changes) await api.patch(`/reconstructions/${one.id}`, { priority: one.priority });
+  };
+  void act(ask, () => {
+    items = before;
+    placed.textContent = "";
+    show();
+  });
+}
+
+/** @param {any} one */
+function actionsOf(one) {
+  const details = h("a", { class: "button", href: `/reconstructions/${one.id}` }, "Details");
+  const again = h("a", { class: "button", href: `/reconstructions?again=${one.id}` }, "Again");
+  if (!isOver(one)) {
+    const cancel = h("button", { type: "button", disabled: one.desired_state === "cancelled", dataset: { key: `cancel ${one.id}` },
+      onclick: () => act(() => api.put(`/jobs/${one.id}/desired-state`, { state: "cancelled", reason: "cancelled on the page" })) }, "Cancel");
+    return [details, cancel];
+  }
+  return one.state === "succeeded" ? [h("a", { class: "button", href: `/volumes/${one.id}` }, "Volume"), again, details] : [again, details];
+}
+
+/** Do something, then look; what is refused is said above the table. @param {() => Promise<any>} deed @param {() => void} [undo] what was shown before it was done */
+async function act(deed, undo) {
+  replace(told);
+  moves += 1;
+  try {
+    await deed();
+  } catch (error) {
+    undo?.();
+    replace(told, ...words(error));
+  }
+  moves -= 1;
+  await load();
+}
+
+function showChosen() {
+  const button = /** @type {HTMLAnchorElement} */ (byId("side-by-side"));
+  const some = items.map((one) => one.id).filter((id) => chosen.has(id)).slice(0, MOST_SIDE);
+  button.textContent = chosen.size > MOST_SIDE ? `Side by side: the first ${MOST_SIDE}` : `Side by side (${chosen.size})`;
+  button.href = `/reconstructions?side=${some.join(",")}`;
+  button.hidden = some.length < 2;
+}
+
+/** @param {{again: string | null, scan: string | null, set: any}} wanted */
+function ask(wanted) {
+  void showForm(asking, wanted, () => {
+    history.replaceState(null, "", "/reconstructions");
+    void load();
+  });
+}
+
+/** @param {string | null} text */
+function parsed(text) {
+  try {
+    const found = JSON.parse(text ?? "null");
+    return found && typeof found === "object" ? found : null;
+  } catch {
+    return null;
+  }
+}
+
+function start() {
+  const query = new URLSearchParams(location.search);
+  const side = (query.get("side") ?? "").split(",").filter((id) => /^[A-Za-z0-9]{1,64}$/.test(id)).slice(0, MOST_SIDE);
+  if (side.length) void showSide(byId("side"), side);
+  const again = query.get("again");
+  if (again || query.has("scan")) ask({ again, scan: query.get("scan"), set: parsed(query.get("set")) });
+  byId("new").addEventListener("click", () => ask({ again: null, scan: null, set: null }));
+  addKey("n", "Reconstruct a scan", () => byId("new").click());
+  loading(panel);
+  const soon = settled(load, RELOAD);
+  for (const kind of /** @type {const} */ (["reconstruction", "job", "again"])) live.on(kind, soon);
+  live.on("progress", (seen) => {
+    const one = items.find(({ id }) => id === seen.id);
+    const cell = panel.querySelector(`[data-row="${CSS.escape(String(seen.id))}"] .state-cell`);
+    if (!one || !cell) return;
+    one.progress = { stage: seen.stage, done: seen.done, total: seen.total };
+    replace(cell, stateOf(one));
+  });
+  void load();
+}
+
+start();

@@ -1,0 +1,115 @@
+// @ts-check
+// Fields of a request as the API's own document describes them: kinds, units, limits, defaults, explanations.
+import { api } from "../api.js";
+
+/**
+ * @typedef {{
+ *   path: string[], name: string, description: string, unit: string, kind: "number" | "integer" | "boolean" | "choice"
+ *   | "choices" | "range" | "numbers" | "pairs" | "text" | "other", nullable: boolean, default: any, minimum: number | null,
+ *   maximum: number | null, choices: string[], words: string[],
+ * }} Field  words: what may stand in place of a number
+ * @typedef {{path: string[], title: string, description: string, fields: Field[]}} Group
+ */
+
+/** @type {Promise<any> | null} */
+let known = null;
+
+/** The document of the API; read once. */
+export function apiDocument() {
+  known ??= api.get("/openapi.json").catch((error) => {
+    known = null;
+    throw error;
+  });
+  return known;
+}
+
+/** Groups of fields of a schema: its own first, then one for each object in it. @param {string} name @returns {Promise<Group[]>} */
+export async function groupsOf(name) {
+  const { components: { schemas } } = await apiDocument();
+  return groupsIn(schemas, schemas[name], [], spoken(name), "");
+}
+
+/** @param {any} schemas @param {any} schema @param {string[]} path @param {string} title @param {string} description @returns {Group[]} */
+export function groupsIn(schemas, schema, path, title, description) {
+  const own = /** @type {Group} */ ({ path, title, description, fields: [] });
+  const inner = [];
+  for (const [name, one] of Object.entries(schema.properties ?? {})) {
+    const found = resolved(schemas, one);
+    if (found.properties) inner.push(...groupsIn(schemas, found, [...path, name], spoken(name), (one.description ?? found.description ?? "").split("\n")[0]));
+    else own.fields.push(fieldOf([...path, name], one, found));
+  }
+  return [own, ...inner];
+}
+
+/** @param {any} schemas @param {any} schema */
+function resolved(schemas, schema) {
+  const name = schema.$ref?.split("/").pop();
+  return name ? schemas[name] : schema;
+}
+
+/** @param {string[]} path @param {any} about @param {any} schema @returns {Field} */
+function fieldOf(path, about, schema) {
+  const options = schema.anyOf ?? [schema];
+  const rest = options.filter((/** @type {any} */ one) => one.type !== "null");
+  const main = rest.find((/** @type {any} */ one) => ["number", "integer", "array", "boolean"].includes(one.type)) ?? rest[0] ?? {};
+  const words = rest.flatMap((/** @type {any} */ one) => (one === main ? [] : one.const ? [one.const] : one.enum ?? []));
+  return {
+    path, name: spoken(path[path.length - 1]), description: about.description ?? "", unit: about["x-unit"] ?? "",
+    kind: kindOf(main), nullable: options.length > rest.length, default: about.default ?? null,
+    minimum: main.minimum ?? main.exclusiveMinimum ?? null, maximum: main.maximum ?? main.exclusiveMaximum ?? null,
+    choices: main.enum ?? main.items?.enum ?? [], words,
+  };
+}
+
+/** @param {any} schema @returns {Field["kind"]} */
+function kindOf(schema) {
+  if (schema.enum) return "choice";
+  if (schema.type === "array") {
+    if (schema.items?.enum) return "choices";
+    const kinds = (schema.items?.anyOf ?? [schema.items ?? {}]).map((/** @type {any} */ one) => one.type);
+    const all = (/** @type {string[]} */ ...some) => kinds.every((/** @type {string} */ kind) => some.includes(kind));
+    if (schema.maxItems === 2 && all("number", "integer", "null")) return "range";
+    if (all("number", "integer")) return "numbers";
+    return all("array") && schema.items.maxItems === 2 && kindOf(schema.items) === "range" ? "pairs" : "other";
+  }
+  if (schema.type === "number" || schema.type === "integer" || schema.type === "boolean") return schema.type;
+  return schema.type === "string" ? "text" : "other";
+}
+
+/** A name as it is read: sound_speed becomes Sound speed. @param {string} name */
+export function spoken(name) {
+  const text = name.replaceAll("_", " ").replace(/ db per mm$/, " (dB/mm)").replace(/ db$/, " (dB)");
+  return text.charAt(0).toUpperCase() + text.slice(1);
+}
+
+/** Units in which a person gives what the API takes in SI: name and factor. @param {string} unit @returns {[string, number]} */
+export function shownUnit(unit) {
+  return /** @type {Record<string, [string, number]>} */ ({ m: ["mm", 1e3], nm: ["nm", 1e9], "nm/s": ["nm/s", 1e9], ns: ["ns", 1e9], ms: ["ms", 1e3], "pulses/s": ["Hz", 1], "edges/s": ["Hz", 1], s: ["µs", 1e6], Hz: ["MHz", 1e-6], relative: ["", 1], modes: ["", 1], times: ["×", 1] })[unit] ?? [unit, 1];
+}
+
+/** @param {any} values @param {string[]} path */
+export function valueAt(values, path) {
+  return path.reduce((inner, name) => inner?.[name], values) ?? null;
+}
+
+/** The same values with another one at a path; nothing is said where it is the default. @param {any} values @param {string[]} path @param {any} value @returns {any} */
+export function withValue(values, [first, ...rest], value) {
+  const inner = rest.length ? withValue(values?.[first] ?? {}, rest, value) : value;
+  return { ...values, [first]: inner };
+}
+
+/** A value with its unit, as a table shows it. @param {Field} field @param {any} value */
+export function told(field, value) {
+  const [unit, factor] = shownUnit(field.unit);
+  const one = (/** @type {any} */ item) => item === null || item === undefined ? "none" : field.kind === "pairs" ? `(${item.map((/** @type {number} */ number) => Number((number * factor).toPrecision(9))).join(", ")})` : typeof item === "number" ? String(Number((item * factor).toPrecision(9))).replace("-", "−") : typeof item === "object" ? JSON.stringify(item) : String(item);
+  const text = Array.isArray(value) ? (value.length ? value.map(one).join(field.kind === "range" ? " to " : ", ") : "none") : one(value);
+  return unit && text !== "none" && /[0-9]/.test(text) ? `${text} ${unit}` : text;
+}
+
+/** Fields whose values differ between sets of parameters. @param {Group[]} groups @param {any[]} sets */
+export function differences(groups, sets) {
+  return groups.flatMap((group) => group.fields).filter((field) => {
+    const said = sets.map((values) => JSON.stringify(valueAt(values, field.path) ?? field.default));
+    return said.some((one) => one !== said[0]);
+  });
+}

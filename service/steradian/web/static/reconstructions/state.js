@@ -1,0 +1,34 @@
+// @ts-check
+// How a reconstruction stands, in words and with a bar.
+import { api } from "../api.js";
+import { h } from "../dom.js";
+import { percent } from "../units.js";
+
+/** What people call each scan, by identifier: its labels' texts. @returns {Promise<Map<string, string>>} */
+export async function namesOfScans() {
+  const { items } = await api.get("/scans?limit=200");
+  return new Map(items.map((/** @type {any} */ one) => [one.id, Object.values(one.labels ?? {}).join(", ")]));
+}
+
+/** Who asked for it, as the service knows them: the name of a key, or local. @param {any} one */
+export const askedBy = (one) => one.history[0]?.who ?? "";
+
+/** @param {any} one */
+export function methodOf(one) {
+  const { method, modes } = one.parameters ?? {};
+  const kind = { "what-if": "what-if, ", live: "live, " }[/** @type {string} */ (one.kind)] ?? "";
+  return `${kind}${method ?? ""}${modes ? `, ${modes} modes` : ""}`;
+}
+
+/** @param {any} one */
+export function stateOf(one) {
+  const { progress } = one;
+  if (one.state === "running") {
+    const bar = h("progress", { "aria-label": "Progress", ...(progress.total ? { value: progress.done, max: progress.total } : {}) });
+    const share = progress.total ? ` ${percent(progress.done / progress.total)}` : "";
+    return h("span", { class: "stack tight live" }, h("span", null, one.desired_state === "cancelled" ? "being cancelled" : `${progress.stage ?? "running"}${share}`), bar);
+  }
+  if (one.state === "queued") return h("span", { class: "live" }, one.queue?.position ? `waiting, ${one.queue.position === 1 ? "next" : `number ${one.queue.position}`}` : "waiting");
+  if (one.state === "failed") return h("span", { class: "fault", title: one.error?.detail }, "failed");
+  return h("span", { class: one.state === "succeeded" ? "good" : "dim" }, one.state);
+}

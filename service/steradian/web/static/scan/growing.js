@@ -1,0 +1,134 @@
+// @ts-check
+// The image of a scan that grows while it runs: the newest revision's projection, and how much it is made of.
+import { api, onceOnly } from "../api.js";
+import { h, replace } from "../dom.js";
+import { live } from "../live.js";
+import { empty, words } from "../states.js";
+import { count, length, mm, percent } from "../units.js";
+import { table } from "../volume/colours.js";
+
+const SIZE = 512;
+const LOOK = 1000; // ms between two looks while the event stream is cut
+
+export class Growing {
+  /** @param {HTMLElement} host @param {string} scanId @param {() => Node[]} offers what can follow a scan that is over */
+  constructor(host, scanId, offers) {
+    this.host = host;
+    this.scanId = scanId;
+    this.offers = offers;
+    this.canvas = h("canvas", { role: "img", "aria-label": "Projection of the image along z" });
+    this.caption = h("p", { class: "dim caption" });
+    /** @type {any} the reconstruction */
+    this.job = null;
+    this.etag = "";
+    this.running = false;
+    this.busy = this.due = false;
+    live.on("reconstruction", (event) => (event.id === this.job?.id || (!this.job && event.scan_id === scanId)) && this.find());
+    live.on("revision", (event) => {
+      if (event.scan_id !== scanId) return;
+      if (event.id !== this.job?.id) return void this.find();
+      this.any = true;
+      void this.look();
+    });
+    live.on("progress", (event) => event.id === this.job?.id && (this.job.progress = event));
+    live.on("again", () => void this.find());
+    setInterval(() => live.state.is === "cut" && !document.hidden && this.job && !this.final && void this.find(), LOOK);
+    this.final = false;
+    this.any = false;
+  }
+
+  /** Find the reconstruction that follows this scan, or offer one. */
+  async find() {
+    try {
+      const found = (await api.get(`/reconstructions?kind=live&scan_id=${this.scanId}&limit=1`)).items[0];
+      this.job = found ?? null;
+      if (!found) this.offer();
+      else if (this.exists()) await this.look();
+      else this.wait();
+    } catch (error) {
+      if (!this.canvas.isConnected) replace(this.host, h("div", { class: "state failed" }, ...words(error)));
+    }
+  }
+
+  offer() {
+    if (!this.running) {
+      empty(this.host, "No image was followed", "What is stored can be reconstructed now.", ...this.offers());
+      return;
+    }
+    const start = h("button", { type: "button", class: "primary", onclick: () => void this.follow() }, "Watch the image grow");
+    empty(this.host, "No image yet", "A worker can reconstruct what is there every few seconds.", start);
+  }
+
+  async follow() {
+    try {
+      this.job = await api.post("/reconstructions", { scan_id: this.scanId, follow: true, interval: 1 }, { headers: onceOnly() });
+      this.wait();
+    } catch (error) {
+      replace(this.host, h("div", { class: "state failed" }, ...words(error)));
+    }
+  }
+
+  /** Whether there is a revision: its job says so. */
+  exists() {
+    const { state, progress } = this.job;
+    this.any ||= state === "succeeded" || (progress.stage === "A-lines" && progress.done > 0);
+    return this.any;
+  }
+
+  wait() {
+    const { state, progress } = this.job;
+    if (state === "queued") empty(this.host, "The image waits", "for a worker that is free.");
+    else if (state === "running") empty(this.host, "The image begins", progress.stage && progress.stage !== "A-lines" ? `A worker is at it: ${progress.stage}.` : "as soon as enough A-lines are there.");
+    else empty(this.host, "No image", `Its reconstruction ${state}.`, h("a", { class: "button", href: `/reconstructions/${this.job.id}` }, "Why"));
+  }
+
+  /** Ask for a revision newer than the one that is shown; once more, where another came meanwhile. */
+  async look() {
+    this.due = true;
+    if (this.busy) return;
+    this.busy = true;
+    while (this.due) {
+      this.due = false;
+      if (this.job && this.exists()) await this.fetch();
+    }
+    this.busy = false;
+  }
+
+  async fetch() {
+    try {
+      const path = `/reconstructions/${this.job.id}/revision`;
+      const answer = await api.ask("GET", path, undefined, { headers: this.etag ? { "If-None-Match": this.etag } : {} });
+      if (answer.status === 200) {
+        const revision = await answer.json();
+        const image = await api.ask("GET", `/reconstructions/${this.job.id}/mip?axis=z&dtype=uint8&max_size=${SIZE}`, undefined, { accept: "application/octet-stream" });
+        this.show(revision, image.headers, new Uint8Array(await image.arrayBuffer()));
+        this.etag = answer.headers.get("ETag") ?? "";
+      }
+    } catch (error) {
+      if (!this.etag) replace(this.host, h("div", { class: "state failed" }, ...words(error)));
+    }
+  }
+
+  /** @param {any} revision @param {Headers} headers @param {Uint8Array} values [x, y] */
+  show(revision, headers, values) {
+    const [nx, ny] = (headers.get("X-Shape") ?? "1,1").split(",").map(Number);
+    const [dx, dy] = (headers.get("X-Spacing") ?? "1,1").split(",").map(Number);
+    if (values.length < nx * ny) return;
+    this.canvas.width = nx;
+    this.canvas.height = ny;
+    const context = /** @type {CanvasRenderingContext2D} */ (this.canvas.getContext("2d"));
+    const image = context.createImageData(nx, ny);
+    const pixels = new Uint32Array(image.data.buffer);
+    const colours = table("inferno");
+    for (let i = 0; i < nx; i++) for (let j = 0; j < ny; j++) pixels[(ny - 1 - j) * nx + i] = colours[values[i * ny + j]];
+    context.putImageData(image, 0, 0);
+    this.canvas.style.aspectRatio = `${nx * dx} / ${ny * dy}`;
+    this.final = revision.final;
+    const share = revision.coverage?.area ?? revision.coverage?.points;
+    const gap = revision.coverage?.largest_gap_m ?? null;
+    this.caption.textContent = `Brightest along z, ${mm(nx * dx, 1)} × ${mm(ny * dy, 1)}; ${revision.final ? "the whole image" : `revision ${revision.number}`} of ${count(revision.points)} A-lines, ${percent(share)} of the area${gap === null ? "" : `, largest gap ${length(gap)}`}`;
+    if (!this.canvas.isConnected) replace(this.host, this.canvas, this.caption, h("a", { class: "button", href: `/volumes/${this.job.id}` }, "Open the volume"));
+    const open = /** @type {HTMLElement} */ (this.host.querySelector("a.button"));
+    open.hidden = !revision.final;
+  }
+}

@@ -1,0 +1,39 @@
+// @ts-check
+// What became of each A-line of a scan, as far as the service has told: it tells only what is new.
+
+/** Quality flags of the scanner: their bits, how the page calls them, and how the service does. */
+export const FLAGS = /** @type {[number, string, string][]} */ ([
+  [1, "saturated", "saturated"], [2, "mistuned", "mistuned"], [4, "misfired", "misfired"], [8, "averaged in part", "partial"],
+]);
+
+export class Shots {
+  /** @param {number} points of the mask @param {number} frames */
+  constructor(points, frames) {
+    this.points = points;
+    this.stored = new Uint8Array(points * frames);
+    this.quality = new Uint32Array(points * frames);
+    this.zero = new Float64Array(points * frames); // s from the pulse to the first sample
+    /** @type {any} counts as the service tells them */
+    this.coverage = { points: points * frames, frames, stored: 0, missing: points * frames, fired: 0, flags: {} };
+    this.newest = -1;
+    this.next = "";
+  }
+
+  /** Where to ask for what this does not know. @param {string} id of the scan */
+  path(id) {
+    return `/scans/${id}/shots${this.next ? `?since=${encodeURIComponent(this.next)}` : ""}`;
+  }
+
+  /** @param {any} told an answer of that address */
+  take(told) {
+    for (let n = 0; n < told.points.length; n++) {
+      const row = told.frames[n] * this.points + told.points[n];
+      this.stored[row] = Number(told.stored[n]);
+      this.quality[row] = told.quality[n];
+      this.zero[row] = told.time_zero[n] ?? 0;
+    }
+    this.coverage = told.coverage;
+    this.newest = told.newest ?? -1;
+    this.next = told.next;
+  }
+}

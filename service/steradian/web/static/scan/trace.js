@@ -1,0 +1,157 @@
+// @ts-check
+// One A-line with the digitiser's full scale marked, or its spectrum.
+import { framed, h, replace } from "../dom.js";
+import { colour, onTheme } from "../theme.js";
+import { count, figure, frequency, percent } from "../units.js";
+import { spectrum } from "./spectrum.js";
+
+const MARGIN = { left: 78, right: 16, top: 8, bottom: 38 };
+const FLOOR = -60; // dB
+
+/** @typedef {{samples: ArrayLike<number>, interval: number, zero: number, full: number | null, point: number, title: string}} Line samples in counts, seconds */
+
+export class Trace {
+  /** @param {HTMLElement} host */
+  constructor(host) {
+    this.title = h("span", { class: "dim" });
+    this.asTime = this.button("A-line", false);
+    this.asSpectrum = this.button("Spectrum", true);
+    this.follow = h("button", { type: "button", hidden: true }, "Follow the newest");
+    this.canvas = h("canvas", { role: "img", "aria-label": "A-line", style: { width: "100%", height: "100%" } });
+    const stage = h("div", { class: "strip" }, this.canvas);
+    host.append(h("div", { class: "row spread" }, h("div", { class: "row" }, this.asTime, this.asSpectrum, this.follow), this.title), stage);
+    this.inFrequency = false;
+    this.tag = ""; // of the newest A-line, while that is shown
+    /** @type {Line | null} */
+    this.line = null;
+    this.draw = framed(() => this._draw());
+    new ResizeObserver(() => this.draw()).observe(stage);
+    onTheme(this.draw);
+  }
+
+  /** @param {string} text @param {boolean} inFrequency */
+  button(text, inFrequency) {
+    const act = () => {
+      this.inFrequency = inFrequency;
+      this.asTime.setAttribute("aria-pressed", String(!inFrequency));
+      this.asSpectrum.setAttribute("aria-pressed", String(inFrequency));
+      this.draw();
+    };
+    return h("button", { type: "button", "aria-pressed": String(!inFrequency), onclick: act }, text);
+  }
+
+  /** @param {Line} line */
+  show(line) {
+    this.line = line;
+    this.draw();
+  }
+
+  _draw() {
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    if (!width || !height) return;
+    const ratio = devicePixelRatio || 1;
+    this.canvas.width = Math.round(width * ratio);
+    this.canvas.height = Math.round(height * ratio);
+    const context = /** @type {CanvasRenderingContext2D} */ (this.canvas.getContext("2d"));
+    context.scale(ratio, ratio);
+    context.font = "12px system-ui, sans-serif";
+    if (!this.line) {
+      context.fillStyle = colour("--dim");
+      context.textAlign = "center";
+      context.fillText("No A-line yet", width / 2, height / 2);
+      return;
+    }
+    const plot = this.inFrequency ? this.frequencies(this.line) : this.times(this.line);
+    axes(context, width, height, plot);
+    curve(context, width, height, plot);
+  }
+
+  /** @param {Line} line */
+  times({ samples, interval, zero, full, title }) {
+    let most = 0;
+    let clipped = 0;
+    for (let n = 0; n < samples.length; n++) {
+      most = Math.max(most, Math.abs(samples[n]));
+      if (full !== null && Math.abs(samples[n]) >= full) clipped += 1;
+    }
+    const top = full === null ? most || 1 : Math.max(1.1 * most, 1);
+    replace(this.title, `${title}: ${full === null ? `peak ${figure(most)}` : `peak ${percent(most / full)} of full scale`}`, clipped ? h("strong", { class: "fault" }, ` ${count(clipped)} samples saturated`) : null);
+    const last = zero + (samples.length - 1) * interval;
+    const [each, unit] = last >= 1e-3 ? [1e3, "ms"] : [1e6, "µs"];
+    return {
+      values: samples, from: zero * each, to: last * each, low: -top, high: top,
+      across: `time after the laser pulse (${unit})`, along: full === null ? "as recorded" : "counts",
+      marks: full !== null && full <= top ? [full, -full] : [], full,
+      up: (/** @type {number} */ one) => (full === null ? figure(one) : count(Math.round(one)).replace("-", "−")),
+    };
+  }
+
+  /** @param {Line} line */
+  frequencies({ samples, interval, title }) {
+    const { levels, step, peak } = spectrum(samples, interval);
+    replace(this.title, `${title}: strongest at ${frequency(peak)}`);
+    return { values: levels, from: 0, to: (step * (levels.length - 1)) / 1e6, low: FLOOR, high: 0, across: "frequency (MHz)", along: "level (dB)", marks: [], full: null, up: (/** @type {number} */ one) => figure(one) };
+  }
+}
+
+/** @typedef {{values: ArrayLike<number>, from: number, to: number, low: number, high: number, across: string, along: string, marks: number[], full: number | null, up: (value: number) => string}} Plot */
+
+/** @param {number} width @param {number} height @param {Plot} plot */
+function place(width, height, { values, low, high }) {
+  const wide = width - MARGIN.left - MARGIN.right;
+  const tall = height - MARGIN.top - MARGIN.bottom;
+  return {
+    x: (/** @type {number} */ n) => MARGIN.left + (wide * n) / Math.max(1, values.length - 1),
+    y: (/** @type {number} */ value) => MARGIN.top + (tall * (high - Math.min(high, Math.max(low, value)))) / (high - low),
+    wide,
+  };
+}
+
+/** @param {CanvasRenderingContext2D} context @param {number} width @param {number} height @param {Plot} plot */
+function axes(context, width, height, plot) {
+  const { y, wide } = place(width, height, plot);
+  context.strokeStyle = colour("--line");
+  context.fillStyle = colour("--dim");
+  context.lineWidth = 1;
+  context.textAlign = "right";
+  for (const value of [plot.low, (plot.low + plot.high) / 2, plot.high]) {
+    context.beginPath();
+    context.moveTo(MARGIN.left, y(value));
+    context.lineTo(width - MARGIN.right, y(value));
+    context.stroke();
+    context.fillText(plot.up(value), MARGIN.left - 6, y(value) + 4);
+  }
+  context.strokeStyle = colour("--fault");
+  for (const value of plot.marks) {
+    context.beginPath();
+    context.moveTo(MARGIN.left, y(value));
+    context.lineTo(width - MARGIN.right, y(value));
+    context.stroke();
+  }
+  const step = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500].find((one) => ((plot.to - plot.from) / one) * 70 < wide) ?? 1000;
+  context.textAlign = "center";
+  for (let at = Math.ceil(plot.from / step) * step; at <= plot.to; at += step) {
+    const x = MARGIN.left + (wide * (at - plot.from)) / (plot.to - plot.from);
+    context.fillText(figure(Number(at.toPrecision(4))), x, height - MARGIN.bottom + 15);
+  }
+  context.fillText(plot.across, MARGIN.left + wide / 2, height - 6);
+  context.save();
+  context.translate(14, (MARGIN.top + height - MARGIN.bottom) / 2);
+  context.rotate(-Math.PI / 2);
+  context.fillText(plot.along, 0, 0);
+  context.restore();
+}
+
+/** @param {CanvasRenderingContext2D} context @param {number} width @param {number} height @param {Plot} plot */
+function curve(context, width, height, plot) {
+  const { x, y } = place(width, height, plot);
+  context.strokeStyle = colour("--accent");
+  context.lineWidth = 1.2;
+  context.beginPath();
+  for (let n = 0; n < plot.values.length; n++) context.lineTo(x(n), y(plot.values[n]));
+  context.stroke();
+  const { full } = plot;
+  if (full === null) return;
+  context.fillStyle = colour("--fault");
+  for (let n = 0; n < plot.values.length; n++) if (Math.abs(plot.values[n]) >= full) context.fillRect(x(n) - 1.5, y(plot.values[n]) - 1.5, 3, 3);
+}

@@ -1,0 +1,15 @@
+// @ts-check
+// A few colours of a map, where things are drawn in classes; on a light page the other way round, dark is much.
+import { theme } from "./theme.js";
+import { table } from "./volume/colours.js";
+
+/** @param {import("./volume/colours.js").MapName} name @param {number} count @returns {string[]} */
+export function shades(name, count) {
+  const colours = table(name);
+  const dark = theme() === "dark";
+  return Array.from({ length: count }, (_, n) => {
+    const share = n / Math.max(1, count - 1);
+    const pixel = colours[Math.round(255 * (dark ? 0.25 + 0.75 * share : 0.8 * (1 - share)))];
+    return `rgb(${pixel & 255} ${(pixel >> 8) & 255} ${(pixel >> 16) & 255})`;
+  });
+}

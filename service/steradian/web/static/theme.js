@@ -1,0 +1,47 @@
+// @ts-check
+// Dark or light: the system's, until somebody chooses here.
+import { byId } from "./dom.js";
+
+const root = document.documentElement;
+const system = matchMedia("(prefers-color-scheme: light)");
+
+/** @returns {"dark" | "light"} */
+export function theme() {
+  const chosen = root.dataset.theme;
+  return chosen === "dark" || chosen === "light" ? chosen : system.matches ? "light" : "dark";
+}
+
+/** What a custom property of the style sheet is in this theme, for canvases and charts. @param {string} name */
+export function colour(name) {
+  const probe = document.createElement("i");
+  probe.style.color = `var(${name})`;
+  document.body.append(probe);
+  const found = getComputedStyle(probe).color;
+  probe.remove();
+  return found;
+}
+
+/** Be told when the theme changes. @param {() => void} act */
+export function onTheme(act) {
+  document.addEventListener("steradian:theme", act);
+}
+
+export function startTheme() {
+  const button = byId("theme");
+  const show = () => {
+    button.textContent = theme() === "dark" ? "Light" : "Dark";
+    button.setAttribute("aria-label", `Change to the ${theme() === "dark" ? "light" : "dark"} theme`);
+    document.dispatchEvent(new CustomEvent("steradian:theme"));
+  };
+  button.addEventListener("click", () => {
+    root.dataset.theme = theme() === "dark" ? "light" : "dark";
+    try {
+      localStorage.setItem("steradian.theme", root.dataset.theme);
+    } catch {
+      // a browser that keeps nothing: for this page
+    }
+    show();
+  });
+  system.addEventListener("change", show);
+  show();
+}

@@ -1,0 +1,67 @@
+// @ts-check
+// What was understood of a recording: its axes and figures, where its sensors are, and a few of its A-lines.
+import { line } from "./charts.js";
+import { h, replace } from "./dom.js";
+import { Plane } from "./plane.js";
+import { words } from "./states.js";
+import { colour } from "./theme.js";
+import { count, frequency, mm, shortTime } from "./units.js";
+
+const UNKNOWN = "not stated";
+
+export class Understood {
+  /** @param {HTMLElement} host */
+  constructor(host) {
+    this.figures = h("dl", { class: "figures across" });
+    this.said = h("div", { class: "remarks", role: "alert" });
+    this.stage = h("div", { class: "stage" });
+    this.chart = h("div", { class: "chart" });
+    this.nowhere = h("div", { class: "state" }, h("strong", null, "Where the sensors are is not stated"), h("span", null, "Say the pitch of their grid, or send their positions beside the recording."));
+    this.pictures = h("div", { class: "two" }, this.stage, this.chart);
+    replace(host, h("h2", null, "What was understood"), this.said, this.figures, this.pictures);
+    this.plane = new Plane(this.stage, "Where the sensors are");
+    this.stage.append(this.nowhere);
+  }
+
+  /** @param {unknown} error */
+  fail(error) {
+    replace(this.said, h("div", { class: "state failed" }, ...words(error)));
+    this.pictures.hidden = this.figures.hidden = true;
+  }
+
+  /** @param {any} seen of the API */
+  async show(seen) {
+    replace(this.said);
+    this.pictures.hidden = this.figures.hidden = false;
+    replace(this.figures, figuresOf(seen).map(([name, value]) => h("div", null, h("dt", null, name), h("dd", null, value))));
+    this.nowhere.hidden = seen.positions !== null;
+    this.plane.canvas.hidden = seen.positions === null;
+    this.plane.palette = [colour("--accent")];
+    this.plane.classes = new Uint8Array(seen.positions?.length ?? 0);
+    this.plane.show((seen.positions ?? []).map((/** @type {number[]} */ [x, y = 0]) => [x, y]), seen.aperture ?? 1);
+    await this.draw(seen);
+  }
+
+  /** @param {any} seen */
+  async draw({ rows, traces, sampling_interval: interval, time_zero: zero }) {
+    const across = (/** @type {number} */ n) => (interval === null ? n : (zero + n * interval) * 1e6);
+    const lines = traces.map((/** @type {number[]} */ y, /** @type {number} */ n) => ({ name: `A-line ${rows[n]}`, x: y.map((_, k) => across(k)), y }));
+    await line(this.chart, lines, { x: interval === null ? "sample" : "time (µs)", y: "as in the file" });
+  }
+}
+
+/** @param {any} seen @returns {[string, string][]} */
+function figuresOf({ format, points, frames, samples, dtype, sampling_interval: interval, time_zero: zero, sound_speed: speed, aperture, depth }) {
+  const record = interval === null || speed === null ? null : (samples - 1) * interval * speed;
+  return [
+    ["Kind", format],
+    ["A-lines", `${count(points)}${frames > 1 ? `, ${count(frames)} times` : ""}`],
+    ["Samples", `${count(samples)} (${dtype})`],
+    ["Sampling interval", interval === null ? UNKNOWN : `${shortTime(interval)} (${frequency(1 / interval)})`],
+    ["First sample", `${shortTime(zero)} after the pulse`],
+    ["Speed of sound", speed === null ? UNKNOWN : `${speed} m/s`],
+    ["Aperture", aperture === null ? UNKNOWN : mm(aperture)],
+    ["Recorded depth", record === null ? "–" : mm(record, 1)],
+    ["Point of interest", depth === null ? "none" : `${mm(depth)} deep`],
+  ];
+}

@@ -1,0 +1,88 @@
+// @ts-check
+// Figures as a physicist writes them: never without a unit, never with more digits than they carry.
+import { copy, h } from "./dom.js";
+
+const NONE = "–";
+const GAP = "\u00a0"; // a unit stands on the line of its figure
+
+/** @param {number} value @param {number} digits significant ones */
+export function figure(value, digits = 3) {
+  if (!Number.isFinite(value)) return NONE;
+  const size = Math.abs(value);
+  if (size !== 0 && (size >= 1e6 || size < 1e-3)) {
+    const [mantissa, exponent] = value.toExponential(digits - 1).split("e");
+    return `${mantissa.replace("-", "−")} × 10${superscript(Number(exponent))}`;
+  }
+  const decimals = size === 0 ? 0 : Math.max(0, digits - 1 - Math.floor(Math.log10(size)));
+  return Number(value.toFixed(Math.min(decimals, 12))).toLocaleString("en", { maximumFractionDigits: 12 }).replace("-", "−");
+}
+
+/** @param {number} exponent */
+function superscript(exponent) {
+  return [...String(exponent)].map((sign) => "⁰¹²³⁴⁵⁶⁷⁸⁹"[Number(sign)] ?? "⁻").join("");
+}
+
+/** @param {[number, string][]} steps descending @returns {(value: number | null | undefined, digits?: number) => string} */
+function inSteps(steps) {
+  return (value, digits = 3) => {
+    if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
+    const size = Math.abs(value) * (1 + 1e-9);
+    const [factor, unit] = steps.find(([one]) => size >= one) ?? (value === 0 ? steps[0] : steps[steps.length - 1]);
+    return `${figure(value / factor, digits)}${GAP}${unit}`;
+  };
+}
+
+export const length = inSteps([[1, "m"], [1e-3, "mm"], [1e-6, "µm"], [1e-9, "nm"]]);
+export const frequency = inSteps([[1e9, "GHz"], [1e6, "MHz"], [1e3, "kHz"], [1, "Hz"]]);
+export const bytes = inSteps([[1e12, "TB"], [1e9, "GB"], [1e6, "MB"], [1e3, "kB"], [1, "B"]]);
+export const shortTime = inSteps([[1, "s"], [1e-3, "ms"], [1e-6, "µs"], [1e-9, "ns"]]);
+
+export const area = inSteps([[1e-6, "mm²"]]);
+
+/** In millimetres whatever it is, for coordinates that are compared. @param {number} metres @param {number} [decimals] */
+export function mm(metres, decimals = 2) {
+  return Number.isFinite(metres) ? `${(metres * 1e3).toFixed(decimals).replace("-", "−")}${GAP}mm` : NONE;
+}
+
+/** @param {number | null | undefined} value */
+export function count(value) {
+  return value === null || value === undefined ? NONE : value.toLocaleString("en");
+}
+
+/** @param {number | null | undefined} share @param {number} [decimals] */
+export function percent(share, decimals = 0) {
+  return share === null || share === undefined || !Number.isFinite(share) ? NONE : `${(100 * share).toFixed(decimals)}${GAP}%`;
+}
+
+/** @param {number | null | undefined} radians */
+export function degrees(radians) {
+  return radians === null || radians === undefined ? NONE : `${((radians * 180) / Math.PI).toFixed(0)}°`;
+}
+
+/** How long: 0.42 s, 38 s, 4 min 05 s, 2 h 10 min. @param {number | null | undefined} seconds */
+export function duration(seconds) {
+  if (seconds === null || seconds === undefined || !Number.isFinite(seconds)) return NONE;
+  if (seconds < 10) return shortTime(seconds, 2);
+  const whole = Math.round(seconds);
+  if (whole < 60) return `${whole}${GAP}s`;
+  if (whole < 3600) return `${Math.floor(whole / 60)} min ${String(whole % 60).padStart(2, "0")} s`;
+  const minutes = Math.round(whole / 60);
+  return `${Math.floor(minutes / 60)} h ${String(minutes % 60).padStart(2, "0")} min`;
+}
+
+/** Local time of day with seconds; with the date when that is another day. @param {string | Date | null | undefined} when */
+export function clock(when) {
+  if (!when) return NONE;
+  const then = new Date(when);
+  const time = then.toTimeString().slice(0, 8);
+  if (then.toDateString() === new Date().toDateString()) return time;
+  const [month, day] = [then.getMonth() + 1, then.getDate()].map((part) => String(part).padStart(2, "0"));
+  return `${then.getFullYear()}-${month}-${day} ${time}`;
+}
+
+/** An identifier, shortened, with the whole of it a click away. @param {string} id @param {string} [href] */
+export function identifierOf(id, href) {
+  const short = id.length > 12 ? `${id.slice(0, 5)}…${id.slice(-5)}` : id;
+  const button = h("button", { type: "button", class: "quiet copy", title: `Copy ${id}`, "aria-label": `Copy ${id}`, onclick: () => copy(button, id) }, "copy");
+  return h("span", { class: "id", title: id }, href ? h("a", { href }, short) : short, button);
+}

@@ -1,0 +1,191 @@
+// @ts-check
+// Numbers of a volume: slices, slabs and a coarse block, asked for as they are looked at; lengths in mm.
+import { ask } from "../api.js";
+
+/** @typedef {import("./view_state.js").Axis} Axis */
+/** @typedef {import("./view_state.js").Triple} Triple */
+/** @typedef {import("./measure.js").Plane} Plane */
+/** @typedef {{from: number, to: number}} Range voxels along an axis, `to` not among them */
+/**
+ * A volume as it is looked at; of an image from a line of sensors y has one voxel.
+ * @typedef {{id: string, shape: Triple, origin: Triple, spacing: Triple, near: number, flat: boolean, top: number | null}} Source
+ *   top: value at the end of the colours of the service's own picture
+ */
+
+export const AXES = /** @type {const} */ (["x", "y", "z"]);
+/** The two axes that a plane across the third one shows, across and up or down. @type {Record<Axis, [Axis, Axis]>} */
+export const PLANES = { x: ["y", "z"], y: ["x", "z"], z: ["x", "y"] };
+const RAW = "application/octet-stream";
+const KEPT = 24; // planes; the largest are a megabyte or two
+const MOST_VALUES = 2048; // along an axis of a plane
+const MOST_VOXELS = 2 ** 23; // of what the 3-D view has, a byte each: the finest copy with no more
+
+/** @param {Axis} axis */
+export const at = (axis) => AXES.indexOf(axis);
+
+/**
+ * Describe a reconstruction that has succeeded; null where its report does not tell where its voxels lie.
+ * @param {any} view of the API
+ * @returns {Source | null}
+ */
+export function sourceOf(view) {
+  const report = view.report ?? {};
+  const { shape, spacing_m: spacing, origin_m: origin } = report;
+  if (!shape || !spacing || !origin) return null;
+  const flat = shape.length === 2;
+  /** @param {number[]} values @param {number} none @returns {Triple} */
+  const three = (values, none) => (flat ? [values[0], none, values[1]] : [values[0], values[1], values[2]]);
+  const inMm = (/** @type {number[]} */ values) => values.map((/** @type {number} */ value) => value * 1e3);
+  return {
+    id: view.id, flat, shape: three(shape, 1), spacing: three(inMm(spacing), 1), origin: three(inMm(origin), 0),
+    near: (report.near_field_m ?? 0) * 1e3, top: asIs(view.parameters?.display) ? report.scale_ends?.[flat ? "y" : "z"] ?? null : null,
+  };
+}
+
+/** Whether pictures show the values as they are. @param {any} display */
+const asIs = (display) => !display?.log_range_db && !display?.envelope && !display?.gain_db_per_mm;
+
+/** Voxel whose centre is nearest to a place along an axis. @param {Source} source @param {Axis} axis @param {number} mm */
+export function indexOf(source, axis, mm) {
+  const n = at(axis);
+  return Math.min(Math.max(Math.round((mm - source.origin[n]) / source.spacing[n]), 0), source.shape[n] - 1);
+}
+
+/** @param {Source} source @param {Axis} axis @param {number} index */
+export function placeOf(source, axis, index) {
+  const n = at(axis);
+  return source.origin[n] + index * source.spacing[n];
+}
+
+/** First voxel from a depth on. @param {Pick<Source, "shape" | "origin" | "spacing">} source @param {number} cut */
+export function firstBelow(source, cut) {
+  const first = Math.ceil((cut - source.origin[2]) / source.spacing[2] - 1e-6);
+  return Math.min(Math.max(first, 0), source.shape[2] - 1);
+}
+
+/**
+ * Voxels of a slab of a thickness around a place; nothing above the near-field cut.
+ * @param {Source} source @param {Axis} axis @param {number} mm @param {number} thickness @param {number} cut
+ * @returns {Range}
+ */
+export function slabOf(source, axis, mm, thickness, cut) {
+  const n = at(axis);
+  const least = axis === "z" ? firstBelow(source, cut) : 0;
+  if (thickness === Infinity) return { from: least, to: source.shape[n] };
+  const half = Math.max(0, (thickness / source.spacing[n] - 1) / 2);
+  const middle = (mm - source.origin[n]) / source.spacing[n];
+  const from = Math.min(Math.max(Math.round(middle - half), thickness === 0 ? 0 : least), source.shape[n] - 1);
+  return { from, to: Math.min(Math.max(Math.round(middle + half), from), source.shape[n] - 1) + 1 };
+}
+
+/**
+ * Numbers with their axes.
+ * @param {string} path @param {Record<string, string | number>} query @param {AbortSignal} [signal]
+ */
+async function numbers(path, query, signal) {
+  const told = new URLSearchParams(Object.entries({ dtype: "float32", ...query }).map(([name, one]) => [name, String(one)]));
+  const answer = await ask("GET", `${path}?${told}`, undefined, { accept: RAW, signal });
+  const list = (/** @type {string} */ name) => (answer.headers.get(name) ?? "").split(",").map(Number);
+  const body = await answer.arrayBuffer();
+  return {
+    values: query.dtype === "uint8" ? new Uint8Array(body) : new Float32Array(body),
+    window: list("X-Window"),
+    shape: list("X-Shape"),
+    origin: list("X-Origin").map((metres) => metres * 1e3),
+    spacing: list("X-Spacing").map((metres) => metres * 1e3),
+  };
+}
+
+/** @param {{values: Float32Array | Uint8Array, shape: number[], origin: number[], spacing: number[]}} found @returns {Plane} */
+function asPlane({ values, shape, origin, spacing }) {
+  const two = (/** @type {number[]} */ line) => /** @type {[number, number]} */ ([line[0], line[1]]);
+  return { values: /** @type {Float32Array} */ (values), shape: two(shape), origin: two(origin), spacing: two(spacing) };
+}
+
+/** @type {Map<string, Plane>} */
+const kept = new Map();
+
+/** Under way, by name: who else wants it waits for it. @type {Map<string, Promise<Plane>>} */
+const awaited = new Map();
+
+/** @param {string} name @param {() => Promise<Plane>} read @param {AbortSignal} [signal] with it nobody else waits for it */
+async function remembered(name, read, signal) {
+  const asked = kept.get(name) ?? awaited.get(name) ?? read();
+  if (!signal && asked instanceof Promise) awaited.set(name, asked.finally(() => awaited.delete(name)));
+  const plane = await asked;
+  kept.delete(name);
+  kept.set(name, plane); // the one used last is the last to go
+  for (const oldest of kept.keys()) if (kept.size > KEPT) kept.delete(oldest);
+  return plane;
+}
+
+/**
+ * The plane across an axis: a slice, or the brightest along it within a slab.
+ * @param {Source} source @param {Axis} axis @param {Range} range @param {AbortSignal} [signal]
+ * @returns {Promise<Plane>}
+ */
+export function planeOf(source, axis, { from, to }, signal) {
+  const here = `/reconstructions/${source.id}`;
+  return remembered(`${source.id} ${axis} ${from}:${to}`, async () => {
+    if (source.flat) return asPlane(await numbers(`${here}/volume`, {}, signal));
+    if (to - from > 1) {
+      const slab = to - from < source.shape[at(axis)] ? { slab: `${from}:${to}` } : null; // that of everything lies in the file
+      return asPlane(await numbers(`${here}/mip`, { axis, ...slab, max_size: MOST_VALUES }, signal));
+    }
+    const parts = AXES.map((one) => (one === axis ? String(from) : ":"));
+    return asPlane(await numbers(`${here}/volume`, { slice: parts.join(",") }, signal));
+  }, signal);
+}
+
+/** Depths (mm) of the brightest values along z. @param {Source} source @param {Range} range @param {AbortSignal} [signal] */
+export function depthsOf(source, { from, to }, signal) {
+  return remembered(`${source.id} depth ${from}:${to}`, async () => {
+    const path = `/reconstructions/${source.id}/mip`;
+    const plane = asPlane(await numbers(path, { axis: "depth", slab: `${from}:${to}`, max_size: MOST_VALUES }, signal));
+    return { ...plane, values: plane.values.map((metres) => metres * 1e3) };
+  }, signal);
+}
+
+/**
+ * The whole, coarse enough for the 3-D view, in bytes; `window`: the values of 0 and 255.
+ * @param {Source} source @param {number} top the value of 255
+ */
+export async function blockOf(source, top) {
+  let some = source.shape;
+  while (some[0] * some[1] * some[2] > MOST_VOXELS) some = /** @type {Triple} */ (some.map((side) => Math.ceil(side / 2)));
+  const found = await numbers(`/reconstructions/${source.id}/volume`, { dtype: "uint8", window: `0,${top > 0 ? top : 1}`, max_size: Math.max(...some) });
+  return /** @type {import("./raycast.js").Block & {window: [number, number], values: Uint8Array}} */ (/** @type {unknown} */ (found));
+}
+
+/**
+ * Where the volume is brightest, from a depth on: of its projections, which are read at full resolution.
+ * @param {Source} source @param {number} cut @param {AbortSignal} [signal]
+ * @returns {Promise<Triple>} mm
+ */
+export async function brightest(source, cut, signal) {
+  const along = source.flat ? "y" : "z";
+  const plane = await planeOf(source, along, slabOf(source, along, 0, Infinity, cut), signal);
+  if (source.flat) {
+    const top = greatestFrom(plane, firstBelow(source, cut));
+    return [placeOf(source, "x", top.i), 0, placeOf(source, "z", top.j)];
+  }
+  const { i, j } = greatestFrom(plane, 0);
+  const [x, y] = [plane.origin[0] + i * plane.spacing[0], plane.origin[1] + j * plane.spacing[1]];
+  const path = `/reconstructions/${source.id}/volume`;
+  const slice = `${indexOf(source, "x", x)},${indexOf(source, "y", y)},:`;
+  const { values } = await numbers(path, { slice }, signal);
+  let top = firstBelow(source, cut);
+  for (let n = top; n < values.length; n++) if (values[n] > values[top]) top = n;
+  return [x, y, placeOf(source, "z", top)];
+}
+
+/** @param {Plane} plane @param {number} first along its second axis */
+function greatestFrom({ values, shape: [na, nb] }, first) {
+  const top = { i: 0, j: first, value: -Infinity };
+  for (let i = 0; i < na; i++) {
+    for (let j = first; j < nb; j++) {
+      if (values[i * nb + j] > top.value) Object.assign(top, { i, j, value: values[i * nb + j] });
+    }
+  }
+  return top;
+}

@@ -1,0 +1,126 @@
+// @ts-check
+/** Colours of numbers: tables of 256, and planes of numbers painted with them.
+ *
+ * A table is a Uint32Array(256) of pixels as canvases and textures take them: red in the lowest byte, opaque.
+ *
+ * @typedef {"inferno" | "grey" | "cividis" | "difference" | "depth"} MapName
+ * @typedef {[number, number, number]} Colour  red, green, blue, 0 to 255
+ */
+
+/** Evenly spaced colours between which a table runs straight: within 4/255 of the maps the service draws with. */
+const KNOTS = {
+  inferno:
+    "0000030303120a0724150b37210c4a2e0a5b3c09654a0b6b57106e63146f70196e7d1e6d89226a962766a32b62af315cbb3755" +
+    "c63d4dd14545db4f3ce45932eb6528f1711ef67f14f98d09fb9c05fcab0ffbba1ff9ca32f5d949f2e865f2f586fcffa5",
+  cividis:
+    "00234e00285b002e6b0433721c386f273e6e32436d3b496c434e6c4b546c52596d5a5f6e61646f686a716f70737576767c7b78" +
+    "8481798b8778938d789b9376a39a75aba072b3a670bbad6dc3b469ccba64d4c15fddc958e6d051efd748f9df3bffe734",
+};
+
+/** What a person chooses from; depth and difference have a meaning of their own. */
+export const PRESSURE_MAPS = /** @type {const} */ (["inferno", "grey", "cividis", "depth"]);
+
+/** @type {Map<MapName, Uint32Array>} */
+const made = new Map();
+
+/** The table of a map; made once.
+ *
+ * @param {MapName} name
+ */
+export function table(name) {
+  const known = made.get(name);
+  if (known) return known;
+  const colours = Array.from({ length: 256 }, (_, n) => colourOf(name, n / 255));
+  const filled = Uint32Array.from(colours, packed);
+  made.set(name, filled);
+  return filled;
+}
+
+/** @param {MapName} name  @param {number} share  @returns {Colour} */
+function colourOf(name, share) {
+  if (name === "grey") return [255 * share, 255 * share, 255 * share];
+  if (name === "depth") return oklab(0.78, 0.15, 45 + 205 * share);
+  if (name === "difference") return differenceColour(2 * share - 1);
+  const knots = KNOTS[name];
+  const place = share * (knots.length / 6 - 1);
+  const first = Math.min(Math.floor(place), knots.length / 6 - 2);
+  const at = (/** @type {number} */ knot, /** @type {number} */ channel) =>
+    parseInt(knots.slice(6 * knot + 2 * channel, 6 * knot + 2 * channel + 2), 16);
+  const mixed = [0, 1, 2].map((c) => at(first, c) + (place - first) * (at(first + 1, c) - at(first, c)));
+  return /** @type {Colour} */ (mixed);
+}
+
+/** Blue below, orange above, dark where two images agree: hues that all colour-blind people tell apart.
+ *
+ * @param {number} signed  −1 to 1
+ */
+function differenceColour(signed) {
+  const size = Math.abs(signed);
+  return oklab(0.82 * size, 0.14 * Math.min(1, 1.2 * size), signed < 0 ? 250 : 60);
+}
+
+/** Oklab (B. Ottosson, 2020) to sRGB.
+ *
+ * @param {number} lightness  0 to 1
+ * @param {number} chroma
+ * @param {number} hue  degrees
+ * @returns {Colour}
+ */
+function oklab(lightness, chroma, hue) {
+  const a = chroma * Math.cos((hue * Math.PI) / 180);
+  const b = chroma * Math.sin((hue * Math.PI) / 180);
+  const l = (lightness + 0.3963377774 * a + 0.2158037573 * b) ** 3;
+  const m = (lightness - 0.1055613458 * a - 0.0638541728 * b) ** 3;
+  const s = (lightness - 0.0894841775 * a - 1.291485548 * b) ** 3;
+  const linear = [
+    4.0767416621 * l - 3.3077115913 * m + 0.2309699292 * s,
+    -1.2684380046 * l + 2.6097574011 * m - 0.3413193965 * s,
+    -0.0041960863 * l - 0.7034186147 * m + 1.707614701 * s,
+  ];
+  return /** @type {Colour} */ (linear.map((light) => {
+    const shown = Math.min(Math.max(light, 0), 1);
+    return 255 * (shown <= 0.0031308 ? 12.92 * shown : 1.055 * shown ** (1 / 2.4) - 0.055);
+  }));
+}
+
+/** @param {Colour} colour */
+function packed([red, green, blue]) {
+  return ((255 << 24) | (Math.round(blue) << 16) | (Math.round(green) << 8) | Math.round(red)) >>> 0;
+}
+
+/** Paint a plane (na × nb) into pixels nb rows high and na wide: its first axis runs across, its second one up or down.
+ *
+ * @param {{values: ArrayLike<number>, shape: [number, number]}} plane
+ * @param {[number, number]} window  values at the table's ends
+ * @param {Uint32Array} colours
+ * @param {{up?: boolean, out: Uint32Array}} how  up: the second axis points up
+ */
+export function paint({ values, shape: [na, nb] }, [low, high], colours, { up = false, out }) {
+  const scale = high > low ? 255 / (high - low) : 0;
+  for (let i = 0; i < na; i++) {
+    for (let j = 0; j < nb; j++) {
+      const share = Math.min(Math.max((values[i * nb + j] - low) * scale, 0), 255);
+      out[(up ? nb - 1 - j : j) * na + i] = colours[share | 0];
+    }
+  }
+}
+
+/** Paint depths as hues and heights as brightness; see {@link paint}.
+ *
+ * @param {{values: ArrayLike<number>, shape: [number, number]}} plane
+ * @param {(i: number, j: number) => number} depth  0 to 1, of a voxel of the plane
+ * @param {[number, number]} window
+ * @param {{up?: boolean, out: Uint32Array}} how
+ */
+export function paintDepths({ values, shape: [na, nb] }, depth, [low, high], { up = false, out }) {
+  const hues = table("depth");
+  const scale = high > low ? 1 / (high - low) : 0;
+  for (let i = 0; i < na; i++) {
+    for (let j = 0; j < nb; j++) {
+      const share = Math.min(Math.max((values[i * nb + j] - low) * scale, 0), 1);
+      const hue = hues[Math.min(Math.max(Math.round(255 * depth(i, j)), 0), 255)];
+      const dimmed = [hue & 255, (hue >> 8) & 255, (hue >> 16) & 255].map((channel) => channel * share);
+      out[(up ? nb - 1 - j : j) * na + i] = packed(/** @type {Colour} */ (dimmed));
+    }
+  }
+}

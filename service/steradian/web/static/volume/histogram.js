@@ -1,0 +1,109 @@
+// @ts-check
+// How often which value is seen, and the window of values that the colours stand for, with a handle at either end.
+import { framed, h } from "../dom.js";
+import { colour, onTheme } from "../theme.js";
+import { figure } from "../units.js";
+import { table } from "./colours.js";
+
+/** @typedef {import("./stage.js").Stage} Stage */
+
+const BINS = 128;
+const [WIDTH, HEIGHT] = [256, 84];
+const STEP = 0.01; // of the range, with an arrow key
+
+export class Histogram {
+  /** @param {Stage} stage @param {() => (ArrayLike<number> | null)[]} planes what is seen */
+  constructor(stage, planes) {
+    this.stage = stage;
+    this.planes = planes;
+    this.canvas = h("canvas", { width: WIDTH, height: HEIGHT, role: "img", "aria-label": "How often which value is seen" });
+    this.bar = h("canvas", { width: 256, height: 1, class: "colour-bar", "aria-hidden": "true" });
+    this.handles = [this.handle(0, "Darkest value"), this.handle(1, "Brightest value")];
+    this.inputs = [this.input(0, "From"), this.input(1, "to")];
+    this.element = h("div", { class: "histogram" },
+      h("div", { class: "handles" }, this.canvas, ...this.handles), this.bar,
+      h("div", { class: "row nowrap" }, ...this.inputs.map((input, n) => h("label", null, n ? "to" : "from", input)),
+        h("button", { type: "button", title: "Window from 0 to where the brightest thousandth begins", onclick: () => stage.store.change({ window: null }) }, "auto")),
+      h("p", { class: "dim small" }, "Initial pressure, arb. u."));
+    this.draw = framed(() => this.drawNow());
+    stage.store.on((_view, changed) => (changed.has("window") || changed.has("map")) && this.draw());
+    onTheme(() => this.draw());
+  }
+
+  /** Range of values drawn: of the whole volume, wider if the window is. @returns {[number, number]} */
+  get range() {
+    const { least, greatest, window } = this.stage;
+    return [Math.min(least, window[0]), Math.max(greatest, window[1])];
+  }
+
+  /** @param {number} which @param {string} name */
+  handle(which, name) {
+    const handle = h("div", {
+      class: "handle", role: "slider", tabindex: 0, "aria-label": name, dataset: { handle: which ? "high" : "low" },
+    });
+    handle.addEventListener("pointerdown", (event) => {
+      handle.setPointerCapture(event.pointerId);
+      handle.focus();
+      event.preventDefault();
+    });
+    handle.addEventListener("pointermove", (event) => {
+      if (!handle.hasPointerCapture(event.pointerId)) return;
+      const box = this.canvas.getBoundingClientRect();
+      const [low, high] = this.range;
+      this.set(which, low + ((event.clientX - box.left) / box.width) * (high - low));
+    });
+    handle.addEventListener("keydown", (event) => {
+      const way = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1, PageDown: -10, PageUp: 10 }[event.key];
+      if (!way) return;
+      const [low, high] = this.range;
+      this.set(which, this.stage.window[which] + way * STEP * (high - low));
+      event.preventDefault();
+    });
+    return handle;
+  }
+
+  /** @param {number} which @param {string} name */
+  input(which, name) {
+    const input = h("input", { type: "number", step: "any", "aria-label": `Window ${name}`, class: "short" });
+    input.addEventListener("change", () => Number.isFinite(input.valueAsNumber) && this.set(which, input.valueAsNumber));
+    return input;
+  }
+
+  /** @param {number} which @param {number} value */
+  set(which, value) {
+    const window = /** @type {[number, number]} */ ([...this.stage.window]);
+    const least = (this.range[1] - this.range[0]) / 1000 || 1e-12;
+    window[which] = which ? Math.max(value, window[0] + least) : Math.min(value, window[1] - least);
+    this.stage.store.change({ window });
+  }
+
+  drawNow() {
+    const context = /** @type {CanvasRenderingContext2D} */ (this.canvas.getContext("2d"));
+    const [low, high] = this.range;
+    const counts = new Float64Array(BINS);
+    for (const values of this.planes()) {
+      if (!values) continue;
+      for (let n = 0; n < values.length; n++) counts[Math.floor(((values[n] - low) / (high - low)) * BINS * 0.999999)] += 1;
+    }
+    const most = Math.log1p(Math.max(...counts)) || 1;
+    context.clearRect(0, 0, WIDTH, HEIGHT);
+    context.fillStyle = colour("--dim");
+    counts.forEach((count, n) => {
+      const height = (Math.log1p(count) / most) * (HEIGHT - 4);
+      context.fillRect((n * WIDTH) / BINS, HEIGHT - height, WIDTH / BINS, height);
+    });
+    this.stage.window.forEach((value, n) => {
+      const share = Math.min(Math.max((value - low) / (high - low), 0), 1);
+      this.handles[n].style.left = `${100 * share}%`;
+      this.handles[n].setAttribute("aria-valuenow", String(Number(value.toPrecision(4))));
+      this.handles[n].setAttribute("aria-valuemin", String(low));
+      this.handles[n].setAttribute("aria-valuemax", String(high));
+      this.handles[n].setAttribute("aria-valuetext", figure(value));
+      if (document.activeElement !== this.inputs[n]) this.inputs[n].value = String(Number(value.toPrecision(4)));
+    });
+    const bar = /** @type {CanvasRenderingContext2D} */ (this.bar.getContext("2d"));
+    const pixels = new ImageData(256, 1);
+    new Uint32Array(pixels.data.buffer).set(table(/** @type {any} */ (this.stage.view.map)));
+    bar.putImageData(pixels, 0, 0);
+  }
+}

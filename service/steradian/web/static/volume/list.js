@@ -1,0 +1,104 @@
+// @ts-check
+// Volumes: what has been reconstructed, as pictures to choose from.
+import { api, ask } from "../api.js";
+import { byId, h, replace } from "../dom.js";
+import { live } from "../live.js";
+import { empty, failed, loading } from "../states.js";
+import { clock, length } from "../units.js";
+import { methodOf, namesOfScans } from "../reconstructions/state.js";
+import { firstBelow, sourceOf } from "./arrays.js";
+import { paint, table } from "./colours.js";
+
+const PIXELS = 256;
+const BRIGHTEST = 190; // of 255: what is brighter is shown as bright as that
+const panel = byId("volumes");
+const search = h("input", { type: "search", placeholder: "Search: labels, method, identifier", "aria-label": "Search", dataset: { search: "" } });
+/** @type {any[]} */
+let items = [];
+/** @type {Map<string, string>} */
+let names = new Map();
+
+async function load() {
+  try {
+    const [page, known] = await Promise.all([api.get("/reconstructions?state=succeeded&limit=200"), namesOfScans()]);
+    names = known;
+    items = page.items.filter((/** @type {any} */ one) => one.report?.shape);
+    if (!items.length) {
+      empty(panel, "There is no volume yet", "Reconstruct a scan, and it will be here.", h("a", { class: "button primary", href: "/reconstructions?scan" }, "Reconstruct a scan"));
+      return;
+    }
+    show();
+  } catch (error) {
+    failed(panel, error, load);
+  }
+}
+
+function show() {
+  const wanted = search.value.trim().toLowerCase();
+  const some = items.filter((one) => [one.id, one.scan_id, names.get(one.scan_id), methodOf(one), ...(one.report.notes ?? [])].join(" ").toLowerCase().includes(wanted));
+  const grid = some.length ? h("ul", { class: "gallery" }, some.map(card)) : h("p", { class: "dim" }, "Nothing has all of this.");
+  if (panel.contains(search)) panel.lastElementChild?.replaceWith(grid);
+  else replace(panel, h("header", null, search), grid);
+}
+
+/** @param {any} one */
+function card(one) {
+  const { shape, spacing_m: spacing } = one.report;
+  const extent = shape.map((/** @type {number} */ count, /** @type {number} */ n) => length(count * spacing[n])).join(" × ");
+  const axis = shape.length === 3 ? "z" : "y";
+  return h("li", null, h("a", { href: `/volumes/${one.id}` },
+    picture(one, axis),
+    h("strong", null, names.get(one.scan_id) || "without labels"), h("span", null, clock(one.created)), h("span", null, `${methodOf(one)}, ${one.parameters.sound_speed} m/s`), h("span", { class: "dim" }, extent), h("span", { class: "dim" }, `${one.simulated ? "simulated, " : ""}scan ${one.scan_id.slice(-5)}, ${one.id.slice(-5)}`)));
+}
+
+/** Pictures are read when they come into sight. */
+const watcher = new IntersectionObserver((seen) => {
+  for (const { target, isIntersecting } of seen) {
+    if (!isIntersecting) continue;
+    watcher.unobserve(target);
+    void fill(/** @type {HTMLCanvasElement} */ (target));
+  }
+}, { rootMargin: "200px" });
+
+/** First voxel along z below the near field. @param {any} one */
+function firstShown(one) {
+  const source = sourceOf(one);
+  return source && !source.flat ? firstBelow(source, source.near) : 0;
+}
+
+/** Those that were made: a search reads none of them again. @type {Map<string, HTMLCanvasElement>} */
+const pictures = new Map();
+
+/** @param {any} one @param {string} axis */
+function picture(one, axis) {
+  const before = pictures.get(one.id);
+  if (before) return before;
+  const canvas = h("canvas", { width: 1, height: 1, role: "img", "aria-label": `Projection along ${axis}`, dataset: { of: one.id, axis, first: String(firstShown(one)) } });
+  pictures.set(one.id, canvas);
+  watcher.observe(canvas);
+  return canvas;
+}
+
+/** Draw a small projection, black where there is nothing. @param {HTMLCanvasElement} canvas */
+async function fill(canvas) {
+  const { of, axis } = canvas.dataset;
+  const slab = axis === "z" ? `&slab=${canvas.dataset.first}:` : ""; // without the near field, as on its page
+  const query = `axis=${axis}&max_size=${PIXELS}&dtype=uint8${slab}`;
+  try {
+    const answer = await ask("GET", `/reconstructions/${of}/mip?${query}`, undefined, { accept: "application/octet-stream" });
+    const shape = /** @type {[number, number]} */ ((answer.headers.get("X-Shape") ?? "").split(",").map(Number));
+    const pixels = new ImageData(shape[0], shape[1]);
+    const how = { up: axis === "z", out: new Uint32Array(pixels.data.buffer) };
+    paint({ values: new Uint8Array(await answer.arrayBuffer()), shape }, [0, BRIGHTEST], table("inferno"), how);
+    Object.assign(canvas, { width: shape[0], height: shape[1] });
+    canvas.getContext("2d")?.putImageData(pixels, 0, 0);
+  } catch {
+    canvas.setAttribute("aria-label", "There is no picture of it");
+  }
+}
+
+search.addEventListener("input", show);
+loading(panel);
+live.on("reconstruction", (seen) => seen.state === "succeeded" && void load());
+live.on("again", () => void load());
+void load();

@@ -1,0 +1,211 @@
+// @ts-check
+/** What is measured on a plane of numbers: a line's profile and its width, a region's statistics, contrast.
+ *
+ * A plane holds `values` (na × nb, the second axis running fastest), its `origin` (centre of the first voxel) and
+ * `spacing`, both in mm, along its two axes a and b.
+ *
+ * @typedef {[number, number]} Pair
+ * @typedef {{values: Float32Array | Float64Array, shape: Pair, origin: Pair, spacing: Pair}} Plane
+ * @typedef {{distances: Float64Array, values: Float64Array}} Profile
+ * @typedef {{width: number, error: number | null, centre: number, height: number, base: number,
+ *            left: number, right: number}} Width
+ * @typedef {{from: Pair, to: Pair}} Rectangle
+ * @typedef {{count: number, mean: number, deviation: number, least: number, greatest: number, area: number}} Statistics
+ */
+
+const MOST_SAMPLES = 4096;
+
+/** Weights of the four voxels around a place by cubic convolution (R. Keys, 1981), which keeps narrow peaks as high
+ * and wide as they are; between two voxels it is exact for parabolas.
+ *
+ * @param {number} t  place between the second and the third, 0 to 1
+ * @returns {[number, number, number, number]}
+ */
+function weights(t) {
+  return [
+    t * (-0.5 + t * (1 - 0.5 * t)),
+    1 + t * t * (1.5 * t - 2.5),
+    t * (0.5 + t * (2 - 1.5 * t)),
+    t * t * (0.5 * t - 0.5),
+  ];
+}
+
+/** Value at a place in mm; not a number outside the outermost voxels' centres.
+ *
+ * @param {Plane} plane
+ * @param {number} a
+ * @param {number} b
+ */
+export function sample(plane, a, b) {
+  const [na, nb] = plane.shape;
+  const i = (a - plane.origin[0]) / plane.spacing[0];
+  const j = (b - plane.origin[1]) / plane.spacing[1];
+  const slack = 1e-6; // a place on the outermost centre may come out a rounding beyond it
+  if (!(i >= -slack && j >= -slack && i <= na - 1 + slack && j <= nb - 1 + slack)) return NaN;
+  const i0 = Math.min(Math.max(Math.floor(i), 0), Math.max(na - 2, 0));
+  const j0 = Math.min(Math.max(Math.floor(j), 0), Math.max(nb - 2, 0));
+  const u = weights(i - i0);
+  const v = weights(j - j0);
+  let sum = 0;
+  for (let di = 0; di < 4; di++) {
+    const row = Math.min(Math.max(i0 + di - 1, 0), na - 1) * nb;
+    let along = 0;
+    for (let dj = 0; dj < 4; dj++) along += v[dj] * plane.values[row + Math.min(Math.max(j0 + dj - 1, 0), nb - 1)];
+    sum += u[di] * along;
+  }
+  return sum;
+}
+
+/** Values along a line, at most half the finer voxel apart; what lies outside the plane is left out.
+ *
+ * @param {Plane} plane
+ * @param {Pair} from  mm
+ * @param {Pair} to    mm
+ * @returns {Profile}  distances in mm from `from`
+ */
+export function profile(plane, from, to) {
+  const [da, db] = [to[0] - from[0], to[1] - from[1]];
+  const length = Math.hypot(da, db);
+  const step = Math.min(plane.spacing[0], plane.spacing[1]) / 2;
+  const count = Math.min(MOST_SAMPLES, Math.max(2, Math.ceil(length / step) + 1));
+  const distances = [];
+  const values = [];
+  for (let n = 0; n < count; n++) {
+    const share = n / (count - 1);
+    const value = sample(plane, from[0] + share * da, from[1] + share * db);
+    if (Number.isNaN(value)) continue;
+    distances.push(share * length);
+    values.push(value);
+  }
+  return { distances: Float64Array.from(distances), values: Float64Array.from(values) };
+}
+
+/** @param {ArrayLike<number>} values */
+export function median(values) {
+  const sorted = Float64Array.from(values).sort();
+  const half = sorted.length >> 1;
+  return sorted.length % 2 ? sorted[half] : (sorted[half - 1] + sorted[half]) / 2;
+}
+
+/** Full width at half maximum of the highest peak, between the crossings of half its height above the base.
+ *
+ * The base is the median of what lies further than a width from the peak on either side, as far as the line goes;
+ * 0 while there is nothing. Its scatter there (1.48 times the median deviation) is the noise, and moves a crossing by
+ * itself over the profile's slope: of each crossing by itself, and of the peak's height both at once.
+ *
+ * @param {Profile} profile
+ * @returns {Width | null}  null where the profile does not fall to a half on both sides; error null where too few
+ *                          samples beside the peak tell the noise
+ */
+export function fwhm({ distances, values }) {
+  if (values.length < 3) return null;
+  let top = 0;
+  for (let n = 1; n < values.length; n++) if (values[n] > values[top]) top = n;
+  let beside = /** @type {number[]} */ ([]);
+  let base = 0;
+  let found = crossings(distances, values, top, base);
+  for (let turn = 0; turn < 3 && found; turn++) {
+    const { left, right } = found;
+    const reach = right - left;
+    beside = [...values].filter((_, n) => distances[n] < left - reach || distances[n] > right + reach);
+    if (beside.length < 8) break;
+    base = median(beside);
+    found = crossings(distances, values, top, base);
+  }
+  if (!found) return null;
+  const { left, right, rise, fall } = found;
+  const height = values[top] - base;
+  let error = null;
+  if (beside.length >= 8) {
+    const noise = 1.4826 * median(beside.map((value) => Math.abs(value - base)));
+    error = noise * Math.hypot(1 / rise, 1 / fall, 0.5 * (1 / rise + 1 / fall));
+  }
+  return { width: right - left, error, centre: (left + right) / 2, height, base, left, right };
+}
+
+/** Where a profile falls to half of its peak on either side, and how steeply.
+ *
+ * @param {Float64Array} distances
+ * @param {Float64Array} values
+ * @param {number} top
+ * @param {number} base
+ */
+function crossings(distances, values, top, base) {
+  const half = (values[top] + base) / 2;
+  if (!(values[top] > base)) return null;
+  const places = [-1, 1].map((way) => {
+    for (let n = top; n + way >= 0 && n + way < values.length; n += way) {
+      if (values[n + way] > half) continue;
+      const share = (values[n] - half) / (values[n] - values[n + way]);
+      const slope = Math.abs((values[n + way] - values[n]) / (distances[n + way] - distances[n]));
+      return { at: distances[n] + share * (distances[n + way] - distances[n]), slope };
+    }
+    return null;
+  });
+  const [one, other] = places;
+  return one && other ? { left: one.at, right: other.at, rise: one.slope, fall: other.slope } : null;
+}
+
+/** Statistics of the voxels whose centres lie in a rectangle.
+ *
+ * @param {Plane} plane
+ * @param {Rectangle} rectangle  two opposite corners in mm
+ * @returns {Statistics | null}  deviation of the population, area in mm²; null where no voxel lies in it
+ */
+export function statistics(plane, { from, to }) {
+  const ranges = [0, 1].map((axis) => {
+    const low = (Math.min(from[axis], to[axis]) - plane.origin[axis]) / plane.spacing[axis];
+    const high = (Math.max(from[axis], to[axis]) - plane.origin[axis]) / plane.spacing[axis];
+    return [Math.max(0, Math.ceil(low - 1e-9)), Math.min(plane.shape[axis] - 1, Math.floor(high + 1e-9))];
+  });
+  let [count, sum, least, greatest] = [0, 0, Infinity, -Infinity];
+  /** @param {(value: number) => void} see */
+  const each = (see) => {
+    for (let i = ranges[0][0]; i <= ranges[0][1]; i++) {
+      for (let j = ranges[1][0]; j <= ranges[1][1]; j++) see(plane.values[i * plane.shape[1] + j]);
+    }
+  };
+  each((value) => {
+    count += 1;
+    sum += value;
+    least = Math.min(least, value);
+    greatest = Math.max(greatest, value);
+  });
+  if (!count) return null;
+  const mean = sum / count;
+  let squares = 0; // in a second pass, so that a large mean does not swallow a small deviation
+  each((value) => { squares += (value - mean) ** 2; });
+  const area = count * plane.spacing[0] * plane.spacing[1];
+  return { count, mean, deviation: Math.sqrt(squares / count), least, greatest, area };
+}
+
+/** (Mean inside − mean outside) over the background's deviation, as the service's own quality figures have it.
+ *
+ * @param {Statistics} inside
+ * @param {Statistics} outside
+ */
+export function contrastToNoise(inside, outside) {
+  const difference = inside.mean - outside.mean;
+  if (outside.deviation) return difference / outside.deviation;
+  return difference ? Math.sign(difference) * Infinity : 0;
+}
+
+/** Pearson's correlation of two planes of one shape; not a number where one of them is constant.
+ *
+ * @param {ArrayLike<number>} one
+ * @param {ArrayLike<number>} other
+ */
+export function correlation(one, other) {
+  let [a, b] = [0, 0];
+  for (let n = 0; n < one.length; n++) {
+    a += one[n] / one.length;
+    b += other[n] / one.length;
+  }
+  let [ab, aa, bb] = [0, 0, 0];
+  for (let n = 0; n < one.length; n++) {
+    ab += (one[n] - a) * (other[n] - b);
+    aa += (one[n] - a) ** 2;
+    bb += (other[n] - b) ** 2;
+  }
+  return ab / Math.sqrt(aa * bb);
+}

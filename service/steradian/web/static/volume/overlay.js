@@ -1,0 +1,127 @@
+// @ts-check
+// What lies over a slice: edges with ticks in mm, crosshair, marks of the tools, scale bar.
+import { PLANES, at } from "./arrays.js";
+import { lengthOf, round, ticks } from "./scale.js";
+
+/** @typedef {import("./slices.js").SliceView} SliceView */
+/** @typedef {[number, number]} Pair */
+
+const LINE = "#ffffff";
+const UNDER = "rgb(0 0 0 / .75)";
+const GAP = 7; // pixels around the place that the crosshair leaves free
+export const MARKS = { line: "#ffffff", region: "#7cc0ff", background: "#d0d6dd" };
+
+/** @param {SliceView} view */
+export function drawOverlay(view) {
+  const ratio = devicePixelRatio || 1;
+  const context = /** @type {CanvasRenderingContext2D} */ (view.overlay.getContext("2d"));
+  context.setTransform(ratio, 0, 0, ratio, 0, 0);
+  context.clearRect(0, 0, view.width, view.height);
+  context.font = "12px system-ui, sans-serif";
+  drawTicks(context, view);
+  drawCrosshair(context, view);
+  drawMarks(context, view);
+  drawScaleBar(context, view.stage.scale, view.width, view.height);
+}
+
+/** Draw twice: broad and dark, then thin and light, so that it is seen on any colour.
+ *
+ * @param {CanvasRenderingContext2D} context @param {string} colour @param {number} width @param {() => void} path
+ */
+export function outlined(context, colour, width, path) {
+  for (const [style, wide] of /** @type {[string, number][]} */ ([[UNDER, width + 2], [colour, width]])) {
+    context.beginPath();
+    path();
+    context.strokeStyle = style;
+    context.lineWidth = wide;
+    context.stroke();
+  }
+}
+
+/** @param {CanvasRenderingContext2D} context @param {string} text @param {number} x @param {number} y @param {string} [colour] */
+export function label(context, text, x, y, colour = LINE) {
+  context.strokeStyle = UNDER;
+  context.lineWidth = 3;
+  context.lineJoin = "round";
+  context.strokeText(text, x, y);
+  context.fillStyle = colour;
+  context.fillText(text, x, y);
+}
+
+/** @param {CanvasRenderingContext2D} context @param {SliceView} view */
+function drawTicks(context, view) {
+  const [across, up] = PLANES[view.axis];
+  const [left, right] = [view.toPlace(0, 0)[0], view.toPlace(view.width, 0)[0]];
+  const vertical = [view.toPlace(0, 0)[1], view.toPlace(0, view.height)[1]].sort((one, other) => one - other);
+  const [x0, x1] = view.stage.ends(across);
+  const [y0, y1] = view.stage.ends(up);
+  context.textAlign = "center";
+  context.textBaseline = "top";
+  for (const mm of ticks(Math.max(left, x0), Math.min(right, x1), view.width / 70)) {
+    const [x] = view.toPixels(mm, 0);
+    outlined(context, LINE, 1, () => { context.moveTo(x, 0); context.lineTo(x, 5); });
+    if (x > 96 && x < view.width - 22) label(context, String(mm).replace("-", "−"), x, 7);
+  }
+  context.textAlign = "left";
+  context.textBaseline = "middle";
+  for (const mm of ticks(Math.max(vertical[0], y0), Math.min(vertical[1], y1), view.height / 44)) {
+    const [, y] = view.toPixels(0, mm);
+    outlined(context, LINE, 1, () => { context.moveTo(0, y); context.lineTo(5, y); });
+    if (y > 30 && y < view.height - 12) label(context, String(mm).replace("-", "−"), 8, y);
+  }
+  context.textBaseline = "top";
+  label(context, `${across} → ${up} ${view.up ? "↑" : "↓"} mm`, 8, 7);
+}
+
+/** @param {CanvasRenderingContext2D} context @param {SliceView} view */
+function drawCrosshair(context, view) {
+  const [across, up] = PLANES[view.axis];
+  const [x, y] = view.toPixels(view.stage.place[at(across)], view.stage.place[at(up)]);
+  context.globalAlpha = 0.7;
+  outlined(context, LINE, 1, () => {
+    context.moveTo(0, y); context.lineTo(x - GAP, y);
+    context.moveTo(x + GAP, y); context.lineTo(view.width, y);
+    context.moveTo(x, 0); context.lineTo(x, y - GAP);
+    context.moveTo(x, y + GAP); context.lineTo(x, view.height);
+  });
+  context.globalAlpha = 1;
+}
+
+/** @param {CanvasRenderingContext2D} context @param {SliceView} view */
+function drawMarks(context, view) {
+  for (const name of /** @type {const} */ (["line", "region", "background"])) {
+    const mark = view.stage.view[name];
+    if (!mark || mark.plane !== view.axis) continue;
+    const [x0, y0] = view.toPixels(...mark.from);
+    const [x1, y1] = view.toPixels(...mark.to);
+    context.setLineDash(name === "background" ? [5, 4] : []);
+    outlined(context, MARKS[name], 2, () => {
+      if (name === "line") { context.moveTo(x0, y0); context.lineTo(x1, y1); }
+      else context.rect(Math.min(x0, x1), Math.min(y0, y1), Math.abs(x1 - x0), Math.abs(y1 - y0));
+    });
+    context.setLineDash([]);
+  }
+  drawPoints(context, view);
+}
+
+/** Points of interest, with their numbers. @param {CanvasRenderingContext2D} context @param {SliceView} view */
+function drawPoints(context, view) {
+  const [across, up] = PLANES[view.axis];
+  context.textAlign = "left";
+  context.textBaseline = "middle";
+  view.stage.view.points.forEach((place, n) => {
+    const [x, y] = view.toPixels(place[at(across)], place[at(up)]);
+    outlined(context, LINE, 2, () => context.arc(x, y, 8, 0, 2 * Math.PI));
+    label(context, String(n + 1), x + 12, y);
+  });
+}
+
+/** @param {CanvasRenderingContext2D} context @param {number} scale pixels a mm @param {number} width @param {number} height */
+export function drawScaleBar(context, scale, width, height) {
+  const mm = round(Math.max(width / 4, 40) / scale);
+  const [right, y] = [width - 12, height - 12];
+  outlined(context, LINE, 3, () => { context.moveTo(right - mm * scale, y); context.lineTo(right, y); });
+  context.textAlign = "right";
+  context.textBaseline = "bottom";
+  label(context, lengthOf(mm), right, y - 5);
+}

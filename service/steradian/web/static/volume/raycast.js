@@ -1,0 +1,268 @@
+// @ts-check
+/** A volume in three dimensions: maximum intensity along each line of sight, by rays cast in WebGL 2.
+ *
+ * The projection is orthographic, so that a length is as long everywhere in the picture. Depth (z) points down in it
+ * while one looks from the side; x, y and z form a right-handed system.
+ *
+ * @typedef {[number, number, number]} Triple
+ * @typedef {{values: Float32Array | Uint8Array, shape: Triple, origin: Triple, spacing: Triple}} Block  mm; C order
+ * @typedef {{camera: Triple, clip: readonly number[], window: [number, number], colours: Uint32Array, depth: boolean,
+ *            depths: [number, number]}} Shown
+ *   camera: azimuth and elevation in degrees, zoom; clip: shares of the extent, x from and to, then y and z;
+ *   depths: in mm, at the ends of the hues
+ */
+
+const VERTEX = `#version 300 es
+precision highp float;
+out vec2 place;
+void main() {
+  place = vec2(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0);
+  gl_Position = vec4(place, 0.0, 1.0);
+}`;
+
+// The texture's axes are the volume's in reverse, for its last axis runs fastest: .zyx below.
+const FRAGMENT = `#version 300 es
+precision highp float;
+precision highp sampler3D;
+in vec2 place;
+out vec4 colour;
+uniform sampler3D volume;
+uniform sampler2D colours;
+uniform vec3 right, up, along, extent, first, last;
+uniform vec2 half_size, window, depths;
+uniform float spacing;
+uniform bool by_depth;
+
+void main() {
+  vec3 start = right * (place.x * half_size.x) + up * (place.y * half_size.y);
+  vec3 low = (first - 0.5) * extent, high = (last - 0.5) * extent;
+  vec3 slope = mix(along, vec3(1e-9), lessThan(abs(along), vec3(1e-9)));
+  vec3 one = (low - start) / slope, other = (high - start) / slope;
+  vec3 nearer = min(one, other), farther = max(one, other);
+  float enter = max(nearer.x, max(nearer.y, nearer.z)), leave = min(farther.x, min(farther.y, farther.z));
+  colour = vec4(0.0, 0.0, 0.0, 1.0);
+  if (enter >= leave) return;
+  int steps = int(clamp(ceil((leave - enter) / spacing), 1.0, 2048.0));
+  float length = (leave - enter) / float(steps);
+  float greatest = -1e30, depth = 0.0;
+  for (int n = 0; n < steps; n++) {
+    vec3 at = (start + along * (enter + (float(n) + 0.5) * length)) / extent + 0.5;
+    float value = texture(volume, at.zyx).r;
+    if (value > greatest) { greatest = value; depth = at.z; }
+  }
+  float share = clamp((greatest - window.x) / (window.y - window.x), 0.0, 1.0);
+  if (by_depth) {
+    float hue = clamp((depth - depths.x) / (depths.y - depths.x), 0.0, 1.0);
+    colour = vec4(texture(colours, vec2(hue * 255.0 / 256.0 + 0.5 / 256.0, 0.5)).rgb * share, 1.0);
+  } else {
+    colour = vec4(texture(colours, vec2(share * 255.0 / 256.0 + 0.5 / 256.0, 0.5)).rgb, 1.0);
+  }
+}`;
+
+const MARGIN = 1.04;
+
+/** Directions of a camera in the volume: to the right of the picture, up in it, and into it.
+ *
+ * @param {number} azimuth    degrees; 0 looks along −y with x to the right
+ * @param {number} elevation  degrees; 90 looks from the sensors into the depth
+ * @returns {{right: Triple, up: Triple, along: Triple}}
+ */
+export function directions(azimuth, elevation) {
+  const [ca, sa] = [Math.cos((azimuth * Math.PI) / 180), Math.sin((azimuth * Math.PI) / 180)];
+  const [ce, se] = [Math.cos((elevation * Math.PI) / 180), Math.sin((elevation * Math.PI) / 180)];
+  return { right: [ca, sa, 0], up: [sa * se, -ca * se, -ce], along: [sa * ce, -ca * ce, se] };
+}
+
+/** @param {Triple} a  @param {readonly number[]} b */
+const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+
+/** Extent in mm from the first voxel's outer edge to the last one's, and the middle.
+ *
+ * @param {{shape: Triple, origin: Triple, spacing: Triple}} block
+ */
+export function extentOf({ shape, origin, spacing }) {
+  const extent = /** @type {Triple} */ (shape.map((count, n) => count * spacing[n]));
+  const middle = /** @type {Triple} */ (origin.map((first, n) => first + ((shape[n] - 1) / 2) * spacing[n]));
+  return { extent, middle };
+}
+
+/** Where a place in mm lies in a picture of a size in pixels, and how many pixels a mm is.
+ *
+ * @param {{shape: Triple, origin: Triple, spacing: Triple}} block
+ * @param {Triple} camera
+ * @param {{width: number, height: number}} size
+ */
+export function projection(block, camera, size) {
+  const { extent, middle } = extentOf(block);
+  const { right, up, along } = directions(camera[0], camera[1]);
+  const scale = (Math.min(size.width, size.height) / (MARGIN * Math.hypot(...extent))) * camera[2];
+  /** @param {readonly number[]} place */
+  const project = (place) => {
+    const from = place.map((value, n) => value - middle[n]);
+    return {
+      x: size.width / 2 + scale * dot(right, from),
+      y: size.height / 2 - scale * dot(up, from),
+      away: dot(along, from),
+    };
+  };
+  return { scale, project, extent, middle, right, up, along };
+}
+
+/** A picture on a canvas; {@link make} makes it. */
+class Raycaster {
+  /** @param {HTMLCanvasElement} canvas  @param {WebGL2RenderingContext} gl */
+  constructor(canvas, gl) {
+    this.canvas = canvas;
+    this.gl = gl;
+    /** @type {Block | null} */
+    this.block = null;
+    this.unit = 1;
+    this.prepare();
+    canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
+    canvas.addEventListener("webglcontextrestored", () => {
+      this.prepare();
+      if (this.block) this.load(this.block);
+      canvas.dispatchEvent(new CustomEvent("restored"));
+    });
+  }
+
+  /** Compile, and make the textures. */
+  prepare() {
+    const { gl } = this;
+    const program = gl.createProgram();
+    for (const [kind, source] of /** @type {[number, string][]} */ ([
+      [gl.VERTEX_SHADER, VERTEX],
+      [gl.FRAGMENT_SHADER, FRAGMENT],
+    ])) {
+      const shader = /** @type {WebGLShader} */ (gl.createShader(kind));
+      gl.shaderSource(shader, source);
+      gl.compileShader(shader);
+      gl.attachShader(program, shader);
+    }
+    gl.linkProgram(program);
+    if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) {
+      throw new Error(`the 3-D view cannot be drawn here: ${gl.getProgramInfoLog(program)}`);
+    }
+    this.program = program;
+    this.volume = gl.createTexture();
+    this.colours = gl.createTexture();
+    gl.useProgram(program);
+    gl.uniform1i(this.at("volume"), 0);
+    gl.uniform1i(this.at("colours"), 1);
+    gl.bindVertexArray(gl.createVertexArray());
+  }
+
+  /** @param {string} name */
+  at(name) {
+    return this.gl.getUniformLocation(/** @type {WebGLProgram} */ (this.program), name);
+  }
+
+  /** Take a volume over to the graphics card: bytes as they are, other values as half floats within ±1.
+   *
+   * @param {Block} block
+   */
+  load(block) {
+    const { gl } = this;
+    this.block = block;
+    const [nx, ny, nz] = block.shape;
+    gl.activeTexture(gl.TEXTURE0);
+    gl.bindTexture(gl.TEXTURE_3D, this.volume ?? null);
+    gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
+    if (block.values instanceof Uint8Array) {
+      this.unit = 255;
+      gl.texImage3D(gl.TEXTURE_3D, 0, gl.R8, nz, ny, nx, 0, gl.RED, gl.UNSIGNED_BYTE, block.values);
+    } else {
+      this.unit = greatest(block.values) || 1;
+      const scaled = block.values.map((value) => value / this.unit);
+      gl.texImage3D(gl.TEXTURE_3D, 0, gl.R16F, nz, ny, nx, 0, gl.RED, gl.FLOAT, scaled);
+    }
+    for (const [name, value] of [
+      [gl.TEXTURE_MIN_FILTER, gl.LINEAR], [gl.TEXTURE_MAG_FILTER, gl.LINEAR],
+      [gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE], [gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE],
+      [gl.TEXTURE_WRAP_R, gl.CLAMP_TO_EDGE],
+    ]) gl.texParameteri(gl.TEXTURE_3D, name, value);
+  }
+
+  /** Draw what is loaded, at the canvas's own size.
+   *
+   * @param {Shown} shown  window in units of the volume's values
+   */
+  draw(shown) {
+    const { gl, block, canvas } = this;
+    if (!block || gl.isContextLost()) return;
+    const { width, height } = canvas;
+    const { scale, extent, middle, right, up, along } = projection(block, shown.camera, canvas);
+    gl.viewport(0, 0, width, height);
+    gl.useProgram(this.program ?? null);
+    this.colourBy(shown.colours);
+    gl.uniform3fv(this.at("right"), right);
+    gl.uniform3fv(this.at("up"), up);
+    gl.uniform3fv(this.at("along"), along);
+    gl.uniform3fv(this.at("extent"), extent);
+    gl.uniform3fv(this.at("first"), [0, 2, 4].map((n) => shown.clip[n]));
+    gl.uniform3fv(this.at("last"), [1, 3, 5].map((n) => shown.clip[n]));
+    gl.uniform2f(this.at("half_size"), width / 2 / scale, height / 2 / scale);
+    gl.uniform2fv(this.at("window"), shown.window.map((value) => value / this.unit));
+    const top = middle[2] - extent[2] / 2;
+    gl.uniform2fv(this.at("depths"), shown.depths.map((depth) => (depth - top) / extent[2]));
+    gl.uniform1f(this.at("spacing"), Math.min(...block.spacing));
+    gl.uniform1i(this.at("by_depth"), Number(shown.depth));
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+  }
+
+  /** @param {Uint32Array} colours  table of 256 */
+  colourBy(colours) {
+    const { gl } = this;
+    gl.activeTexture(gl.TEXTURE1);
+    gl.bindTexture(gl.TEXTURE_2D, this.colours ?? null);
+    const bytes = new Uint8Array(colours.buffer, colours.byteOffset, 1024);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, 256, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, bytes);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.LINEAR);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE);
+  }
+
+  /** Let the graphics card have its memory back. */
+  end() {
+    this.gl.deleteTexture(this.volume ?? null);
+    this.gl.deleteTexture(this.colours ?? null);
+    this.block = null;
+  }
+}
+
+/** @param {Float32Array} values */
+function greatest(values) {
+  let most = 0;
+  for (const value of values) most = Math.max(most, Math.abs(value));
+  return most;
+}
+
+/** Make a picture on a canvas; null where the browser has no WebGL 2.
+ *
+ * @param {HTMLCanvasElement} canvas
+ * @param {{keep?: boolean}} how  keep: what is drawn can be read again later
+ */
+export function make(canvas, { keep = false } = {}) {
+  const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, preserveDrawingBuffer: keep });
+  return gl ? new Raycaster(canvas, gl) : null;
+}
+
+/** Lines of the box, from corner to corner, each with the axis it runs along.
+ *
+ * @param {{shape: Triple, origin: Triple, spacing: Triple}} block
+ * @param {readonly number[]} clip
+ */
+export function edges(block, clip) {
+  const { extent, middle } = extentOf(block);
+  const place = (/** @type {number[]} */ corner) =>
+    corner.map((side, n) => middle[n] + (clip[2 * n + side] - 0.5) * extent[n]);
+  const found = [];
+  for (let n = 0; n < 8; n++) {
+    const corner = [n & 1, (n >> 1) & 1, (n >> 2) & 1];
+    for (const axis of [0, 1, 2]) {
+      if (corner[axis]) continue;
+      found.push({ axis, from: place(corner), to: place(corner.map((side, m) => (m === axis ? 1 : side))) });
+    }
+  }
+  return found;
+}

@@ -1,0 +1,50 @@
+// @ts-check
+/** Round lengths: of a scale bar, and between the ticks of an axis. */
+
+/** The greatest of 1, 2 and 5 times a power of ten that is not above a length.
+ *
+ * @param {number} length  above 0
+ */
+export function round(length) {
+  const power = 10 ** Math.floor(Math.log10(length) + 1e-9);
+  const share = length / power + 1e-9;
+  return power * (share >= 5 ? 5 : share >= 2 ? 2 : 1);
+}
+
+/** A length in mm as a physicist writes it.
+ *
+ * @param {number} mm
+ */
+export function lengthOf(mm) {
+  return mm < 0.999 ? `${Number((mm * 1e3).toPrecision(3))} µm` : `${Number(mm.toPrecision(3))} mm`;
+}
+
+/** A length with its error: no more digits than the error has, the error with one, or two where it begins with 1.
+ *
+ * @param {number} mm
+ * @param {number | null} error  mm; null: not known
+ */
+export function lengthWithError(mm, error) {
+  const [factor, unit] = mm < 0.999 ? [1e3, "µm"] : [1, "mm"];
+  if (error === null) return `${lengthOf(mm)} ± ?`;
+  const least = mm < 0.999 ? 0.1 : 0.0001; // of the unit: finer is not believed
+  const shown = Math.max(error * factor, least);
+  const power = Math.floor(Math.log10(shown) + 1e-9);
+  const digits = Math.max(0, -power + (shown / 10 ** power < 1.95 && shown > least ? 1 : 0));
+  return `${(mm * factor).toFixed(digits)} ± ${shown.toFixed(digits)} ${unit}`;
+}
+
+/** Places of ticks within a range, at most so many.
+ *
+ * @param {number} from
+ * @param {number} to
+ * @param {number} most
+ */
+export function ticks(from, to, most) {
+  if (!(to > from) || most < 1) return [];
+  let step = round((to - from) / most);
+  while ((to - from) / step > most) step = round(step * 2.5);
+  const places = [];
+  for (let n = Math.ceil(from / step - 1e-9); n * step <= to + 1e-9 * step; n++) places.push(Number((n * step).toPrecision(12)));
+  return places;
+}

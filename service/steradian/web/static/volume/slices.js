@@ -1,0 +1,189 @@
+// @ts-check
+// One of the three linked views: a slice or slab across an axis, the crosshair, marks, a scale bar.
+import { framed, h } from "../dom.js";
+import { onTheme } from "../theme.js";
+import { failed, loading } from "../states.js";
+import { PLANES, at, depthsOf, firstBelow, placeOf, planeOf } from "./arrays.js";
+import { paint, paintDepths, table } from "./colours.js";
+import { latest } from "./latest.js";
+import { drawOverlay } from "./overlay.js";
+import { listen } from "./pointer.js";
+
+/** @typedef {import("./view_state.js").Axis} Axis */
+/** @typedef {import("./measure.js").Plane} Plane */
+/** @typedef {import("./stage.js").Stage} Stage */
+
+const CRISP = 4; // pixels a voxel has, from which on its edges are seen
+const REDRAWN = new Set(["apart", "window", "map", "how", "centre", "zoom", "at", "cut", "line", "region", "background", "points", "tool"]);
+
+export class SliceView {
+  /** @param {Stage} stage @param {Axis} axis @param {(seen: any) => void} hover told what lies under the cursor */
+  constructor(stage, axis, hover) {
+    this.stage = stage;
+    this.axis = axis;
+    this.hover = hover;
+    const [across, up] = PLANES[axis];
+    this.name = `${across}–${up}`;
+    this.up = up === "y";
+    /** @type {Plane | null} */
+    this.plane = null;
+    /** @type {Plane | null} of the reference */
+    this.other = null;
+    /** @type {Plane | null} depths of the brightest, where colours show them */
+    this.depth = null;
+    this.blinked = false;
+    this.image = h("canvas", { class: "image", dataset: { image: this.name } });
+    this.overlay = h("canvas", {
+      class: "overlay", tabindex: 0, role: "application", "aria-label": `${this.name} view`,
+      "aria-describedby": "view-keys", dataset: { view: this.name },
+    });
+    this.message = h("div", { class: "message" });
+    loading(this.message);
+    this.element = h("div", { class: "canvases" }, this.image, this.overlay, this.message);
+    this.bitmap = document.createElement("canvas");
+    /** @type {Set<() => void>} */
+    this.ears = new Set();
+    this.stale = true;
+    this.shown = "";
+    this.draw = framed(() => this.drawNow());
+    this.read = latest((_, signal) => this.readNow(signal), (error) => this.fail(error));
+    new ResizeObserver(() => this.resize()).observe(this.element);
+    stage.store.on((_view, changed) => this.see(changed));
+    onTheme(() => this.draw());
+    listen(this);
+  }
+
+  /** Where a place in the plane (mm) lies in CSS pixels. @param {number} a @param {number} b @returns {[number, number]} */
+  toPixels(a, b) {
+    const { scale, centre } = this.stage;
+    const [across, up] = PLANES[this.axis];
+    const y = (b - centre[at(up)]) * scale;
+    return [this.width / 2 + (a - centre[at(across)]) * scale, this.height / 2 + (this.up ? -y : y)];
+  }
+
+  /** @param {number} x @param {number} y @returns {[number, number]} */
+  toPlace(x, y) {
+    const { scale, centre } = this.stage;
+    const [across, up] = PLANES[this.axis];
+    const away = (y - this.height / 2) / scale;
+    return [centre[at(across)] + (x - this.width / 2) / scale, centre[at(up)] + (this.up ? -away : away)];
+  }
+
+  get width() {
+    return this.overlay.clientWidth;
+  }
+
+  get height() {
+    return this.overlay.clientHeight;
+  }
+
+  /** @param {Set<string>} changed */
+  see(changed) {
+    if (changed.has("at") || changed.has("slab") || changed.has("cut") || changed.has("map")) this.read(null);
+    if (changed.has("window") || changed.has("map") || changed.has("how") || changed.has("cut") || changed.has("apart")) this.stale = true;
+    for (const name of changed) if (REDRAWN.has(name)) this.draw();
+  }
+
+  /** @param {AbortSignal} signal */
+  async readNow(signal) {
+    const { source, reference, byDepth } = this.stage;
+    const range = this.stage.range(this.axis);
+    const key = [reference?.id, range.from, range.to, byDepth].join();
+    if (key === this.shown) return;
+    const [plane, other, depth] = await Promise.all([
+      planeOf(source, this.axis, range, signal),
+      reference ? planeOf(reference, this.axis, this.stage.range(this.axis, reference), signal) : null,
+      byDepth && this.axis === "z" && range.to - range.from > 1 ? depthsOf(source, range, signal) : null,
+    ]);
+    this.shown = key;
+    Object.assign(this, { plane, other, depth, range, stale: true });
+    if (other && this.stage.fits) this.stage.setApart(this.axis, plane.values.map((value, n) => Math.abs(value - other.values[n])));
+    this.message.hidden = true;
+    for (const act of this.ears) act();
+    this.drawNow();
+  }
+
+  /** Keep the last picture, and say why there is no newer one. @param {unknown} error */
+  fail(error) {
+    this.message.hidden = false;
+    this.shown = "";
+    failed(this.message, error, () => this.read(null));
+  }
+
+  resize() {
+    const ratio = devicePixelRatio || 1;
+    for (const canvas of [this.image, this.overlay]) {
+      canvas.width = Math.max(1, Math.round(this.element.clientWidth * ratio));
+      canvas.height = Math.max(1, Math.round(this.element.clientHeight * ratio));
+    }
+    const size = { axis: this.axis, width: this.width, height: this.height };
+    this.stage.sizes = [...this.stage.sizes.filter((one) => one.axis !== this.axis), size];
+    for (const act of this.ears) act();
+    document.dispatchEvent(new Event("steradian:resized"));
+    this.draw();
+  }
+
+  drawNow() {
+    const ratio = devicePixelRatio || 1;
+    const context = /** @type {CanvasRenderingContext2D} */ (this.image.getContext("2d"));
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    context.fillStyle = "#000";
+    context.fillRect(0, 0, this.width, this.height);
+    if (this.plane) {
+      const shown = this.other && this.blinked ? this.other : this.plane;
+      if (this.stale) this.paint(shown, this.plane);
+      this.drawImage(context, shown);
+    }
+    drawOverlay(this);
+  }
+
+  /** @param {CanvasRenderingContext2D} context @param {Plane} plane */
+  drawImage(context, { shape, origin, spacing }) {
+    const first = origin.map((one, n) => one - spacing[n] / 2);
+    const last = first.map((one, n) => one + shape[n] * spacing[n]);
+    const [x0, y0] = this.toPixels(first[0], first[1]);
+    const [x1, y1] = this.toPixels(last[0], last[1]);
+    context.imageSmoothingEnabled = Math.min(...spacing) * this.stage.scale < CRISP;
+    context.drawImage(this.bitmap, x0, Math.min(y0, y1), x1 - x0, Math.abs(y1 - y0));
+    const { source, cut } = this.stage;
+    if (this.up || !firstBelow(source, cut)) return;
+    const edge = placeOf(source, "z", firstBelow(source, cut)) - source.spacing[2] / 2;
+    context.clearRect(x0, y0, x1 - x0, this.toPixels(0, edge)[1] - y0); // the near field, which is left out
+  }
+
+  /** @param {Plane} shown @param {Plane} plane */
+  paint(shown, plane) {
+    const [na, nb] = shown.shape;
+    Object.assign(this.bitmap, { width: na, height: nb });
+    const pixels = new ImageData(na, nb);
+    const out = new Uint32Array(pixels.data.buffer);
+    const { window, view, byDepth, colours, differenceEnd } = this.stage;
+    const other = this.other;
+    if (other && view.how === "difference" && this.stage.fits) {
+      const values = plane.values.map((value, n) => value - other.values[n]);
+      paint({ values, shape: plane.shape }, [-differenceEnd, differenceEnd], table("difference"), { up: this.up, out });
+    } else if (byDepth) paintDepths(shown, this.depthOf(shown), window, { up: this.up, out });
+    else paint(shown, window, colours, { up: this.up, out });
+    /** @type {CanvasRenderingContext2D} */ (this.bitmap.getContext("2d")).putImageData(pixels, 0, 0);
+    this.stale = false;
+  }
+
+  /** Depth of each voxel shown, 0 to 1 along the hues. @param {Plane} plane @returns {(i: number, j: number) => number} */
+  depthOf(plane) {
+    const [first, last] = this.stage.depths;
+    const { depth } = this;
+    const nb = plane.shape[1];
+    /** @param {number} mm */
+    const share = (mm) => (mm - first) / (last - first);
+    if (!this.up) return (_, j) => share(plane.origin[1] + j * plane.spacing[1]);
+    if (depth && depth.values.length === plane.values.length) return (i, j) => share(depth.values[i * nb + j]);
+    return () => share(this.stage.place[2]);
+  }
+
+  /** Show the reference instead of the image, or the image again. @param {boolean} blinked */
+  blink(blinked) {
+    this.blinked = blinked;
+    this.stale = true;
+    this.draw();
+  }
+}

@@ -1,0 +1,87 @@
+// @ts-check
+// Sharpness against the speed of sound: a curve from which the speed of the next reconstruction is picked.
+import { api, onceOnly } from "../api.js";
+import { h, replace, s } from "../dom.js";
+import { words } from "../states.js";
+import { clock } from "../units.js";
+import { ticks } from "./scale.js";
+
+const [WIDTH, HEIGHT, LEFT, BOTTOM] = [264, 150, 34, 22];
+const AROUND = 0.04; // share of the speed by which the range tried goes to either side by itself
+
+/** @param {any} about the reconstruction, of the API */
+export function soundSpeed(about) {
+  const own = about.report?.sound_speed_m_s ?? 1500;
+  const number = (/** @type {number} */ value, /** @type {string} */ label) => h("input", { type: "number", class: "short", min: 300, max: 6000, step: 1, value: String(Math.round(value)), "aria-label": label });
+  const first = number(own * (1 - AROUND), "Lowest speed (m/s)");
+  const last = number(own * (1 + AROUND), "Highest speed (m/s)");
+  const curve = h("div", { class: "stack" });
+  const told = h("p", { class: "dim small", role: "status" });
+  const button = h("button", { type: "button", onclick: () => void ask() }, "Try 21 speeds");
+  const element = h("div", { class: "stack" },
+    h("p", { class: "dim small" }, "The image is made at each speed; the sharpest is likely to be right."),
+    h("div", { class: "row" }, h("label", null, "from ", first), h("label", null, "to ", last, " m/s"), button), told, curve);
+
+  async function open() {
+    try {
+      const { items } = await api.get(`/jobs?kind=sound-speed&scan_id=${about.scan_id}&limit=20`);
+      const found = items.find((/** @type {any} */ job) => job.state === "succeeded" && job.result?.sharpness);
+      const running = items.find((/** @type {any} */ job) => ["queued", "running"].includes(job.state));
+      if (found) show(found);
+      if (running) await follow(running);
+    } catch (error) {
+      replace(told, ...words(error));
+    }
+  }
+
+  async function ask() {
+    button.disabled = true;
+    const { sound_speed: _speed, ...parameters } = about.parameters;
+    const asked = { kind: "sound-speed", scan_id: about.scan_id, first: first.valueAsNumber, last: last.valueAsNumber, steps: 21, parameters };
+    try {
+      await follow(await api.post("/jobs", asked, { headers: onceOnly() }));
+    } catch (error) {
+      replace(told, ...words(error));
+    }
+    button.disabled = false;
+  }
+
+  /** @param {any} job */
+  async function follow(job) {
+    while (["queued", "running", "cancelling"].includes(job.state)) {
+      told.textContent = job.progress.total ? `${job.progress.done} of ${job.progress.total}` : "waiting for its turn …";
+      job = await api.get(job.links.self, { headers: { Prefer: "wait=5" } });
+    }
+    if (job.state !== "succeeded") throw new Error(job.error?.detail ?? `the search ${job.state}`);
+    show(job);
+  }
+
+  /** @param {any} job */
+  function show(job) {
+    const { sound_speeds: speeds, sharpness, best, standard_error: error, at_edge: edge } = job.result;
+    told.textContent = `Sharpest at ${best.toFixed(1)} m/s${error ? ` ± ${error.toFixed(1)}` : ""}, tried ${clock(job.ended)}${edge ? ". It is at the edge: move the range" : ""}.`;
+    const pick = (/** @type {number} */ speed) => `/reconstructions?again=${about.id}&set=${encodeURIComponent(JSON.stringify({ sound_speed: Number(speed.toFixed(1)) }))}`;
+    replace(curve, chart(speeds, sharpness, own, pick),
+      h("a", { class: "button", href: pick(best) }, `Again at ${best.toFixed(1)} m/s`),
+      h("p", { class: "dim small" }, "Or choose a point of the curve."));
+  }
+
+  return { element, open };
+}
+
+/** @param {number[]} speeds @param {number[]} sharpness @param {number} own @param {(speed: number) => string} pick */
+function chart(speeds, sharpness, own, pick) {
+  const [low, high] = [speeds[0], speeds[speeds.length - 1]];
+  const x = (/** @type {number} */ speed) => LEFT + ((WIDTH - LEFT - 8) * (speed - low)) / (high - low);
+  const top = Math.max(...sharpness);
+  const bottom = Math.min(...sharpness);
+  const y = (/** @type {number} */ value) => HEIGHT - BOTTOM - ((HEIGHT - BOTTOM - 10) * (value - bottom)) / (top - bottom || 1);
+  return s("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "profile", role: "group", "aria-label": "Sharpness against the speed of sound" },
+    ticks(low, high, 4).map((speed) => s("text", { x: x(speed), y: HEIGHT - 6, "text-anchor": "middle" }, String(speed))),
+    s("text", { x: 2, y: 12 }, "sharp"), s("text", { x: WIDTH - 2, y: 12, "text-anchor": "end" }, "m/s"),
+    s("path", { class: "axis", d: `M${LEFT} 4V${HEIGHT - BOTTOM}H${WIDTH}` }),
+    own >= low && own <= high ? s("path", { class: "width", d: `M${x(own)} 4V${HEIGHT - BOTTOM}` }) : null,
+    s("path", { class: "curve", d: speeds.map((speed, n) => `${n ? "L" : "M"}${x(speed).toFixed(1)} ${y(sharpness[n]).toFixed(1)}`).join("") }),
+    speeds.map((speed, n) => s("a", { href: pick(speed), "aria-label": `Again at ${speed.toFixed(1)} m/s`, dataset: { speed: String(speed) } },
+      s("circle", { cx: x(speed), cy: y(sharpness[n]), r: 4 }), s("title", null, `${speed.toFixed(1)} m/s: ${sharpness[n].toPrecision(4)}`))));
+}

@@ -1,0 +1,58 @@
+// @ts-check
+// The view that all panels show: changed in one place, told to all of them, and written into the address.
+import { settled } from "../dom.js";
+import { decode, encode } from "./view_state.js";
+
+/** @typedef {import("./view_state.js").View} View */
+
+const QUIET = 200; // ms after the last change; browsers refuse addresses that change too often
+
+export class Store {
+  constructor() {
+    /** @type {View} */
+    this.view = decode(location.hash);
+    /** @type {Set<(view: View, changed: Set<string>) => void>} */
+    this._ears = new Set();
+    this._write = settled(() => this.write(), QUIET);
+    addEventListener("hashchange", () => this._from(decode(location.hash)));
+  }
+
+  /** Be told of every change. @param {(view: View, changed: Set<string>) => void} act */
+  on(act) {
+    this._ears.add(act);
+    return () => this._ears.delete(act);
+  }
+
+  /** @param {Partial<View>} parts */
+  change(parts) {
+    const view = /** @type {any} */ (this.view);
+    const changed = Object.entries(parts).filter(([name, value]) => JSON.stringify(view[name]) !== JSON.stringify(value));
+    if (!changed.length) return;
+    this._set({ ...this.view, ...parts }, new Set(changed.map(([name]) => name)));
+    this._write();
+  }
+
+  /** Have everybody look again, as if these parts had changed. @param {string[]} names */
+  tell(names) {
+    this._set(this.view, new Set(names));
+  }
+
+  /** Write the view into the address now. */
+  write() {
+    const fragment = encode(this.view);
+    if (`#${fragment}` !== (location.hash || "#")) {
+      history.replaceState(history.state, "", location.pathname + location.search + (fragment ? `#${fragment}` : ""));
+    }
+  }
+
+  /** @param {View} view */
+  _from(view) {
+    this._set(view, new Set(Object.keys(view)));
+  }
+
+  /** @param {View} view @param {Set<string>} changed */
+  _set(view, changed) {
+    this.view = view;
+    for (const act of this._ears) act(view, changed);
+  }
+}

@@ -1,0 +1,157 @@
+// @ts-check
+// The tools: a line's profile and width, a region's statistics, and how far it stands out of a background.
+import { api } from "../api.js";
+import { aroundPoints } from "../design/fields.js";
+import { framed, h, renew, s } from "../dom.js";
+import { figure } from "../units.js";
+import { PLANES } from "./arrays.js";
+import { contrastToNoise, fwhm, profile, statistics } from "./measure.js";
+import { inMm, mmOf } from "./panes.js";
+import { lengthOf, lengthWithError, ticks } from "./scale.js";
+import { MOST_POINTS } from "./view_state.js";
+
+/** @typedef {import("./stage.js").Stage} Stage */
+/** @typedef {import("./slices.js").SliceView} SliceView */
+/** @typedef {import("./view_state.js").Mark} Mark */
+/** @typedef {import("./view_state.js").Triple} Triple */
+
+const TOOLS = {
+  crosshair: ["Crosshair", "Click or drag in a view: the others go there."],
+  line: ["Line", "Drag a line across something: its profile and full width at half maximum appear here."],
+  region: ["Region", "Drag a rectangle over an object: mean, deviation, extremes."],
+  background: ["Background", "Drag a rectangle beside the object: its contrast against it appears here."],
+  point: ["Point", "Click what a mask should see well, and drag its ring in another view to its depth; then design the mask."],
+};
+const [WIDTH, HEIGHT, LEFT, BOTTOM] = [264, 140, 40, 20];
+
+export class Tools {
+  /** @param {Stage} stage @param {SliceView[]} views @param {any} about the reconstruction, of the API */
+  constructor(stage, views, about) {
+    this.stage = stage;
+    this.views = views;
+    this.about = about;
+    /** @type {number | null | undefined} of the mask that sensed this (m); undefined: not asked for, null: not known */
+    this.aperture = undefined;
+    this.buttons = Object.entries(TOOLS).map(([name, [text]], n) =>
+      h("button", { type: "button", dataset: { tool: name }, title: `Key ${n + 1}`, onclick: () => stage.store.change({ tool: name }) }, text));
+    this.hint = h("p", { class: "dim small" });
+    this.results = h("div", { class: "stack", "aria-live": "polite" });
+    this.element = h("div", { class: "stack" }, h("div", { class: "row", role: "group", "aria-label": "Tool" }, ...this.buttons), this.hint, this.results);
+    this.show = framed(() => this.showNow());
+    stage.store.on(this.show);
+    for (const view of views) view.ears.add(this.show);
+    this.showNow();
+  }
+
+  /** The plane that a mark lies in, as it is shown now. @param {Mark} mark */
+  planeOf(mark) {
+    return this.views.find((view) => view.axis === mark.plane)?.plane ?? null;
+  }
+
+  showNow() {
+    const { view } = this.stage;
+    for (const button of this.buttons) button.setAttribute("aria-pressed", String(button.dataset.tool === view.tool));
+    this.hint.textContent = TOOLS[/** @type {keyof typeof TOOLS} */ (view.tool)][1];
+    const parts = [view.line && this.line(view.line), view.region && this.region(view.region, "Region", "region")];
+    parts.push(view.background && this.region(view.background, "Background", "background"));
+    if (view.region && view.background) parts.push(this.contrast(view.region, view.background));
+    if (view.points.length || view.tool === "point") parts.push(this.points(view.points));
+    if (!renew(this.results, ...parts)) this.buttons.find((button) => button.dataset.tool === view.tool)?.focus();
+  }
+
+  /** @param {string} title @param {"line" | "region" | "background"} name @param {...(Node | null)} children */
+  result(title, name, ...children) {
+    const clear = h("button", {
+      type: "button", class: "quiet", "aria-label": `Remove the ${name}`, onclick: () => this.stage.store.change({ [name]: null }),
+    }, "remove");
+    return h("section", { dataset: { result: name } }, h("div", { class: "row spread" }, h("h3", null, title), clear), ...children);
+  }
+
+  /** @param {Mark} mark */
+  line(mark) {
+    const plane = this.planeOf(mark);
+    if (!plane) return null;
+    const found = profile(plane, mark.from, mark.to);
+    const width = fwhm(found);
+    const length = Math.hypot(mark.to[0] - mark.from[0], mark.to[1] - mark.from[1]);
+    return this.result(`Line in ${PLANES[mark.plane].join("–")}`, "line", this.chart(found, width),
+      figures([
+        ["FWHM", width ? lengthWithError(width.width, width.error) : "no peak falls to a half on both sides", "fwhm", width?.width],
+        ["Peak above base", width ? `${figure(width.height)} above ${Math.abs(width.base) < 1e-3 * width.height ? "0" : figure(width.base)}` : "–"],
+        ["Length", lengthOf(length)],
+      ]),
+      width && width.error === null ? h("p", { class: "dim small" }, "A longer line tells the noise, and with it the width's error.") : null);
+  }
+
+  /** @param {Mark} mark @param {string} title @param {"region" | "background"} name */
+  region(mark, title, name) {
+    const plane = this.planeOf(mark);
+    const found = plane && statistics(plane, mark);
+    if (!found) return this.result(title, name, h("p", { class: "dim" }, "No voxel's centre lies in it."));
+    return this.result(`${title} in ${PLANES[mark.plane].join("–")}`, name, figures([
+      ["Mean", figure(found.mean), "mean", found.mean],
+      ["Deviation", figure(found.deviation), "deviation", found.deviation],
+      ["Least, greatest", `${figure(found.least)}, ${figure(found.greatest)}`],
+      ["Area", `${figure(found.area)} mm², ${found.count} voxels`],
+    ]));
+  }
+
+  /** @param {Mark} region @param {Mark} background */
+  contrast(region, background) {
+    const [one, other] = [region, background].map((mark) => {
+      const plane = this.planeOf(mark);
+      return plane && statistics(plane, mark);
+    });
+    if (!one || !other) return null;
+    const ratio = contrastToNoise(one, other);
+    return h("section", { dataset: { result: "contrast" } }, h("h3", null, "Contrast"),
+      figures([["Contrast-to-noise", Number.isFinite(ratio) ? figure(ratio) : "the background is constant", "contrast", ratio]]));
+  }
+
+  /** Points of interest, and the way to a mask around them. @param {Triple[]} points */
+  points(points) {
+    if (points.length && this.aperture === undefined) void this.askAperture();
+    const { flat } = this.stage.source;
+    const set = (/** @type {Triple[]} */ all) => this.stage.store.change({ points: all });
+    const rows = points.map((place, n) => h("li", null, `x ${inMm(place[0])}${flat ? "" : `, y ${inMm(place[1])}`}, z ${mmOf(place[2])} `,
+      h("button", { type: "button", class: "quiet", "aria-label": `Remove point ${n + 1}`, onclick: () => set(points.filter((_, m) => m !== n)) }, "remove")));
+    const add = h("button", { type: "button", disabled: points.length >= (flat ? 1 : MOST_POINTS), onclick: () => set([...points, this.stage.place]) }, "Add the crosshair");
+    const lead = h("a", { class: "button primary", href: `/design?${aroundPoints(points, flat, this.aperture ?? null)}` }, points.length > 1 ? `Mask around these ${points.length} points` : "Mask around this point");
+    return h("section", { dataset: { result: "points" } }, h("h3", null, "Points of interest"), h("ol", { class: "points" }, rows), h("div", { class: "row" }, add, points.length ? lead : null));
+  }
+
+  /** Look how large the mask is that sensed this: another one is to be as large. */
+  async askAperture() {
+    this.aperture = null;
+    const scan = await api.get(`/scans/${this.about.scan_id}`).catch(() => null);
+    const mask = scan && (await api.get(`/masks/${scan.mask_id}`).catch(() => null));
+    this.aperture = mask?.aperture ?? null;
+    this.show();
+  }
+
+  /** A profile with the level and the ends of its width.
+   *
+   * @param {import("./measure.js").Profile} found @param {import("./measure.js").Width | null} width
+   */
+  chart({ distances, values }, width) {
+    if (!values.length) return null;
+    const [low, high] = [Math.min(...values, 0), Math.max(...values)];
+    const last = distances[distances.length - 1] || 1;
+    const x = (/** @type {number} */ mm) => LEFT + ((WIDTH - LEFT - 30) * mm) / last;
+    const y = (/** @type {number} */ value) => HEIGHT - BOTTOM - ((HEIGHT - BOTTOM - 8) * (value - low)) / (high - low || 1);
+    const half = width && width.base + width.height / 2;
+    return s("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "profile", role: "img", "aria-label": "Profile along the line" },
+      ticks(0, last, 5).map((mm) => s("text", { x: x(mm), y: HEIGHT - 5, "text-anchor": "middle" }, String(mm))),
+      s("text", { x: WIDTH, y: HEIGHT - 5, "text-anchor": "end" }, "mm"),
+      [low, high].map((value) => s("text", { x: LEFT - 4, y: y(value) + 4, "text-anchor": "end" }, Math.abs(value) < 5e-3 * (high - low) ? "0" : figure(value, 2))),
+      s("path", { class: "axis", d: `M${LEFT} 4V${HEIGHT - BOTTOM}H${WIDTH}` }),
+      width && half !== null ? s("path", { class: "width", d: `M${x(width.left)} ${y(half)}H${x(width.right)}M${x(width.left)} ${y(half) - 5}v10M${x(width.right)} ${y(half) - 5}v10` }) : null,
+      s("path", { class: "curve", d: [...values].map((value, n) => `${n ? "L" : "M"}${x(distances[n]).toFixed(1)} ${y(value).toFixed(1)}`).join("") }));
+  }
+}
+
+/** @param {[string, string, string?, number?][]} rows with the figure itself, for scripts of others */
+export function figures(rows) {
+  return h("dl", { class: "figures" }, rows.flatMap(([name, text, key, value]) => [
+    h("dt", null, name), h("dd", { dataset: key ? { figure: key, value: String(value) } : {} }, text)]));
+}

@@ -1,0 +1,76 @@
+"""A design tells of a mask and a plan together what they would be, from any place, and keeps nothing."""
+
+import numpy as np
+import pytest
+
+from steradian.masks import equi_steradian_mask
+from steradian.masks.point_spread import point_spread
+from steradian.masks.promises import promises
+from steradian.plans import ScanPlan, preview
+
+from .conftest import EQUI
+
+MASK = EQUI | {"count": 75}
+HOW = {"pulse_rate": 40, "samples": 333, "order": "hilbert"}
+PLACE = (1e-3, -5e-4, 2.5e-3)
+
+
+@pytest.fixture(scope="module")
+def own():
+    return equi_steradian_mask(13.56e-3, 3.6e-3, 75)
+
+
+def test_a_design_tells_what_the_library_says_of_its_mask_and_plan(http, own):
+    told = http.post("/designs/preview", json={"arrangement": MASK, "point": PLACE, **HOW}).json()
+    plan, seen = ScanPlan.create(mask=own, **HOW), promises(own, PLACE)
+    assert np.array(told["positions"]) == pytest.approx(own.film_positions)
+    assert np.array(told["weights"]) == pytest.approx(own.weights)
+    assert told["visit"] == plan.visit.tolist()
+    assert told["plan"]["total_seconds"] == pytest.approx(preview(plan).total_seconds)
+    assert told["mask"]["id"] == own.id
+    assert told["mask"]["point_of_interest"] == pytest.approx(PLACE)
+    assert told["mask"]["largest_angle"] == pytest.approx(seen.largest_angle)
+    assert np.array(told["solid_angles"]) == pytest.approx(seen.solid_angles)
+    assert http.get(f"/masks/{own.id}").status_code == 404
+
+
+def test_the_share_of_visible_edges_is_that_of_directions_that_meet_the_sensors(http, own):
+    """Against a count: of a hundred thousand directions by chance, those whose line meets the sensors' rectangle."""
+    told = http.post("/designs/preview", json={"arrangement": MASK, "point": PLACE}).json()
+    normal = np.random.default_rng(3).normal(size=(100_000, 3))
+    meets = np.array(PLACE[:2]) - normal[:, :2] / normal[:, 2:] * PLACE[2]
+    low, high = own.film_positions.min(axis=0), own.film_positions.max(axis=0)
+    assert told["visible_share"] == pytest.approx(((meets > low) & (meets < high)).all(axis=1).mean(), abs=0.01)
+
+
+def test_a_design_without_a_point_of_interest_is_drawn_without_what_depends_on_it(http):
+    grid = {"arrangement": "grid", "aperture": 0.01, "count": 5, "interval": 1e-3}
+    told = http.post("/designs/preview", json={"arrangement": grid}).json()
+    assert told["solid_angles"] is told["visible_share"] is told["mask"]["evenness"] is None
+    assert len(told["visit"]) == len(told["positions"]) == 25
+
+
+def test_a_point_spread_is_the_librarys(http, own):
+    told = http.post("/designs/point-spread", json={"arrangement": MASK, "point": PLACE, "width": 3e-4}).json()
+    seen = point_spread(own, PLACE, width=3e-4)
+    assert (told["lateral"], told["axial"]) == (pytest.approx(seen.lateral), pytest.approx(seen.axial))
+    assert np.array(told["section"]) == pytest.approx(seen.section, abs=1e-6)
+    assert np.shape(told["section"]) == (len(told["x"]), len(told["z"]))
+
+
+@pytest.mark.parametrize(
+    ("change", "pointer"),
+    [
+        ({"arrangement": MASK | {"depth": -1}}, "#/arrangement/depth"),
+        ({"arrangement": MASK | {"offset": [1, 0]}}, "#/arrangement/offset"),
+        ({"arrangement": MASK | {"colour": "red"}}, "#/arrangement/colour"),
+        ({"arrangement": {"arrangement": "spiral"}}, "#/arrangement/arrangement"),
+        ({"point": [0, 0, -1e-3]}, "#/point/2"),
+        ({"pulse_rate": 0}, "#/pulse_rate"),
+        ({"pulse_rate": 9000, "samples": 65_536}, "#/pulse_rate"),
+    ],
+)
+def test_what_is_wrong_with_a_design_is_named_where_it_stands(http, change, pointer):
+    answer = http.post("/designs/preview", json={"arrangement": MASK} | change)
+    assert answer.status_code == 422
+    assert [finding["pointer"] for finding in answer.json()["errors"]] == [pointer]

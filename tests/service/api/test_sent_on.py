@@ -1,0 +1,132 @@
+"""What a node without a scanner is asked about one goes to the scanner's, and a press of the stop until it arrives."""
+
+import socket
+from concurrent.futures import ThreadPoolExecutor
+
+import httpx
+import pytest
+
+from steradian.api import nodes
+from steradian.storage.emergency import Deed, EmergencyLatch
+from steradian.storage.scanners import ScannerRepository
+from support.apis import ApiProcess
+from support.waiting import until
+
+SECRET = "-".join(["nodes", "of", "tests", "know", "this", "and", "no", "log", "does"])
+STOP = "/scanners/scanner-0/emergency-stop"
+
+
+class Pair:
+    """The API of a scanner's node, and one without a scanner: on one database, which is all that matters here."""
+
+    def __init__(self, folder):
+        self.folder, self.latch = folder, None
+        self.scanner = self.start()
+        self.row = ScannerRepository(self.scanner.database)
+        self.row.ensure(simulated=True, address=self.scanner.url)
+        self.other = ApiProcess(folder, role="api", node_secret=SECRET).wait()
+        self.latch = EmergencyLatch(self.scanner.data.emergency)
+        self.http = httpx.Client(base_url=f"{self.other.url}/api/v1", timeout=250)
+
+    def start(self):
+        return ApiProcess(self.folder, node_secret=SECRET).wait()
+
+    def close(self):
+        self.http.close()
+        self.other.close()
+        self.scanner.close()
+
+
+@pytest.fixture
+def pair(tmp_path):
+    pair = Pair(tmp_path)
+    yield pair
+    pair.close()
+
+
+def test_a_press_is_answered_by_the_scanner_s_node_and_its_release_too(pair):
+    answer = pair.http.post(STOP, json={"reason": "smoke"})
+    assert answer.status_code == 202, answer.text
+    press, shown = pair.latch.standing(), answer.json()["emergency_stop"]
+    assert (press.number, press.who, press.reason) == (shown["number"], "local", "smoke")
+    pair.latch.answer(Deed(press.number, "off", 0.01))
+    until(lambda: (seen := pair.http.get("/scanners/scanner-0").json()["emergency_stop"]) and seen["laser"] == "off")
+    refused = pair.http.delete(STOP, params={"number": "another"})
+    assert (refused.status_code, refused.json()["code"]) == (409, "emergency-stopped")
+    assert pair.http.delete(STOP, params={"number": press.number}).json()["emergency_stop"] is None
+    assert pair.latch.standing() is None
+    assert pair.http.post("/scanners/scanner-9/emergency-stop").status_code == 404
+
+
+def test_a_press_that_reaches_nobody_stands_in_the_database_and_then_at_the_scanner(pair):
+    pair.scanner.close()
+    answer = pair.http.post(STOP, json={"reason": "smoke"})
+    assert (answer.status_code, answer.json()["emergency_stop"]["laser"]) == (202, "unconfirmed")
+    released = pair.http.delete(STOP)
+    assert (released.status_code, released.json()["code"]) == (503, "node-unavailable")
+    until(lambda: pair.http.get("/scanners/scanner-0").json()["emergency_stop"])
+    assert pair.latch.standing() is None
+    pair.scanner = pair.start()
+    assert until(pair.latch.standing).reason == "smoke"
+
+
+@pytest.mark.parametrize("errand", ["", "01"])
+def test_only_another_node_can_say_that_a_press_is_one_that_came_before(pair, errand):
+    for _ in range(2):
+        asked = httpx.post(f"{pair.scanner.url}/api/v1{STOP}", headers={"Steradian-Errand": errand}, timeout=250)
+        press = pair.latch.standing()
+        assert press is not None, "it is pressed anew"
+        assert asked.json()["emergency_stop"]["number"] == press.number
+        httpx.delete(f"{pair.scanner.url}/api/v1{STOP}", timeout=250).raise_for_status()
+
+
+def test_only_who_knows_the_secret_asks_on_another_s_behalf(pair):
+    said = {"Steradian-Principal": '{"name": "key Ada (01)", "scopes": ["read"], "key_id": "01"}'}
+    for server in (pair.scanner, pair.other):
+        ask = f"{server.url}/api/v1/session"
+        for secret in ("", SECRET[:-1], SECRET + "x"):
+            assert httpx.get(ask, headers=said | {"Steradian-Node": secret}).status_code == 401
+        seen = httpx.get(ask, headers=said | {"Steradian-Node": SECRET}).json()
+        assert (seen["principal"], seen["scopes"]) == ("key Ada (01)", ["read"])
+        made = httpx.post(f"{server.url}/api/v1/masks", json={}, headers=said | {"Steradian-Node": SECRET})
+        assert made.status_code == 403, "what they may do is what the first node says"
+
+
+def test_a_node_that_is_taken_for_the_scanner_s_says_so_and_sends_nothing_on(pair):
+    pair.row.of("scanner-1").ensure(simulated=True, address=pair.other.url)
+    path = "/scanners/scanner-1/emergency-stop"
+    until(lambda: pair.http.post(path).status_code == 202)
+    assert pair.http.post(path).json()["emergency_stop"]["laser"] == "unconfirmed"
+    released = pair.http.delete(path)
+    assert (released.status_code, released.json()["code"]) == (503, "node-unavailable")
+    assert "another node's" in released.json()["detail"]
+
+
+def test_a_node_with_another_secret_is_told_so_and_not_that_the_key_is_wrong(pair):
+    """A page that is told so takes its session for over."""
+    stranger = ApiProcess(pair.folder, role="api", node_secret=SECRET[::-1]).wait()
+    try:
+        released = httpx.delete(f"{stranger.url}/api/v1{STOP}", timeout=250)
+    finally:
+        stranger.close()
+    assert (released.status_code, released.json()["code"]) == (503, "node-unavailable")
+    assert "STERADIAN_NODE_SECRET" in released.json()["detail"]
+
+
+def test_a_scanner_s_node_that_hangs_holds_up_nobody_who_asks_another_s(pair):
+    with socket.create_server(("127.0.0.1", 0), backlog=100) as deaf, ThreadPoolExecutor(40) as crowd:
+        deaf.settimeout(250)
+        pair.row.of("scanner-1").ensure(simulated=True, address=f"http://127.0.0.1:{deaf.getsockname()[1]}")
+
+        def ask():
+            path = "/scanners/scanner-1/emergency-stop"
+            return until(lambda: "is not known" not in (answer := pair.http.delete(path)).text and answer)
+
+        waiting = [crowd.submit(ask) for _ in range(40)]
+        taken = [deaf.accept()[0] for _ in range(nodes.AT_ONCE)]  # as many as are sent on at a time
+        assert pair.http.delete(STOP).status_code == 200
+        assert not any(each.done() for each in waiting), "these wait as before"
+        for each in taken:
+            each.close()
+        deaf.close()
+        assert {each.result().status_code for each in waiting} == {503}

@@ -1,0 +1,45 @@
+"""Event streams that come in a crowd are opened and refused a few at a time."""
+
+import asyncio
+
+from steradian.api.middleware import AT_ONCE, STREAMS, StreamsInTurn
+
+CROWD = 200
+
+
+def test_who_comes_behind_a_crowd_is_served_after_few_of_it():
+    """All is asked in one moment; what each costs is counted, as it would be time."""
+    answered = []
+
+    async def inner(scope, _receive, send):
+        if scope["path"] == STREAMS and scope["number"] % 2:
+            await asyncio.sleep(0)  # one that is opened looks at the database; one that is refused waits for nothing
+        answered.append(scope["path"])
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+
+    async def send(_message):
+        pass
+
+    async def run():
+        app = StreamsInTurn(inner)
+        scopes = [{"type": "http", "path": STREAMS, "number": number} for number in range(CROWD)]
+        scopes.append({"type": "http", "path": "/healthz"})
+        await asyncio.wait_for(asyncio.gather(*(app(scope, None, send) for scope in scopes)), 60)
+
+    asyncio.run(run())
+    assert answered.count(STREAMS) == CROWD
+    assert answered.index("/healthz") <= AT_ONCE
+
+
+def test_a_stream_that_breaks_before_it_is_open_gives_its_turn_back():
+    async def breaks(_scope, _receive, _send):
+        raise ConnectionError
+
+    async def run():
+        app, scope = StreamsInTurn(breaks), {"type": "http", "path": STREAMS}
+        found = await asyncio.wait_for(
+            asyncio.gather(*(app(scope, None, None) for _ in range(5 * AT_ONCE)), return_exceptions=True), 60
+        )
+        assert all(isinstance(one, ConnectionError) for one in found)
+
+    asyncio.run(run())

@@ -1,0 +1,81 @@
+"""``steradian benchmark gpu``: its rows, and the sentence where there is no GPU."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from steradian.benchmarks.gpu import FASTER, LIMIT, gpu, over
+from steradian.benchmarks.gpu_page import BEGIN, END, tables
+from steradian.cli.benchmark import app
+from steradian.imaging.engines.cuda import backend
+
+
+@pytest.mark.skipif(backend.missing() is None, reason="there is a GPU")
+def test_without_a_gpu_it_says_what_is_missing() -> None:
+    result = CliRunner().invoke(app, ["gpu", "--quick"])
+    assert result.exit_code != 0
+    assert "CuPy" in str(result.exception)
+    assert "pip install 'steradian[gpu]'" in str(result.exception)
+
+
+@pytest.mark.long
+def test_it_runs_to_its_end_and_names_the_device(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    if backend.missing():
+        monkeypatch.setenv(backend.SIMULATOR, "simulator")
+    result = CliRunner().invoke(app, ["gpu", "--quick", "--repeats", "1", "--json", str(tmp_path / "gpu.json")])
+    assert result.exit_code == 0, result.output
+    rows = {row["case"]: row for row in json.loads((tmp_path / "gpu.json").read_text())["rows"]}
+    assert len({row["device"] for row in rows.values()}) == 1
+    for name in ("direct 6", "direct, as many anywhere"):
+        assert min(rows[name][what] for what in ("gpu_s", "memory_s", "pair_s", "cpu_s", "up_s", "down_s")) > 0
+        assert rows[name]["same_bits"]
+        assert rows[name]["error"] < 1e-4
+        assert rows[name]["difference"] < 1e-4
+    for name in ("model", "adjoint"):
+        assert rows[name]["difference"] < 1e-4
+    assert abs(rows["fit"]["fit_correlation"] - rows["fit"]["cpu_correlation"]) < 1e-2
+    assert "gpu_s" in rows["cuFINUFFT"] or rows["cuFINUFFT"]["why_not"]
+    page = tmp_path / "page.md"
+    page.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n", encoding="utf-8")
+    result = CliRunner().invoke(app, ["gpu", "--figures", str(tmp_path / "gpu.json"), "--page", str(page)])
+    assert result.exit_code == 0, result.output
+    text = page.read_text(encoding="utf-8")
+    assert text.startswith("before\n")
+    assert text.endswith("after\n")
+    assert "direct, as many anywhere" in text
+    assert "A fit of the paper's yarn" in text
+    assert "old" not in text
+
+
+def test_only_some_cases(monkeypatch: pytest.MonkeyPatch) -> None:
+    if backend.missing():
+        monkeypatch.setenv(backend.SIMULATOR, "simulator")
+    (row,) = gpu(quick=True, repeats=1, only="lateral")
+    assert row["gpu_s"] > 0
+
+
+def test_what_misses_its_bound_is_told() -> None:
+    good = {"case": "direct 226", "ratio": LIMIT, "faster": FASTER}
+    assert over([good, {"case": "fit", "fit_s": 1.0, "faster": 3.0}]) == []
+    assert over([good | {"ratio": 3.0, "faster": 4.0}, {"case": "fit", "fit_s": 2.5}]) == [
+        "direct 226: 3.00 pairs instead of 2",
+        "direct 226: 4.0 times faster instead of 15",
+        "fit: 2.50 s instead of 2",
+    ]
+
+
+def test_the_tables_have_what_was_measured_and_why_others_were_not() -> None:
+    rows = [
+        {"case": "direct 226", "device": "NVIDIA H100", "sensors": 1605, "shape": "226×226×1024", "gpu_s": 0.0031,
+         "pair_s": 0.002, "ratio": 1.55, "cpu_s": 0.5, "faster": 161.3, "error": 2.1e-5},
+        {"case": "cuFINUFFT", "device": "NVIDIA H100", "peer": "cufinufft 2.4.1", "why_not": "no library"},
+    ]  # fmt: skip
+    machine = {"cpus": 16, "processor": "Xeon", "python": "3.12.3"}
+    text = tables({"machine": machine, "rows": rows, "measured": "2030-01-02T03:04:05+00:00"})
+    assert text.startswith("NVIDIA H100; 16 × Xeon, Python 3.12.3, 2030-01-02.")
+    assert "| direct 226 | 1,605 | 226×226×1024 | 3.1 |  |  |  | 2 | 500 | 1.55 | 161.3 |  | 2.1e-05 |" in text
+    assert "- cufinufft 2.4.1: not measured (no library)." in text

@@ -1,0 +1,49 @@
+"""Where ledger and engine disagree the service settles it, and what somebody asked for meanwhile holds."""
+
+import pytest
+from sqlalchemy import text
+
+from steradian.jobs.model import JobRequest
+from steradian.storage.states import ReconstructionState
+
+R = ReconstructionState
+
+
+@pytest.fixture
+def idle(tmp_path, make_bench):
+    """A queue without a worker."""
+    bench = make_bench(tmp_path)
+    yield bench
+    bench.close()
+
+
+def in_engine(bench, statement):
+    with bench.queue.ledger.database.write() as session:
+        return session.execute(text(statement))
+
+
+def test_a_job_that_the_engine_has_given_up_is_not_left_running(idle):
+    """As after a full disk, where the engine noted its end and the ledger could not."""
+    idle.submit("lost", "succeed", answer=1)
+    idle.queue.ledger.start("lost", "worker-0")
+    in_engine(idle, "UPDATE workflow_status SET status = 'ERROR' WHERE workflow_uuid = 'lost'")
+    seen = []
+    for _ in range(2):
+        idle.queue.reconcile()
+        seen.append(idle.queue.status("lost").state)
+    assert seen == [R.RUNNING, R.QUEUED], "what is seen once may be under way"
+    idle.start()
+    job = idle.queue.wait("lost", timeout=250)
+    assert (job.state, job.result) == (R.SUCCEEDED, {"answer": 1})
+    assert [start["outcome"] for start in job.attempts] == ["died", "succeeded"]
+
+
+def test_a_priority_that_is_changed_while_a_job_is_given_to_the_engine_is_the_engines_too(idle):
+    ledger = idle.queue.ledger
+    with ledger.database.write() as session:
+        ledger.add(session, JobRequest("early", "echo", {}))  # the queue was not open yet
+    (seen,) = ledger.unfinished()
+    idle.queue.set_priority("early", 7)
+    idle.queue._settle(seen, None)
+    found = in_engine(idle, "SELECT priority FROM workflow_status WHERE workflow_uuid = 'early'")
+    assert found.scalar_one() == 7 + 1

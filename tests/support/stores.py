@@ -1,0 +1,22 @@
+"""Object stores with their databases, each test its own; a few stores on one are as many hosts."""
+
+from steradian.settings import Settings
+from steradian.storage.object_store import ObjectStore
+from steradian.storage.paths import DataDirectory
+
+
+def psycopg_url(url):
+    """A libpq URL as SQLAlchemy takes it."""
+    return "postgresql+psycopg" + url[url.index("://") :]
+
+
+def settings_of(folder, seaweed, bucket, **settings):
+    """What the environment of a host with that data folder says."""
+    DataDirectory(folder).create()
+    about = {"store": bucket, "store_endpoint": seaweed.endpoint, "database_url": "postgresql://unused"}
+    return Settings.create(data=folder, **about, **settings)
+
+
+def store_of(folder, seaweed, bucket, database, **settings):
+    """A store as the process of that host has it."""
+    return ObjectStore(settings_of(folder, seaweed, bucket, **settings), database)

@@ -1,0 +1,67 @@
+"""Colours are those that the service draws with, and the picture lies the right way round."""
+
+import numpy as np
+import pytest
+
+from steradian.drawing.style import colours, depth_colours
+from support.page_modules import modules_of
+
+MODULE = "volume/colours.js"
+
+
+@pytest.fixture(scope="module")
+def modules(chromium, service):
+    with modules_of(chromium, service) as modules:
+        yield modules
+
+
+def rgb(pixels):
+    values = np.asarray(pixels, np.int64)
+    assert (values >> 24 == 255).all(), "not opaque"
+    return np.stack([values & 255, values >> 8 & 255, values >> 16 & 255], axis=-1)
+
+
+@pytest.mark.parametrize(("name", "of"), [("inferno", "inferno"), ("cividis", "cividis"), ("grey", "gray")])
+def test_tables_are_those_of_the_pictures(modules, name, of):
+    """No colour is further than 4 of 255 from the one that the service's own pictures have."""
+    found = rgb(modules.call(MODULE, f"return Array.from(m.table('{name}'));"))
+    assert np.abs(found - colours(of).astype(int)).max() <= 4
+
+
+def test_depths_are_those_of_the_pictures(modules):
+    found = rgb(modules.call(MODULE, "return Array.from(m.table('depth'));"))
+    assert np.abs(found - depth_colours().astype(int)).max() <= 1
+
+
+def test_differences_are_dark_where_there_are_none(modules):
+    """Lightness rises evenly to both sides of a dark middle; one side is blue, the other is not."""
+    found = rgb(modules.call(MODULE, "return Array.from(m.table('difference'));"))
+    light = found @ [0.2126, 0.7152, 0.0722]
+    assert light[127:129].max() < 5
+    assert (np.diff(light[128:]) >= -0.5).all()
+    assert (np.diff(light[127::-1]) >= -0.5).all()
+    assert found[0, 2] > found[0, 0]
+    assert found[255, 0] > found[255, 2]
+
+
+@pytest.mark.parametrize("up", [False, True])
+def test_the_first_axis_runs_across(modules, up):
+    """The pixel of a voxel is where its axes say; what exceeds the window has the colour of its end."""
+    values = np.arange(12.0).reshape(3, 4)
+    script = """const out = new Uint32Array(12);
+        m.paint({values: given.values, shape: [3, 4]}, [2, 9], m.table("grey"), {up: given.up, out});
+        return [...out];"""
+    found = rgb(modules.call(MODULE, script, values=values.ravel(), up=up))[:, 0].reshape(4, 3)
+    share = np.clip((values - 2) / 7, 0, 1).T * 255
+    assert np.abs(found - (share[::-1] if up else share)).max() <= 1
+
+
+def test_depths_show_height_as_brightness(modules):
+    """A voxel of no height is black whatever its depth; one at the window's end has the hue of its depth."""
+    script = """const out = new Uint32Array(4);
+        m.paintDepths({values: [0, 1, 1, 0.5], shape: [4, 1]}, (i) => i / 3, [0, 1], {out}); return [...out];"""
+    found = rgb(modules.call(MODULE, script))
+    hues = depth_colours().astype(int)
+    assert found[0].tolist() == [0, 0, 0]
+    assert np.abs(found[1] - hues[85]).max() <= 1
+    assert np.abs(found[3] - hues[255] / 2).max() <= 1

@@ -1,0 +1,111 @@
+"""Data: a recording of one's own becomes a scan; what its file does not say is asked for."""
+
+import numpy as np
+import pytest
+from playwright.sync_api import expect
+
+from support.waiting import until
+
+
+@pytest.fixture
+def recording(tmp_path):
+    """A ball 3 mm above a grid of 144 sensors, 512 samples of 20 ns, with its positions in mm beside it."""
+    x = np.arange(12) * 1e-3 - 5.5e-3
+    places = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1).reshape(-1, 2)
+    distance = np.hypot(np.linalg.norm(places, axis=1), 3e-3)[:, None]
+    way = distance - np.arange(512) * 20e-9 * 1500
+    np.save(tmp_path / "<b>ball.npy", (1e7 * way * np.exp(-((way / 1e-4) ** 2))).astype(np.int16))
+    np.savetxt(tmp_path / "places.csv", 1e3 * places, delimiter=",", header="x,y", comments="")
+    return [tmp_path / "<b>ball.npy", tmp_path / "places.csv"]
+
+
+def test_a_recording_is_looked_into_what_it_lacks_is_said_and_it_becomes_a_scan(service, open_page, recording):
+    before = service.get("/scans").json()["items"]
+    page = open_page(service, "/data")
+    page.set_input_files("#files", recording)
+    expect(page.get_by_text("<b>ball.npy", exact=True)).to_be_visible()
+    figures = page.locator("dl.figures")
+    expect(figures).to_contain_text("512 (int16)")
+    expect(page.locator("[data-remark=sampling_interval]")).to_contain_text("does not state")
+    expect(page.locator("[data-remark=sound_speed]")).to_contain_text("1500 is a guess")
+    expect(page.get_by_role("button", name="Import")).to_be_disabled()
+    assert drawn(page) > 144  # the sensors, before anything is stored
+    expect(page.locator(".chart canvas").first).to_be_visible()
+    page.get_by_label("Sampling interval").fill("20")
+    page.get_by_label("Aperture").fill("12")
+    expect(figures).to_contain_text("20\N{NO-BREAK SPACE}ns (50\N{NO-BREAK SPACE}MHz)")
+    expect(figures).to_contain_text("12.00\N{NO-BREAK SPACE}mm")
+    assert service.get("/scans").json()["items"] == before
+    page.route("**/api/v1/jobs", lambda route: route.fulfill(status=503, json={"detail": "full for now"}))
+    page.get_by_role("button", name="Import").click()
+    expect(page.locator(".remarks")).to_contain_text(["full for now"])
+    page.unroute_all()
+    page.faults.clear()
+    page.get_by_role("button", name="Import").click()
+    expect(page.get_by_text("Imported")).to_be_visible()
+    page.get_by_role("button", name="Reconstruct").click()
+    page.wait_for_url("**/reconstructions/r*")
+    made = page.url.rpartition("/")[2]
+    until(lambda: service.get(f"/reconstructions/{made}").json()["state"] == "succeeded")
+    scan = service.get(f"/reconstructions/{made}").json()["scan_id"]
+    assert service.get(f"/scans/{scan}").json()["labels"]["file"] == "<b>ball.npy"
+    assert service.get(f"/scans/{scan}").json()["summary"]["stored"] == 144
+
+
+def test_what_is_given_last_counts(service, open_page, recording):
+    """A file that is still on its way when others are dropped changes nothing once it is there."""
+    page, held = open_page(service, "/data"), []
+    page.route("**/api/v1/uploads", lambda route: route.continue_() if held else held.append(route))
+    page.set_input_files("#files", recording[1])
+    until(lambda: page.evaluate("1") and held)
+    page.set_input_files("#files", recording)
+    page.get_by_label("Sampling interval").fill("20")
+    expect(page.get_by_role("button", name="Import")).to_be_enabled()
+    with page.expect_response("**/api/v1/uploads") as late:
+        held[0].continue_()
+    late.value.finished()
+    with page.expect_response("**/preview"):
+        page.get_by_label("Aperture").fill("12")
+    expect(page.get_by_label("Sampling interval")).to_have_value("20")
+
+
+def test_no_line_lies_under_the_legend(service, open_page, recording):
+    """The names of the A-lines stand beneath the chart, and switch their lines off and on."""
+    page = open_page(service, "/data")
+    page.set_input_files("#files", recording)
+    page.locator(".chart canvas").first.wait_for()
+
+    def boxes():
+        return [page.locator(one).first.bounding_box() for one in (".chart", ".chart canvas", ".chart .legend")]
+
+    def are_apart():
+        (top, chart), (above, plot), (beneath, legend) = ((box["y"], box["height"]) for box in boxes())
+        return plot > 200 and above + plot <= beneath and beneath + legend <= top + chart + 1
+
+    until(are_apart, tell=boxes)  # what is above may still come, and move them between two looks
+    button = page.get_by_role("button", name="A-line 0", exact=True)
+    button.click()
+    expect(button).to_have_attribute("aria-pressed", "false")
+
+
+def test_a_grid_is_told_by_its_pitch(service, open_page, recording):
+    """Nobody says where 144 sensors are: with a pitch they are a square, centred."""
+    page = open_page(service, "/data")
+    page.set_input_files("#files", recording[0])
+    expect(page.get_by_text("Where the sensors are is not stated")).to_be_visible()
+    expect(page.locator("[data-remark=interval]")).to_contain_text("needed: positions or a grid")
+    page.get_by_label("Sampling interval").fill("20")
+    page.get_by_label("Pitch of a grid").fill("1")
+    expect(page.get_by_text("Where the sensors are is not stated")).to_be_hidden()
+    expect(page.get_by_role("button", name="Import")).to_be_enabled()
+    assert drawn(page) > 144
+    page.faults.clear()  # that the array alone does not say how many are on a side is a 422
+
+
+def drawn(page):
+    """Pixels of the picture of the sensors that have the colour of sensors."""
+    return page.locator(".stage canvas").evaluate(
+        "canvas => { const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);"
+        " let n = 0; for (let k = 0; k < data.length; k += 4) n += Number(data[k + 2] > 200 && data[k] < 160);"
+        " return n; }"
+    )

@@ -1,0 +1,226 @@
+"""Design: what a form says comes from the service, and nothing is stored before one asks."""
+
+import re
+
+import httpx
+import pytest
+from playwright.sync_api import expect
+
+from support.waiting import until
+
+FIELD = "#field-{}"
+SMALL = "?mask=equi-steradian&count=60"
+
+
+def ready(page):
+    expect(page.get_by_role("button", name="Scan this")).to_be_enabled()
+    return page
+
+
+def figure(page, name):
+    return page.locator("dl.figures div", has=page.get_by_text(name, exact=True)).locator("dd").inner_text()
+
+
+def stored(service):
+    return [service.get(f"/{noun}").json()["items"] for noun in ("masks", "plans", "scans")]
+
+
+def test_what_is_shown_is_what_the_service_says_and_nothing_is_stored(service, open_page):
+    before = stored(service)
+    page = ready(open_page(service, f"/design{SMALL}&pulse_rate=10"))
+    mask = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 60}
+    told = service.http.post("/designs/preview", json={"arrangement": mask, "pulse_rate": 10}).json()
+    assert figure(page, "Points") == str(told["mask"]["count"])
+    assert figure(page, "Visible edges") == f"{100 * told['visible_share']:.0f}\N{NO-BREAK SPACE}%"
+    assert page.locator(".part.limiting").inner_text().startswith(told["plan"]["limiting"])
+    expect(page.locator("section.spread")).to_contain_text("A ball of 150")
+    page.locator(FIELD.format("count")).fill("200")
+    until(lambda: figure(page, "Points") not in {"53", ""})
+    assert stored(service) == before
+
+
+def test_what_is_wrong_stands_beside_its_field(service, open_page):
+    page = ready(open_page(service, f"/design{SMALL}"))
+    page.locator(FIELD.format("depth")).fill("-1")
+    expect(page.locator("#remarks-depth")).to_contain_text("allowed: > 0")
+    expect(page.locator(FIELD.format("depth"))).to_have_attribute("aria-invalid", "true")
+    expect(page.get_by_role("button", name="Scan this")).to_be_disabled()
+    page.locator(FIELD.format("depth")).fill("3.6")
+    ready(page)
+    page.locator(FIELD.format("aperture")).fill("30")
+    expect(page.locator(".form .remarks .fault").first).to_be_visible()  # the scanner cannot go so far
+    expect(page.get_by_role("button", name="Scan this")).to_be_disabled()
+    page.faults.clear()  # what is refused is a 422
+
+
+def test_the_point_goes_where_it_is_dragged(service, open_page):
+    page = ready(open_page(service, f"/design{SMALL}"))
+    canvas = page.locator("section.plane canvas")
+    box = canvas.bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    per = 13.56 * 1.04 / (min(box["width"], box["height"]) - 52)  # mm of a pixel: the frame is drawn 26 pixels inside
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 40, y - 25, steps=4)
+    page.mouse.up()
+    assert float(page.locator(FIELD.format("x")).input_value()) == pytest.approx(40 * per, abs=1.1 * per)
+    assert float(page.locator(FIELD.format("y")).input_value()) == pytest.approx(25 * per, abs=1.1 * per)
+    canvas.press("ArrowLeft")
+    ready(page)
+    offset = [float(page.locator(FIELD.format(name)).input_value()) for name in "xy"]
+    expect(page).to_have_url(re.compile(r"[?&]x="))
+    page.reload()
+    ready(page)
+    assert [float(page.locator(FIELD.format(name)).input_value()) for name in "xy"] == offset
+
+
+@pytest.mark.parametrize("arrangement", ["combined", "grid", "hexagonal", "poisson-disc", "random", "equiangular"])
+def test_every_arrangement_can_be_looked_at(service, open_page, arrangement):
+    page = open_page(service, f"/design{SMALL}")
+    page.get_by_label("Arrangement").select_option(arrangement)
+    if arrangement == "grid":
+        page.locator(FIELD.format("side")).fill("9")
+    ready(page)
+    assert int(figure(page, "Points").replace(",", "")) > 20
+    page.get_by_label("Look from another place").check()
+    ready(page)
+    expect(page).to_have_url(re.compile(r"[?&]look="))
+
+
+def test_a_refusal_of_the_second_point_stands_beside_it(service, open_page):
+    page = ready(open_page(service, "/design?mask=combined&count=60&count2=60"))
+    page.locator(FIELD.format("x2")).fill("9")
+    expect(page.locator("#remarks-x2")).to_contain_text("over the aperture")
+    page.locator(FIELD.format("x2")).fill("2")
+    ready(page)
+    page.faults.clear()  # what is refused is a 422
+
+
+def test_any_number_of_points_of_interest(service, open_page):
+    """A third is added and counted by the service, comes back from the address, is refused beside it, and moves up."""
+    page = ready(open_page(service, "/design?mask=combined&count=60&count2=60"))
+    page.get_by_role("button", name="Add a point of interest").click()
+    for name, value in {"count3": "80", "depth3": "2.5", "x3": "-2", "y3": "1"}.items():
+        page.locator(FIELD.format(name)).fill(value)
+    ready(page)
+    points = [(3.6e-3, 60, [0, 0]), (3.6e-3, 60, [3e-3, 0]), (2.5e-3, 80, [-2e-3, 1e-3])]
+    points = [dict(zip(("depth", "count", "offset"), one, strict=True)) for one in points]
+    mask = {"arrangement": "combined", "aperture": 13.56e-3, "points_of_interest": points}
+    told = service.http.post("/designs/preview", json={"arrangement": mask}).json()
+    assert figure(page, "Points") == str(told["mask"]["count"])
+    expect(page).to_have_url(re.compile("y3=0.001"))
+    page.reload()
+    ready(page)
+    expect(page.locator(FIELD.format("depth3"))).to_have_value("2.5")
+    page.locator(FIELD.format("x3")).fill("9")
+    expect(page.locator("#remarks-x3")).to_contain_text("over the aperture")
+    page.get_by_role("button", name="Remove point 2").click()
+    expect(page.locator(FIELD.format("x2"))).to_have_value("9")
+    expect(page.locator(FIELD.format("x3"))).to_have_count(0)
+    page.faults.clear()  # what is refused is a 422
+
+
+def test_the_form_offers_what_the_api_takes_of_a_plan(service, open_page):
+    """Every field of the request (wavelengths by their map); in the units of a person, and stored in the API's."""
+    page = ready(open_page(service, f"/design{SMALL}&pulse_rate=200"))
+    schema = httpx.get(f"{service.url}/openapi.json").json()["components"]["schemas"]["DesignRequest"]
+    for name in set(schema["properties"]) - {"arrangement", "point", "wavelengths"}:
+        expect(page.locator(f"#field-{name}, [data-field^='{name}.']").first).to_be_attached()
+    page.locator("[data-group='More'] summary").click()
+    page.locator(FIELD.format("excitation")).fill("750, 5000")
+    expect(page.locator("[data-field='excitation'] .remarks")).to_contain_text("200e-9 to 3e-6")
+    page.locator(FIELD.format("excitation")).fill("750, 850")
+    page.locator(FIELD.format("beams")).fill("0, 0; 1, 0")
+    ready(page)
+    mask = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 60}
+    told = service.http.post("/designs/preview", json={"arrangement": mask, "beams": [[0, 0], [1e-3, 0]]}).json()
+    until(lambda: figure(page, "Points") == str(told["mask"]["count"]))
+    expect(page).to_have_url(re.compile("more=.*beams"))
+    page.reload()
+    expect(page.locator(FIELD.format("beams"))).to_have_value("0, 0; 1, 0")
+    page.locator(FIELD.format("beams")).fill("")
+    ready(page)
+    page.get_by_label("Follow with an image").uncheck()
+    page.get_by_role("button", name="Scan this").click()
+    expect(page).to_have_url(re.compile("/scans/s"))
+    scan = service.get(f"/scans/{page.url.rpartition('/')[2]}").json()
+    plan = service.get(f"/plans/{scan['plan_id']}").json()
+    assert plan["excitation"] == pytest.approx([750e-9, 850e-9])
+    assert plan["beams"] == []
+    until(lambda: service.get(f"/scans/{scan['id']}").json()["state"] == "complete")
+    page.faults.clear()  # what is refused is a 422
+
+
+def test_a_tuning_map_is_read_from_a_file(service, open_page):
+    """Points are visited by its wavelengths, in the time that the service tells; a line that is wrong is named."""
+    page = ready(open_page(service, f"/design{SMALL}"))
+    places = [(x, y, 1550 + 0.1 * x) for x in (-6, 0, 6) for y in (-6, 0, 6)]
+    rows = ["x_mm,y_mm,wavelength_nm", *(",".join(map(str, place)) for place in places)]
+    page.set_input_files("#field-tuning_map", file_of("map.csv", [*rows, "1,2"]))
+    expect(page.locator(".tuning .remarks")).to_contain_text("line 11")
+    page.set_input_files("#field-tuning_map", file_of("map.json", ['{"places": []}']))
+    expect(page.locator(".tuning .remarks")).to_contain_text("positions and wavelengths")
+    page.set_input_files("#field-tuning_map", file_of("map.csv", rows))
+    expect(page.locator(".tuning")).to_contain_text("9 places")
+    page.locator(FIELD.format("order")).select_option("wavelength")
+    ready(page)
+    mask = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 60}
+    tuning = {"positions": [[1e-3 * x, 1e-3 * y] for x, y, _ in places], "wavelengths": [1e-9 * w for *_, w in places]}
+    body = {"arrangement": mask, "order": "wavelength", "tuning_map": tuning}
+    seconds = service.http.post("/designs/preview", json=body).json()["plan"]["total_seconds"]
+    assert figure(page, "Scan") == duration(seconds)
+
+
+def file_of(name, lines):
+    return {"name": name, "mimeType": "text/csv", "buffer": "\n".join(lines).encode()}
+
+
+def duration(seconds):
+    """As the page writes some tens of seconds, or less than ten."""
+    return f"{float(f'{seconds:.2g}') if seconds < 10 else round(seconds):g}\N{NO-BREAK SPACE}s"
+
+
+def test_designs_are_pinned_side_by_side(service, open_page):
+    """A pinned design keeps its figures while the form goes on, is in the address, and can be worked on again."""
+    page = ready(open_page(service, f"/design{SMALL}&label=%3Cb%3Efirst"))
+    first = page.locator("dl.figures.across").inner_text().split("\n")
+    page.get_by_role("button", name="Pin this design").click()
+    expect(page.locator(".pin dl.figures")).to_contain_text("A ball of 150")
+    page.get_by_label("Arrangement").select_option("random")
+    ready(page)
+    page.get_by_role("button", name="Pin this design").click()
+    expect(page.locator(".pin dl.figures")).to_have_count(2)
+    expect(page).to_have_url(re.compile(r"pin=.*pin="))
+    page.reload()
+    expect(page.locator(".pin dl.figures")).to_have_count(2)
+    expect(page.locator(".pin h3")).to_have_text(["Equi-steradian, <b>first", "Random, <b>first"])
+    kept = page.locator(".pin dl.figures").first.inner_text().split("\n")
+    assert set(first) <= set(kept)
+    page.get_by_role("button", name="Unpin Random").click()
+    expect(page.locator(".pin")).to_have_count(1)
+    page.get_by_role("link", name="Work on it").click()
+    ready(page)
+    assert page.get_by_label("Arrangement").input_value() == "equi-steradian"
+
+
+def test_an_answer_that_is_lost_on_its_way_makes_no_second_scan(service, open_page):
+    """Who sees that it failed presses again."""
+    page = ready(open_page(service, f"/design{SMALL}&pulse_rate=200"))
+    scans = {scan["id"] for scan in service.get("/scans").json()["items"]}
+
+    def lose(route):
+        if route.request.method != "POST":
+            return route.continue_()
+        route.fetch()
+        return route.abort()
+
+    page.route("**/api/v1/scans", lose)
+    button = page.get_by_role("button", name="Scan this")
+    with page.expect_event("requestfailed"):
+        button.click()
+    page.unroute_all()
+    button.click()
+    expect(page).to_have_url(re.compile("/scans/s"))
+    (made,) = {scan["id"] for scan in service.get("/scans").json()["items"]} - scans
+    assert page.url.endswith(made)
+    page.faults.clear()

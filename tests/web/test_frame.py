@@ -1,0 +1,255 @@
+"""What every page has: the stop that is always in reach, the scanner's pill, keys, themes, what others add."""
+
+import re
+from pathlib import Path
+
+import httpx
+import pytest
+from playwright.sync_api import expect
+from sqlalchemy import delete
+
+from steradian.storage.database import Database, metadata_url
+from steradian.storage.scanners import ScannerRepository
+from steradian.storage.tables import ScannerRow
+from steradian.web.pages import PAGES
+from support.services import Service
+from support.waiting import until
+
+ADDRESSES = [address.format(identifier="s01jz0000000000000000000000") for address in PAGES if "{" not in address]
+
+DOCUMENT = Path(__file__).parents[2] / "docs" / "page.md"
+
+
+@pytest.fixture
+def released(service):
+    """Leave the stop as it was found."""
+    yield
+    service.http.delete("/scanners/scanner-0/emergency-stop")
+
+
+def laser(service):
+    stop = service.get("/scanners/scanner-0").json()["emergency_stop"]
+    return stop and stop["laser"]
+
+
+def slow_scan(service):
+    """A scan of minutes that has begun."""
+    scan = service.start_scan(service.plan(pulse_rate=1, averages=10))
+    until(lambda: service.get(f"/scans/{scan['id']}").json()["progress"]["done"] >= 1)
+    return scan["id"]
+
+
+@pytest.mark.parametrize("address", ADDRESSES)
+def test_the_stop_is_in_reach_on_every_page(service, open_page, address):
+    page = open_page(service, address)
+    box = page.get_by_role("button", name="Emergency stop").bounding_box()
+    assert min(box["width"], box["height"]) >= 44
+    assert 0 <= box["x"] <= 1280 - box["width"]
+    page.evaluate("window.scrollTo(0, document.body.scrollHeight)")
+    assert page.get_by_role("button", name="Emergency stop").bounding_box() == box
+
+
+def test_a_dialog_does_not_take_the_stop_away(service, open_page, released):
+    page = open_page(service, "/scans")
+    page.keyboard.press("?")
+    expect(page.get_by_role("dialog")).to_be_visible()
+    box = page.get_by_role("button", name="Emergency stop").bounding_box()
+    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    expect(page.locator("#stopped")).to_contain_text("Emergency stop: no scan ran")
+    page.get_by_role("dialog").get_by_role("button", name="Close").click()
+    page.get_by_role("button", name="Release …").click()  # and the answer is in reach, too
+    expect(page.get_by_role("dialog")).to_contain_text("is it safe that a laser fires")
+    page.keyboard.press("Escape")
+    expect(page.get_by_role("dialog")).to_have_count(0)
+
+
+@pytest.mark.parametrize("press", ["click", "key"])
+def test_the_stop_switches_the_laser_off_and_says_so(service, open_page, released, press):
+    scan = slow_scan(service)
+    page = open_page(service, "/reconstructions")
+    stop = page.get_by_role("button", name="Emergency stop")
+    expect(page.locator("body")).to_have_attribute("data-live", "live")  # its scripts are there
+    stop.click() if press == "click" else page.keyboard.press("Control+.")
+    expect(page.locator("#stopped")).to_contain_text("laser off (confirmed by the device")
+    assert laser(service) == "off"
+    until(lambda: service.get(f"/scans/{scan}").json()["state"] == "aborted")
+    page.get_by_role("button", name="Release …").click()
+    page.get_by_label("Why it may be released").fill("the sample was moved")
+    page.get_by_role("button", name="Release", exact=True).click()
+    expect(page.locator("#stopped")).to_be_hidden()
+    assert laser(service) is None
+
+
+@pytest.fixture
+def other(service):
+    """A scanner of which another node of the service has charge, and nobody knows where that is."""
+    database = Database(metadata_url(service.settings))
+    scanner = ScannerRepository(database, scanner_id="scanner-1")
+    scanner.ensure(simulated=True)
+    yield scanner
+    with database.write() as session:
+        session.execute(delete(ScannerRow).where(ScannerRow.id == scanner.id))
+    database.close()
+
+
+def test_the_stop_is_that_of_every_scanner_and_says_the_worst_of_them(service, open_page, released, other):
+    page = open_page(service, "/scans")
+    expect(page.locator("#scanner")).to_contain_text("canner")
+    page.get_by_role("button", name="Emergency stop").click()
+    expect(page.locator("#stopped")).to_contain_text("no answer from the scanner: use the hardware switch")
+    assert laser(service) == "idle"
+    until(lambda: other.get(other.id).stopped_at)
+
+
+@pytest.mark.parametrize("known", [None, {"laser": "unconfirmed", "recorded": True}], ids=["nothing", "less"])
+def test_what_a_press_was_answered_stays_shown_while_the_scanner_s_state_says_less(service, open_page, known):
+    """As on a node that has not the scanner: it knows from the database, and that learns it later."""
+    stop = {"number": "01k0000000000000000000000", "at": "2026-01-01T00:00:00Z", "by": "Ada", "reason": "smoke"}
+    answer = stop | {"laser": "off", "seconds": 0.1, "recorded": known is not None}
+    scanner = service.get("/scanners/scanner-0").json() | {"emergency_stop": known and stop | {"seconds": None} | known}
+    page = open_page(service, "/scans")
+    told = {"id": "scanner-0", "emergency_stop": answer, "links": {}}
+    page.route("**/emergency-stop", lambda route: route.fulfill(status=202, json=told))
+    page.route("**/api/v1/scanners", lambda route: route.fulfill(json={"items": [scanner]}))
+    page.get_by_role("button", name="Emergency stop").click()
+    expect(page.locator("#stopped")).to_contain_text("laser off")
+    for _ in range(2):  # when the second comes, the first has been shown
+        with page.expect_response(re.compile("/api/v1/scanners$")):
+            pass
+    assert "laser off" in page.locator("#stopped").inner_text()
+    scanner["emergency_stop"] = answer | {"by": "Ben", "recorded": True}
+    expect(page.locator("#stopped")).to_contain_text("by Ben")
+    scanner["emergency_stop"] = None
+    expect(page.locator("#stopped")).to_be_hidden()
+
+
+def test_the_stop_works_while_the_event_stream_is_cut(service, open_page, released):
+    slow_scan(service)
+    page = open_page(service, "/healthz")
+    page.route("**/api/v1/events*", lambda route: route.abort())
+    page.goto(f"{service.url}/data")
+    expect(page.locator("#cut")).to_contain_text("Not live since")
+    page.get_by_role("button", name="Emergency stop").click()
+    expect(page.locator("#stopped")).to_contain_text("laser off (confirmed by the device")
+    assert laser(service) == "off"
+    page.faults.clear()  # the stream that was cut
+
+
+def test_who_gets_no_answer_is_sent_to_the_hardware_switch(service, open_page, released):
+    page = open_page(service, "/data")
+    page.route("**/emergency-stop", lambda route: route.abort())
+    page.get_by_role("button", name="Emergency stop").click()
+    expect(page.locator("#stopped")).to_contain_text("no answer: use the hardware switch")
+    assert laser(service) is None
+    page.unroute("**/emergency-stop")
+    expect(page.locator("#stopped")).to_contain_text("no scan ran")
+    page.faults.clear()  # the presses that were lost
+
+
+def test_a_page_whose_stream_was_cut_is_live_again(service, open_page):
+    page = open_page(service, "/scans")
+    expect(page.locator("body")).to_have_attribute("data-live", "live")
+    page.context.set_offline(True)
+    page.evaluate("() => document.dispatchEvent(new Event('visibilitychange'))")
+    expect(page.locator("#cut")).to_be_visible()
+    page.context.set_offline(False)
+    expect(page.locator("body")).to_have_attribute("data-live", "live")
+    expect(page.locator("#cut")).to_be_hidden()
+    page.faults.clear()
+
+
+def test_who_listens_after_the_stream_has_opened_is_told_to_read(service, open_page):
+    """A view's script may come later than the stream: a scan's page then waited for ever."""
+    page = open_page(service, "/scans")
+    expect(page.locator("body")).to_have_attribute("data-live", "live")
+    assert (
+        page.evaluate(
+            "async () => { const { live } = await import('/static/live.js');"
+            " return await new Promise((go) => {"
+            " live.on('again', () => go('told')); setTimeout(() => go('not told'), 3000); }); }"
+        )
+        == "told"
+    )
+
+
+def test_keys_lead_from_view_to_view(service, open_page):
+    page = open_page(service, "/data")
+    expect(page.get_by_role("button", name="Sign out")).to_be_hidden()  # without keys nobody signs in
+    page.keyboard.press("?")
+    expect(page.get_by_role("dialog")).to_contain_text("Emergency stop")
+    page.keyboard.press("Escape")
+    page.keyboard.press("g")
+    page.keyboard.press("s")
+    page.wait_for_url("**/scans")
+    page.keyboard.press("/")
+    expect(page.get_by_role("searchbox")).to_be_focused()
+
+
+def test_the_theme_follows_the_system_until_somebody_chooses(service, open_page):
+    page = open_page(service, "/data", color_scheme="light")
+    background = "() => getComputedStyle(document.body).backgroundColor"
+    light = page.evaluate(background)
+    page.emulate_media(color_scheme="dark")
+    dark = page.evaluate(background)
+    assert brightness(light) > 200
+    assert brightness(dark) < 50
+    page.get_by_role("button", name="Change to the light theme").click()
+    page.reload()
+    assert page.evaluate(background) == light
+
+
+def brightness(colour):
+    return sum(map(int, re.findall(r"\d+", colour)[:3])) / 3
+
+
+def test_a_lab_adds_a_panel_by_a_script_of_its_own(chromium, open_page, tmp_path):
+    lab = tmp_path / "lab"
+    lab.mkdir()
+    example = re.search("```js\n(.*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)
+    (lab / "water.js").write_text(example[1])
+    (lab / "bath.json").write_text('{"celsius": 21.5}')
+    (lab / "panel.js").write_text(
+        "document.addEventListener('steradian:ready', async ({ detail: { page, api, live, panels } }) => {\n"
+        "  const { version } = await api.get('');\n"
+        "  panels.main.append(`a panel on ${page}, service ${version}, ${typeof live.on}`);\n});\n"
+    )
+    service = Service(tmp_path / "data", log=tmp_path / "log", page_scripts=lab).start()
+    try:
+        page = open_page(service, "/data")
+        expect(page.locator("main")).to_contain_text("a panel on data, service 0.1.0, function")
+        expect(page.locator(".tools")).to_contain_text("water 21.5 °C")
+        page.context.close()
+    finally:
+        service.close()
+
+
+def test_a_key_is_asked_for_once_and_a_cookie_does_the_rest(open_page, tmp_path):
+    key = "sk_test_a_key_that_nobody_guesses"
+    service = Service(tmp_path / "data", log=tmp_path / "log", require_key=True, api_key=key).start()
+    try:
+        page = open_page(service, "/scans")
+        page.get_by_label("API key").fill("wrong")
+        page.get_by_role("button", name="Sign in").click()
+        expect(page.get_by_role("dialog").get_by_role("alert")).not_to_be_empty()
+        page.get_by_label("API key").fill(key)
+        page.get_by_role("button", name="Sign in").click()
+        expect(page.get_by_text("No scans yet")).to_be_visible()
+        page.goto(f"{service.url}/scans")
+        expect(page.locator("body")).to_have_attribute("data-live", "live")
+        page.get_by_role("button", name="Emergency stop").click()
+        expect(page.locator("#stopped")).to_contain_text("no scan ran")
+        asked = {"Authorization": f"Bearer {key}"}
+        assert httpx.get(f"{service.url}/api/v1/scanners/scanner-0", headers=asked).json()["emergency_stop"] is not None
+        assert "steradian_session" not in page.evaluate("document.cookie")
+        cookies = {one["name"]: one["value"] for one in page.context.cookies()}
+        session = f"{service.url}/api/v1/session"
+        assert httpx.get(session, cookies=cookies).json()["csrf_token"]
+        assert httpx.delete(session, cookies=cookies).status_code == 403, "no other page signs anybody out"
+        page.get_by_role("button", name="Sign out").click()
+        expect(page.get_by_role("dialog").get_by_label("API key")).to_be_visible()
+        assert httpx.get(session, cookies=cookies).status_code == 401
+        expect(page.get_by_role("button", name="Sign out")).to_be_hidden()
+        page.context.close()
+        page.faults.clear()  # that a key is needed is said by 401
+    finally:
+        service.close()

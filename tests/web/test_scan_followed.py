@@ -1,0 +1,159 @@
+"""A scan as it is followed: what the page reads, counts and draws, with the event stream and without it."""
+
+import re
+
+import h5py
+import numpy as np
+from playwright.sync_api import expect
+
+from steradian.scans.store import AlineStore
+from support.alines import Aline
+from support.waiting import until
+
+DRAWN = """window.texts = new Set(); const fill = CanvasRenderingContext2D.prototype.fillText;
+CanvasRenderingContext2D.prototype.fillText = function (text, ...rest) { window.texts.add(text);
+  return fill.call(this, text, ...rest); };"""
+
+
+def begin(service, **plan):
+    """Begin a scan, by default one that lasts until it is ended."""
+    scan = service.start_scan(service.plan(**{"pulse_rate": 1, "averages": 60} | plan))["id"]
+    until(lambda: done(service, scan) >= 2)
+    return scan
+
+
+def done(service, scan):
+    return service.get(f"/scans/{scan}").json()["progress"]["done"]
+
+
+def end(service, scan):
+    service.http.put(f"/scans/{scan}/desired-state", json={"state": "stopped"}).raise_for_status()
+    until(lambda: service.get(f"/scans/{scan}").json()["state"] in ("partial", "complete"))
+
+
+def file_of(service, scan):
+    return service.folder / "scans" / f"{scan}.h5"
+
+
+def test_the_page_reads_only_what_is_new(service, open_page):
+    scan = begin(service)
+    page = open_page(service, "/scans")
+    answers = []
+    page.on("response", lambda answer: answers.append(answer) if f"{scan}/shots" in answer.url else None)
+    page.goto(f"{service.url}/scans/{scan}")
+    until(lambda: page.evaluate("1") and len(answers) > 4)
+    end(service, scan)
+    seen = service.get(f"/scans/{scan}/coverage").json()
+    expect(page.locator("[data-filter=stored]")).to_have_text(f"stored {seen['stored']}")
+    first, *others = [answer.json() for answer in answers]
+    assert len(first["points"]) == 53
+    new = {point for one in others for point in one["points"]}
+    assert new | stored_in(first) == stored_in(service.get(f"/scans/{scan}/shots").json())
+    assert max(len(one["points"]) for one in others) < 20
+
+
+def stored_in(told):
+    return {point for point, stored in zip(told["points"], told["stored"], strict=True) if stored}
+
+
+def test_flags_are_counted_by_kind_and_the_newest_a_line_is_drawn_with_its_units(service, open_page):
+    scan = service.make("/scans", plan_id=service.plan())["id"]
+    with AlineStore(file_of(service, scan)) as store:
+        samples = np.linspace(-30_000, 30_000, store.samples).astype(np.int16)
+        store.append(Aline(n, samples, quality=1 + 2 * (n > 2), shot=n, time_zero_offset_s=1e-6) for n in range(5))
+        newest = int(store.course.visit[-1])
+    page = open_page(service, "/scans")
+    page.add_init_script(DRAWN)
+    page.goto(f"{service.url}/scans/{scan}")
+    expect(page.locator("[data-filter=saturated]")).to_have_text("saturated 5")
+    expect(page.locator("[data-filter=mistuned]")).to_have_text("mistuned 2")
+    expect(page.get_by_text(f"Newest, point {newest}:")).to_be_visible()
+    page.locator("[data-filter=mistuned]").click()
+    texts = page.evaluate("[...window.texts]")
+    assert {"time after the laser pulse (µs)", "counts"} <= set(texts)
+    assert any(text.startswith("−") for text in texts)
+    assert not [text for text in texts if re.match(r"-\d", text)], "a minus is no hyphen"
+    page.get_by_role("button", name="Spectrum").click()
+    until(lambda: page.evaluate("window.texts.has('frequency (MHz)') && window.texts.has('level (dB)')"))
+
+
+def follow(service, scan):
+    body = {"scan_id": scan, "follow": True, "interval": 0.5, "parameters": {"modes": 16}}
+    return service.http.post("/reconstructions", json=body).raise_for_status().json()["id"]
+
+
+def test_a_newer_image_is_told_and_asked_for_once(service, open_page):
+    """Nobody asks again and again: there are not more questions than images, and a few at the beginning and end."""
+    scan = begin(service)
+    live = follow(service, scan)
+    page = open_page(service, "/scans")
+    answers = []
+    page.on("response", lambda one: answers.append(one.status) if one.url.endswith("/revision") else None)
+    page.goto(f"{service.url}/scans/{scan}")
+    expect(page.locator("section.image")).to_contain_text("revision")
+    until(lambda: page.evaluate("1") and answers.count(200) >= 3)
+    end(service, scan)
+    expect(page.locator("section.image")).to_contain_text("the whole image")
+    last = service.get(f"/reconstructions/{live}/revision").json()
+    assert last["final"]
+    assert len(answers) <= last["number"] + 4
+
+
+def test_the_image_grows_also_while_the_event_stream_is_cut(service, open_page):
+    scan = begin(service)
+    follow(service, scan)
+    page = open_page(service, "/healthz")
+    page.route("**/api/v1/events*", lambda route: route.abort())
+    page.goto(f"{service.url}/scans/{scan}")
+    expect(page.locator("#cut")).to_contain_text("Not live since")
+    expect(page.locator("section.image")).to_contain_text("revision")
+    first = page.locator("section.image .caption").text_content()
+    expect(page.locator("section.image .caption")).not_to_have_text(first)
+    end(service, scan)
+    expect(page.locator("section.image")).to_contain_text("the whole image")
+    page.faults.clear()  # the stream that was cut
+
+
+def test_a_scan_that_was_not_followed_offers_its_reconstruction_next(service, open_page):
+    scan = begin(service)
+    page = open_page(service, f"/scans/{scan}")
+    expect(page.get_by_role("button", name="Watch the image grow")).to_be_visible()
+    end(service, scan)
+    expect(page.locator("section.image")).to_contain_text("can be reconstructed now")
+    page.get_by_role("button", name="Reconstruct the image").click()
+    page.wait_for_url("**/reconstructions/r*")
+
+
+def test_the_missing_points_are_measured_by_a_scan_that_begins_with_the_others(service, open_page):
+    scan = begin(service, averages=2)
+    end(service, scan)
+    before = file_of(service, scan).read_bytes()
+    held = service.get(f"/scans/{scan}").json()["summary"]["stored"]
+    assert 0 < held < 53
+    page = open_page(service, f"/scans/{scan}")
+    page.get_by_role("button", name="Measure the missing points …").click()
+    expect(page.get_by_role("dialog")).to_contain_text(f"begins with these {held} A-lines and measures the other")
+    page.get_by_role("button", name="Measure", exact=True).click()
+    page.wait_for_url(lambda url: "/scans/s" in url and not url.endswith(scan))
+    made = page.url.rpartition("/")[2]
+    expect(page.locator("section.head")).to_contain_text("completes")
+    until(lambda: service.get(f"/scans/{made}").json()["state"] == "complete")
+    expect(page.locator("[data-filter=stored]")).to_have_text("stored 53")
+    assert file_of(service, scan).read_bytes() == before
+    with h5py.File(file_of(service, scan)) as old, h5py.File(file_of(service, made)) as new:
+        rows = old["alines/status"][:] == 1
+        np.testing.assert_array_equal(new["alines/samples"][rows], old["alines/samples"][rows])
+        assert (new.attrs["scan_id"], new.attrs["completes"]) == (made, scan)
+
+
+def test_interlock_key_shutter_and_lease_stand_beside_the_scan(service, open_page):
+    scan = begin(service)
+    lease = service.http.put("/scanners/scanner-0/lease", json={"holder": "Ada", "seconds": 60}).json()["lease"]
+    page = open_page(service, f"/scans/{scan}")
+    guards = page.get_by_role("group", name="Interlock, key, shutter and lease")
+    for text in ("Interlock closed", "key on", "shutter open", "held by Ada until"):
+        expect(guards).to_contain_text(text)
+    service.http.delete("/scanners/scanner-0/lease", headers={"Scanner-Lease": str(lease["fence"])})
+    end(service, scan)
+    for text in ("Interlock unknown", "shutter unknown", "nobody holds the scanner"):
+        expect(guards).to_contain_text(text)

@@ -1,0 +1,184 @@
+"""The volume's page shows where a ball is, how large it is and what it is made of: in figures, pixels and files."""
+
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from playwright.sync_api import expect
+
+import steradian
+from steradian_client import Client
+from support.recordings import INTERVAL, SOUND_SPEED, ball
+from support.views import AXES, crosshair, drawn, figure, pixel_of, spacing
+
+PLACE = (0.3, -0.15, 1.2)
+"""Of the ball, in mm."""
+
+
+@pytest.fixture(scope="module")
+def made(service):
+    """A ball's reconstruction, one by another method, and one at another speed of sound."""
+    traces, positions = ball(64, 220, depth=PLACE[2] * 1e-3)
+    with Client(service.url) as client:
+        scan = client.imports.arrays(traces, positions, sampling_interval=INTERVAL, sound_speed=SOUND_SPEED)
+        others = ({}, {"method": "nearest"}, {"sound_speed": SOUND_SPEED + 30})
+        jobs = [client.reconstructions.create(scan.id, modes=128, depth_range=(0.0, 4e-3), **one) for one in others]
+        views = [client.reconstructions.wait(job) for job in jobs]
+        volumes = [client.reconstructions.volume(job.id) for job in jobs]
+    return [view.id for view in views], volumes
+
+
+@pytest.fixture
+def page(open_page, service, made):
+    """The ball's page, all views drawn."""
+
+    def show(fragment="", **options):
+        return drawn(open_page(service, f"/volumes/{made[0][0]}{fragment}", **options))
+
+    return show
+
+
+def test_a_click_moves_the_crosshair_in_every_view(page, made):
+    """A place clicked in x–z is where the others go; the third coordinate stays."""
+    page, volume = page(), made[1][0]
+    wanted = (-0.8, PLACE[1], 2.4)
+    x, y = pixel_of(page, volume, "x–z", wanted)
+    page.locator("[data-view='x–z']").click(position={"x": x, "y": y})
+    assert crosshair(page) == pytest.approx(wanted, abs=0.05)
+    page.locator("[data-view='x–y']").focus()
+    page.keyboard.press("ArrowRight")
+    assert crosshair(page)[0] == pytest.approx(wanted[0] + spacing(volume)[0], abs=0.05)
+    page.keyboard.press("PageDown")  # from the projection to the slice
+    page.keyboard.press("PageDown")
+    assert crosshair(page)[2] == pytest.approx(wanted[2] + spacing(volume)[2], abs=0.05)
+
+
+def test_a_region_is_numpy_s(page, made):
+    """Mean and deviation of a rectangle drawn in a slice are those of the volume's values there."""
+    page, volume = page("#slab=0,0,0&tool=region&region=z,-0.5,-0.6,0.75,0.4&background=z,1,1,2,2"), made[1][0]
+    page.click("[data-tab='Measure']")
+    page.wait_for_selector("[data-result='region'] [data-figure='mean']")
+    k = np.unravel_index(volume.values.argmax(), volume.values.shape)[2]
+    x, y = 1e3 * np.array(volume.x), 1e3 * np.array(volume.y)
+    inside = volume.values[(x >= -0.5) & (x <= 0.75), :, k][:, (y >= -0.6) & (y <= 0.4)].astype(float)
+    outside = volume.values[(x >= 1) & (x <= 2), :, k][:, (y >= 1) & (y <= 2)].astype(float)
+    for name, one in (("region", inside), ("background", outside)):
+        for key, wanted in (("mean", one.mean()), ("deviation", one.std())):
+            told = page.get_attribute(f"[data-result='{name}'] [data-figure='{key}']", "data-value")
+            assert float(told) == pytest.approx(wanted, rel=1e-4)
+    assert figure(page, "contrast") == pytest.approx((inside.mean() - outside.mean()) / outside.std(), rel=1e-3)
+
+
+def test_an_address_shows_the_same_view(page):
+    """Slices, window, colours, crosshair, zoom and the turned 3-D view are in the address, and come back from it."""
+    page_ = page()
+    page_.locator("[data-view='x–y']").click(position={"x": 60, "y": 60})
+    page_.locator("[data-view='x–y']").focus()
+    for key in ("m", "+", "+"):
+        page_.keyboard.press(key)
+    page_.locator("[data-handle='high']").focus()
+    page_.keyboard.press("ArrowLeft")
+    page_.select_option("#map", "cividis")
+    page_.locator("[data-view='3-D']").focus()
+    page_.keyboard.press("ArrowLeft")
+    parts = ["at=", "slab=", "window=", "map=cividis", "zoom=", "camera="]
+    page_.wait_for_function("(parts) => parts.every((one) => location.hash.includes(one))", arg=parts)
+    shown = page_.url
+    again = page(shown[shown.index("#") :])
+    assert crosshair(again) == pytest.approx(crosshair(page_), abs=1e-4)
+    assert again.url == shown
+    again.wait_for_function(SAME, arg=page_.evaluate(PICTURES))
+
+
+PICTURES = "() => [...document.querySelectorAll('[data-image]')].map((one) => one.toDataURL())"
+SAME = f"(wanted) => JSON.stringify(({PICTURES})()) === JSON.stringify(wanted)"
+
+
+def test_what_differs_from_a_reference(page, made):
+    """Two images of the same voxels: their projections' correlation is NumPy's; where they are alike it is dark."""
+    page, volumes = page(f"#against={made[0][1]}"), made[1][:2]
+    page.click("[data-tab='Compare']")
+    page.wait_for_selector("[data-figure='correlation-z']")
+    for n, axis in enumerate(AXES):
+        one, other = (volume.values.max(axis=n).ravel().astype(float) for volume in volumes)
+        assert figure(page, f"correlation-{axis}") == pytest.approx(np.corrcoef(one, other)[0, 1], abs=1e-4)
+    page.get_by_role("button", name="Compare the whole volumes").click()
+    page.wait_for_selector("[data-figure='volume_correlation']")
+    whole = np.corrcoef(*(volume.values.ravel().astype(float) for volume in volumes))[0, 1]
+    assert figure(page, "volume_correlation") == pytest.approx(whole, abs=1e-4)
+    page.click("[data-how='blink']")
+    page.wait_for_function("() => document.querySelector('#panel-Compare').innerText.includes('now: the reference')")
+
+
+def test_images_of_other_voxels_are_not_subtracted(page, made):
+    """At another speed of sound voxels lie at other depths: that is said, and they can be seen by turns."""
+    page = page(f"#against={made[0][2]}")
+    page.click("[data-tab='Compare']")
+    page.wait_for_function("() => document.querySelector('#panel-Compare').innerText.includes('cannot be subtracted')")
+    page.click("[data-how='blink']")
+    page.wait_for_function("() => document.querySelector('#panel-Compare').innerText.includes('now: the reference')")
+
+
+def test_a_mask_is_designed_around_what_one_points_at(service, page, made):
+    """One point by a click in x–z; one by a click in x–y that is dragged in x–z to its depth; both fill the design."""
+    page, volume = page("#tool=point"), made[1][0]
+    page.click("[data-tab='Measure']")
+    deep, shallow = (-0.8, PLACE[1], 2.4), (0.7, 0.5, 1.0)
+    x, y = pixel_of(page, volume, "x–z", deep)
+    page.locator("[data-view='x–z']").click(position={"x": x, "y": y})
+    x, y = pixel_of(page, volume, "x–y", shallow)
+    page.locator("[data-view='x–y']").click(position={"x": x, "y": y})
+    box = page.locator("[data-view='x–z']").bounding_box()
+    (x0, y0), (x1, y1) = (pixel_of(page, volume, "x–z", (0.7, 0.5, depth)) for depth in (deep[2], shallow[2]))
+    page.mouse.move(box["x"] + x0, box["y"] + y0)
+    page.mouse.down()
+    page.mouse.move(box["x"] + x1, box["y"] + y1, steps=4)
+    page.mouse.up()
+    expect(page.locator("[data-result='points'] li")).to_have_count(2)
+    scan = service.get(f"/reconstructions/{made[0][0]}").json()["scan_id"]
+    mask = service.get(f"/masks/{service.get(f'/scans/{scan}').json()['mask_id']}").json()
+    lead = page.get_by_role("link", name="Mask around these 2 points")
+    expect(lead).to_have_attribute("href", re.compile(f"aperture={mask['aperture']}&"))
+    lead.click()
+    expect(page.locator("#arrangement")).to_have_value("combined")
+    for n, point in (("", deep), ("2", shallow)):
+        told = [float(page.locator(f"#field-{name}{n}").input_value()) for name in ("x", "y", "depth")]
+        assert told == pytest.approx(point, abs=0.05)
+    expect(page.get_by_role("button", name="Scan this")).to_be_enabled()
+
+
+def test_points_of_interest_by_keys_and_fingers(page):
+    """The crosshair is added from the keyboard, which stays where it is; two fingers that zoom add nothing."""
+    page = page("#tool=point&at=0.5,0,1")
+    page.click("[data-tab='Measure']")
+    add, points = page.get_by_role("button", name="Add the crosshair"), page.locator("[data-result='points'] li")
+    add.focus()
+    for count in (1, 2):
+        page.keyboard.press("Enter")
+        expect(points).to_have_count(count)
+        expect(add).to_be_focused()
+    box = page.locator("[data-view='x–z']").bounding_box()
+    hand = page.context.new_cdp_session(page)
+    fingers = [{"x": box["x"] + x, "y": box["y"] + 60, "id": n} for n, x in enumerate((80, 140))]
+    for so_far, count in (([fingers[0]], 3), (fingers, 2)):
+        hand.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": so_far})
+        expect(points).to_have_count(count)
+    hand.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+    page.get_by_role("button", name="Remove point 1").click()
+    expect(points).to_have_count(1)
+
+
+def test_the_command_line_makes_it_again(page, made, tmp_path):
+    """The lines that the page tells make the same volume."""
+    page, volume = page(), made[1][0]
+    page.click("[data-tab='Made']")
+    command = page.inner_text("[data-command='shell']")
+    assert "steradian reconstruct" in command
+    python = f"{sys.executable} -m steradian"
+    script = command.replace("steradian reconstruct", f"{python} reconstruct").replace("curl -o", "curl -s -o")
+    subprocess.run(["bash", "-e", "-c", script], cwd=tmp_path, check=True, capture_output=True, timeout=300)
+    again = steradian.open(tmp_path / made[0][0])
+    assert again.values.shape == volume.values.shape
+    assert np.allclose(again.values, volume.values, rtol=1e-4, atol=1e-5 * volume.values.max())
