@@ -22,7 +22,8 @@ class Service:
     command = (sys.executable, "-m", "steradian", "serve")
 
     def __init__(self, folder, log=None, **settings):
-        self.settings = Settings.create(data=folder, port=0, **settings)
+        # on a busy machine a scan's process may be held up for seconds, which few tests are about
+        self.settings = Settings.create(data=folder, port=0, **{"resume_within": 10.0} | settings)
         self.folder, self.log = folder, log or folder / "service.log"
         self.process = self.http = None
 
