@@ -83,3 +83,28 @@ def test_memory_is_told_for_each_process_over_time(tmp_path):
     assert found["api"]["most_mib"] > 200
     assert abs(found["supervisor"]["mib_per_minute"]) < 0.1 * found["api"]["mib_per_minute"]
     assert len(found["api"]["over_time"]) > 10
+
+
+def test_what_the_api_has_worked_out_beside_it_is_no_memory_of_its_own(tmp_path):
+    """Its process holds little, the one that it starts and that ends again 64 MiB."""
+    (tmp_path / "steradian.api.py").write_text(
+        "import subprocess, sys\n"
+        "command = [sys.executable, sys.argv[0].replace('.py', '.workshop.py')]\n"
+        "child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)\n"
+        "child.stdout.readline(); print('held', flush=True); sys.stdin.readline()\n"
+        "child.communicate(); print('free', flush=True); sys.stdin.readline()\n"
+    )
+    (tmp_path / "steradian.api.workshop.py").write_text(
+        "import sys\nheld = b'1' * 2**26\nprint(flush=True)\nsys.stdin.read()\n"
+    )
+    command = [sys.executable, str(tmp_path / "steradian.api.py")]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        watch = MemoryWatch(process.pid, 1.0)
+        for said in ("held", "free"):
+            assert process.stdout.readline().strip() == said
+            watch.look()
+            process.stdin.write("\n")
+            process.stdin.flush()
+    found = {row["process"]: row for row in watch.rows()}
+    assert found["api"]["most_mib"] < 60
+    assert (found["api's workshop"]["most_mib"] > 64, found["api's workshop"]["last_mib"]) == (True, 0)

@@ -14,13 +14,16 @@ import numpy as np
 from steradian.benchmarks.service import memory_mib
 
 NAMES = {
+    "steradian.api.workshop": "api's workshop",
     "steradian.api": "api",
     "steradian.runtime.acquisition": "acquisition",
     "steradian.runtime.worker": "worker",
     "steradian.jobs.child": "jobs' process",
     "fabry_perot.simulator": "simulator",
 }
-"""What stands in a process's command line, and what it is called here; the one above them is the supervisor."""
+"""What stands in a process's command line, and what it is called here: the first that fits.
+
+The one above them is the supervisor."""
 SETTLING = 0.25
 """Share of a run in which caches fill; growth counts from then on."""
 
@@ -50,11 +53,11 @@ class MemoryWatch:
         self.look()
 
     def look(self) -> None:
-        """Note the memory of each kind of process, added up, now."""
+        """Note the memory of each kind of process, added up, now; what has ended holds nothing."""
         now = time.monotonic() - self._begun
-        added: dict[str, float] = defaultdict(float)
+        added = dict.fromkeys(self._found, 0.0)
         for pid, name in _family(self._pid):
-            added[name] += memory_mib(pid)
+            added[name] = added.get(name, 0.0) + memory_mib(pid)
         for name, mib in added.items():
             self._found[name].append((now, mib))
 

@@ -24,6 +24,7 @@ from sqlalchemy.orm import Session
 from ulid import ULID
 
 from steradian.errors import NotFound, Superseded
+from steradian.jobs.heap import keep_libraries
 from steradian.jobs.hurrying import hurried
 from steradian.jobs.joining import ENGINE, engine_version, join
 from steradian.jobs.keeping import JobKeeper
@@ -310,6 +311,7 @@ def run_worker(settings: Settings, slot: int, commands: Mapping[str, Sequence[st
         threading.Thread(target=watch_others, args=watch, daemon=True).start()
     elif slot == 0:
         _adopt_orphans(settings)
+    keep_libraries()
     _log.info("%s waits for jobs", name)
     while not runner.stopping.wait(POLL):
         pass  # a signal that another thread received is handled when this one wakes

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import logging
 import threading
 import time
@@ -110,6 +111,7 @@ class JobRunner:
             self._ended = time.monotonic()
             self.idle.set()
             self.ended.set()
+            gc.collect()  # what the job left, while the engine looks for the next
 
     async def _attempt(self, row: JobRow) -> JobRow:
         """Do what a start of a job asks for and note how it ended, whatever happens on the way."""

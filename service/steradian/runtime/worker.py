@@ -8,6 +8,7 @@ import signal
 import sys
 import threading
 
+from steradian.jobs.heap import share_one_heap
 from steradian.jobs.joining import join
 from steradian.jobs.kinds import KINDS
 from steradian.logs import configure_logging
@@ -23,6 +24,7 @@ CHILD = (sys.executable, "-P", "-m", "steradian.jobs.child")
 
 def main(slot: int) -> None:
     """Be worker number ``slot`` of the service that the environment describes."""
+    share_one_heap()  # before any thread begins
     settings = Settings.create()
     configure_logging(settings, settings.executor(slot))
     stop = threading.Thread(target=end_with_stdin, args=(lambda: os.kill(os.getpid(), signal.SIGTERM),), daemon=True)

@@ -1,0 +1,32 @@
+"""A worker's memory stays level, however long it runs and however many threads its queue's engine keeps."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import sys
+from contextlib import suppress
+from typing import Final
+
+_ARENA_MAX: Final = -8
+"""``M_ARENA_MAX`` of glibc's ``malloc.h``."""
+
+
+def share_one_heap() -> None:
+    """Have all threads that begin from now on allocate from one heap; does nothing without glibc.
+
+    Else glibc gives each thread one of its own, and what one of them freed no other takes: a worker's threads wake in
+    turn, and each of their heaps grows to the most that any job needed there. They take turns in Python anyway.
+    """
+    if sys.platform == "linux":
+        with suppress(OSError, AttributeError):
+            ctypes.CDLL(None).mallopt(_ARENA_MAX, 1)
+
+
+def keep_libraries() -> None:
+    """Have collections of garbage look no more at what is loaded: full ones then come soon and cost little.
+
+    Python puts them off until a quarter as much as there is has been added, which here is tens of thousands of objects.
+    """
+    gc.collect()
+    gc.freeze()
