@@ -44,7 +44,7 @@ def test_the_figures_are_those_of_today():
             tuning=Tuning(settling=5e-3, speed=1.0),
         )
     )
-    # another processor rounds otherwise, and of two ways that are as good the other may be gone: a millisecond of 1.843 s
+    # another processor rounds otherwise, and of two ways as good as each other takes the other one: 1 ms of 1.843 s
     assert cost.total_seconds == pytest.approx(kept["expected_s"], rel=5e-3)
     assert cost.retunings == kept["retunings"]
     assert cost.sensitivity_loss["mean"] == pytest.approx(kept["mean_loss"])
