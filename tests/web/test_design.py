@@ -6,6 +6,8 @@ import httpx
 import pytest
 from playwright.sync_api import expect
 
+from steradian.storage.database import Database, metadata_url
+from steradian.storage.scanners import ScannerRepository
 from support.waiting import until
 
 FIELD = "#field-{}"
@@ -224,3 +226,26 @@ def test_an_answer_that_is_lost_on_its_way_makes_no_second_scan(service, open_pa
     (made,) = {scan["id"] for scan in service.get("/scans").json()["items"]} - scans
     assert page.url.endswith(made)
     page.faults.clear()
+
+
+def test_where_there_are_several_scanners_a_person_chooses_one(service, open_page):
+    page = ready(open_page(service, f"/design{SMALL}&pulse_rate=200"))
+    expect(page.get_by_label("Which scanner", exact=True)).to_be_hidden()
+    database = Database(metadata_url(service.settings))
+    other = ScannerRepository(database, scanner_id="scanner-1")
+    other.ensure(simulated=True)
+    try:
+        choice = page.get_by_label("Which scanner", exact=True)
+        expect(choice).to_be_visible()
+        before = stored(service)
+        page.get_by_role("button", name="Scan this").click()
+        expect(page.locator("footer [role=alert]")).to_contain_text("Choose one")
+        assert stored(service) == before
+        choice.select_option("scanner-1")
+        page.get_by_role("button", name="Scan this").click()
+        expect(page).to_have_url(re.compile("/scans/s"))
+        made = page.url.rpartition("/")[2]
+        assert service.get(f"/scans/{made}").json()["scanner_id"] == "scanner-1"
+    finally:
+        service.http.delete("/scanners/scanner-1", params={"abandon": True}).raise_for_status()
+        database.close()

@@ -96,9 +96,45 @@ def test_the_stop_is_that_of_every_scanner_and_says_the_worst_of_them(service, o
     page = open_page(service, "/scans")
     expect(page.locator("#scanner")).to_contain_text("canner")
     page.get_by_role("button", name="Emergency stop").click()
-    expect(page.locator("#stopped")).to_contain_text("no answer from the scanner: use the hardware switch")
+    expect(page.locator("#stopped")).to_contain_text("no answer from scanner-1: use the hardware switch")
     assert laser(service) == "idle"
     until(lambda: other.get(other.id).stopped_at)
+
+
+def test_a_page_that_could_not_ask_who_there_is_stops_every_scanner(service, open_page, released, other):
+    """As one that is opened while the database is away."""
+    until(lambda: len(service.http.post("/emergency-stop").json()["items"]) == 2)
+    for name in ("scanner-0", other.id):
+        service.http.delete(f"/scanners/{name}/emergency-stop").raise_for_status()
+    page = open_page(service, "/healthz")
+    page.route("**/api/v1/scanners", lambda route: route.fulfill(status=503, json={"code": "database-unavailable"}))
+    page.goto(f"{service.url}/data")
+    page.get_by_role("button", name="Emergency stop").click()
+    expect(page.locator("#stopped")).to_contain_text("use the hardware switch")
+    until(lambda: other.get(other.id).stopped_at)
+    assert laser(service) == "idle"
+    page.faults.clear()  # what was refused
+
+
+def test_a_scanner_that_does_not_let_its_stop_go_is_named_and_the_others_are_released(
+    service, open_page, released, other
+):
+    page = open_page(service, "/scans")
+    expect(page.locator("#scanner")).to_contain_text("2 scanners")
+    page.get_by_role("button", name="Emergency stop").click()
+    page.route(
+        "**/scanners/scanner-1/emergency-stop*", lambda route: route.fulfill(status=503, json={"detail": "gone"})
+    )
+    page.get_by_role("button", name="Release …").click()
+    page.get_by_label("Why it may be released").fill("it was a test")
+    page.get_by_role("button", name="Release", exact=True).click()
+    expect(page.get_by_role("dialog")).to_contain_text("scanner-1: gone")
+    assert laser(service) is None
+    page.keyboard.press("Escape")
+    expect(page.locator("#stopped")).to_contain_text("no answer from scanner-1")
+    service.http.delete("/scanners/scanner-1").raise_for_status()
+    expect(page.locator("#stopped")).to_be_hidden()
+    page.faults.clear()  # what was refused
 
 
 @pytest.mark.parametrize("known", [None, {"laser": "unconfirmed", "recorded": True}], ids=["nothing", "less"])
@@ -108,7 +144,7 @@ def test_what_a_press_was_answered_stays_shown_while_the_scanner_s_state_says_le
     answer = stop | {"laser": "off", "seconds": 0.1, "recorded": known is not None}
     scanner = service.get("/scanners/scanner-0").json() | {"emergency_stop": known and stop | {"seconds": None} | known}
     page = open_page(service, "/scans")
-    told = {"id": "scanner-0", "emergency_stop": answer, "links": {}}
+    told = {"items": [{"id": "scanner-0", "emergency_stop": answer, "links": {}}]}
     page.route("**/emergency-stop", lambda route: route.fulfill(status=202, json=told))
     page.route("**/api/v1/scanners", lambda route: route.fulfill(json={"items": [scanner]}))
     page.get_by_role("button", name="Emergency stop").click()

@@ -61,9 +61,11 @@ PREVIEW_POINT_SPREAD: Final = Route("POST", f"{V1}/designs/point-spread")
 
 LIST_SCANNERS: Final = Route("GET", f"{V1}/scanners")
 READ_SCANNER: Final = Route("GET", f"{V1}/scanners/{{id}}")
+RETIRE_SCANNER: Final = Route("DELETE", f"{V1}/scanners/{{id}}")
 TAKE_LEASE: Final = Route("PUT", f"{V1}/scanners/{{id}}/lease")
 GIVE_LEASE_BACK: Final = Route("DELETE", f"{V1}/scanners/{{id}}/lease")
 PRESS_STOP: Final = Route("POST", f"{V1}/scanners/{{id}}/emergency-stop")
+PRESS_EVERY_STOP: Final = Route("POST", f"{V1}/emergency-stop")
 RELEASE_STOP: Final = Route("DELETE", f"{V1}/scanners/{{id}}/emergency-stop", repeatable=False)
 RELEASE_NAMED_STOP: Final = Route("DELETE", f"{V1}/scanners/{{id}}/emergency-stop")
 

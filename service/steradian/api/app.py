@@ -30,6 +30,7 @@ from steradian.api import (
     scanners,
     scans,
     sessions,
+    stops,
     storage,
     uploads,
 )
@@ -44,7 +45,7 @@ from steradian.web.pages import make_router
 
 RESOURCES = (
     events, root, masks, plans, designs, scanners, scans, scan_data, reconstructions, results, quality, batches,
-    uploads, jobs, deletion, storage, sessions,
+    uploads, jobs, deletion, storage, sessions, stops,
 )  # fmt: skip
 """In the order in which a request is compared with their routes; streams are opened by many at once."""
 

@@ -52,7 +52,7 @@ SECURITY: Final = {
 CONFLICTS: Final = frozenset(
     {
         *("batch_create", "batch_delete", "batch_desired_state_set"),
-        *("emergency_stop_release", "scanner_lease_return", "scanner_lease_take"),
+        *("emergency_stop_release", "scanner_lease_return", "scanner_lease_take", "scanner_retire"),
         *("job_change", "job_create", "job_delete", "job_desired_state_set", "job_file_read"),
         *("mask_delete", "plan_delete", "upload_delete"),
         *("reconstruction_change", "reconstruction_create", "reconstruction_delete"),

@@ -7,7 +7,6 @@ import logging
 import threading
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from http.client import HTTPException
 from typing import Final
 
 from ulid import ULID
@@ -33,14 +32,19 @@ _log = logging.getLogger(__name__)
 @dataclass
 class _Errand:
     scanner_id: str
+    number: str
     question: Question
     reason: str | None
     answer: EmergencyAnswer | None = None
-    is_recorded: bool = False
+    recorded: int | None = None
+    """Revision of the scanner's row in which the press stands."""
 
 
 class StopCourier:
     """Carries each press until it has arrived; meanwhile it is written into the database, which that node reads, too.
+
+    It ends unheard when the scanner is retired, or when somebody has released what that node read in the database. The
+    press has its number from here, so that who was told of it can release it.
 
     Parameters
     ----------
@@ -62,8 +66,9 @@ class StopCourier:
     async def press(self, scanner_id: str, who: Principal, reason: str | None) -> EmergencyAnswer:
         """Press the stop of a scanner elsewhere; the answer is its node's, or says that nothing is confirmed."""
         path, body = f"{BASE}/scanners/{scanner_id}/emergency-stop", json.dumps({"reason": reason}).encode()
-        headers = {"Content-Type": "application/json", "Accept": "application/json", ERRAND: str(ULID())}
-        errand = _Errand(scanner_id, Question("POST", path, who, body, headers), reason)
+        number = str(ULID())
+        headers = (("Content-Type", "application/json"), ("Accept", "application/json"), (ERRAND, number))
+        errand = _Errand(scanner_id, number, Question("POST", path, who, body, headers), reason)
         self._carried[scanner_id] = (*self._carried.get(scanner_id, ()), errand)[-MOST:]
         threading.Thread(target=self._carry, args=(errand,), name="stop-courier", daemon=True).start()
         await until(lambda: errand.answer is not None, SOON)
@@ -74,19 +79,19 @@ class StopCourier:
 
     def _is_wanted(self, errand: _Errand) -> bool:
         pending = errand.answer is None and not self._over.is_set()
-        return pending and any(each is errand for each in self._carried[errand.scanner_id])
+        is_over = self._nodes.is_released(errand.scanner_id, errand.recorded)
+        return pending and not is_over and any(each is errand for each in self._carried[errand.scanner_id])
 
     def _carry(self, errand: _Errand) -> None:
         told = ""
         while True:
             try:
-                with self._nodes.ask(errand.scanner_id, errand.question, WITHIN) as reply:
-                    said = reply.read()
-                if reply.status == 202:
+                status, said = self._nodes.told(errand.scanner_id, errand.question, WITHIN)
+                if status == 202:
                     errand.answer = EmergencyAnswer.model_validate_json(said)
                     return
                 why = f"its node refuses it: {said[:500]!r}"
-            except (NodeUnavailable, OSError, HTTPException, ValueError) as error:
+            except (NodeUnavailable, ValueError) as error:
                 why = str(error)
             if why != told:
                 _log.error("the emergency stop does not reach %s yet: %s", errand.scanner_id, why)
@@ -99,24 +104,23 @@ class StopCourier:
         scanner, who = self._scanner.of(errand.scanner_id), errand.question.who.name
         while self._is_wanted(errand):
             try:
-                scanner.stop(who, errand.reason)
+                errand.recorded = scanner.stop(who, errand.reason, errand.number, carried=True).revision
             except Exception as error:  # whatever it was, it is tried again
                 _log.warning("the emergency stop cannot be written into the database: %s", error)
                 self._over.wait(4 * AGAIN)
                 continue
-            errand.is_recorded = True
             return
 
 
 def _unconfirmed(errand: _Errand) -> EmergencyAnswer:
     shown = EmergencyView(
-        number=str(ULID()),
+        number=errand.number,
         at=datetime.now(UTC),
         by=errand.question.who.name,
         reason=errand.reason,
         laser="unconfirmed",
         seconds=None,
-        recorded=errand.is_recorded,
+        recorded=errand.recorded is not None,
     )
     here = f"{BASE}/scanners/{errand.scanner_id}"
     return EmergencyAnswer(id=errand.scanner_id, emergency_stop=shown, links={"scanner": here})

@@ -71,9 +71,9 @@ class EmergencyDesk:
         Parameters
         ----------
         errand
-            Which press of another node this is, however often it comes: one that was released is not pressed again.
+            Number of a press of another node, however often it comes: one that was released is not pressed again.
         """
-        press = (self._errands.get(errand) if errand else None) or self._latch.press(who, reason)
+        press = (self._errands.get(errand) if errand else None) or self._latch.press(who, reason, errand or None)
         if errand:
             self._errands[errand] = press
             if len(self._errands) > ERRANDS:
@@ -142,10 +142,11 @@ class EmergencyDesk:
 
     def _known(self, row: ScannerRow) -> Press | None:
         """Return the press that stands; one that only the database knows, by another node or a lost latch, is made."""
-        press = self.standing
-        if row.stopped_at is not None and press is None:
-            press = self._latch.press(row.stopped_by or "", row.stop_reason)
-        return press
+        if row.stopped_at is not None and self.standing is None:
+            self._latch.press(row.stopped_by or "", row.stop_reason, row.stop_number)
+            if self.standing is None:  # it was released here, and that did not reach the database
+                self._latch.press(row.stopped_by or "", row.stop_reason)
+        return self.standing
 
 
 async def until(condition: Callable[[], bool], seconds: float) -> None:

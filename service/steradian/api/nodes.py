@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import hmac
 import json
+import socket
+import threading
 from collections import defaultdict
-from collections.abc import AsyncIterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import AsyncIterator, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from http import HTTPStatus
 from http.client import HTTPConnection, HTTPException, HTTPResponse, HTTPSConnection
 from typing import Final
@@ -32,9 +35,9 @@ ERRAND: Final = "Steradian-Errand"
 """Names a press of the stop, which is brought again until there is an answer."""
 PASSED_ON: Final = (
     *("accept", "content-type", "if-match", "if-none-match", "if-range", "range", "scanner-lease"),
-    *("want-repr-digest", "x-request-id"),
+    "want-repr-digest",
 )
-"""Headers of a request that the other node needs to answer it."""
+"""Headers of a request that the other node needs to answer it, as often as they stand in it."""
 NOT_PASSED_BACK: Final = frozenset({"connection", "date", "keep-alive", "server", "transfer-encoding"})
 """Headers of an answer that are of one connection alone."""
 CONNECT, PATIENCE = 3.0, 20.0
@@ -66,16 +69,16 @@ class Question:
     target: str
     who: Principal
     body: bytes = b""
-    headers: Mapping[str, str] = field(default_factory=dict)
+    headers: tuple[tuple[str, str], ...] = ()
 
     @classmethod
     async def of(cls, request: Request) -> Question:
         """Repeat a request."""
         query = request.scope["query_string"].decode("latin-1")
         target = request.scope["raw_path"].decode("latin-1") + (f"?{query}" if query else "")
-        headers = {name: request.headers[name] for name in PASSED_ON if name in request.headers}
-        headers["x-request-id"] = str(request.scope["state"]["request_id"])
-        return cls(request.method, target, request.state.principal, await request.body(), headers)
+        headers = [(name, value) for name, value in request.headers.items() if name in PASSED_ON]
+        headers.append(("x-request-id", str(request.scope["state"]["request_id"])))
+        return cls(request.method, target, request.state.principal, await request.body(), tuple(headers))
 
 
 class Nodes:
@@ -109,13 +112,32 @@ class Nodes:
         return scanner_id is not None and scanner_id == self._own
 
     def is_elsewhere(self, scanner_id: str | None) -> bool:
-        """Whether a scanner is another node's."""
-        return not self._is_all and scanner_id is not None and scanner_id != self._own
+        """Whether a scanner is another node's; one that is retired is nobody's."""
+        return not self._is_all and scanner_id != self._own and scanner_id in self._rows
+
+    def follows(self, scanner_id: str) -> bool:
+        """Whether a scanner is another node's, and that one has workers for images that grow with its scans."""
+        return self.is_elsewhere(scanner_id) and self._rows[scanner_id].follows
+
+    @property
+    def is_noted(self) -> bool:
+        """Whether this node's scanner is among those of the service: a person may have retired it by mistake."""
+        return self._own is None or self._own in self._rows
+
+    @property
+    def scanners(self) -> list[str]:
+        """Names of all scanners, as far as is known without the database."""
+        return sorted({*self._rows, *([self._own] if self._own is not None else [])})
 
     @property
     def are_simulated(self) -> bool:
         """Whether no scanner of the service is a real one."""
         return self._is_simulated if self._is_all else all(row.simulated for row in self._rows.values())
+
+    def is_released(self, scanner_id: str, since: int | None) -> bool:
+        """Whether a press needs to go no further: its scanner is retired, or what stood in a revision is released."""
+        row = self._rows.get(scanner_id)
+        return row is None or (since is not None and row.revision > since and row.stopped_at is None)
 
     def ask(self, scanner_id: str, question: Question, seconds: float = PATIENCE) -> HTTPResponse:
         """Ask the node of a scanner; its answer is still to be read, and then closed.
@@ -130,6 +152,24 @@ class Nodes:
         NodeUnavailable
             When it does not answer, or nobody knows where it is.
         """
+        with self._reached(scanner_id, seconds) as connection:
+            return self._put(connection, question)
+
+    def told(self, scanner_id: str, question: Question, seconds: float) -> tuple[int, bytes]:
+        """Ask the node of a scanner and read all of its answer, within so many seconds; errors as of :meth:`ask`."""
+        with self._reached(scanner_id, seconds) as connection:
+            cut = threading.Timer(seconds, _cut, [connection.sock])
+            cut.daemon = True
+            cut.start()
+            try:
+                with self._put(connection, question) as answer:
+                    return answer.status, answer.read()
+            finally:
+                cut.cancel()
+
+    @contextmanager
+    def _reached(self, scanner_id: str, seconds: float) -> Iterator[HTTPConnection]:
+        """Yield a connection to the node of a scanner; what fails with it is that it does not answer."""
         row = self._rows.get(scanner_id)
         address = None if row is None else row.address
         if address is None or self._secret is None:
@@ -137,15 +177,23 @@ class Nodes:
         parts = urlsplit(address)
         kind = HTTPSConnection if parts.scheme == "https" else HTTPConnection
         connection = kind(parts.hostname or "", parts.port, timeout=min(CONNECT, seconds))
-        proof = {SECRET: self._secret, BEHALF: _written(question.who), "Connection": "close"}
         try:
             connection.connect()
             connection.sock.settimeout(seconds)
-            connection.request(question.method, question.target, question.body or None, {**question.headers, **proof})
-            return connection.getresponse()
+            yield connection
         except (OSError, HTTPException) as error:
             connection.close()
             raise NodeUnavailable(f"the node of {scanner_id} does not answer: {error}") from error
+
+    def _put(self, connection: HTTPConnection, question: Question) -> HTTPResponse:
+        connection.putrequest(question.method, question.target)
+        proof = ((SECRET, self._secret or ""), (BEHALF, _written(question.who)), ("Connection", "close"))
+        for name, value in (*question.headers, *proof):
+            connection.putheader(name, value)
+        if question.body or question.method != "GET":
+            connection.putheader("Content-Length", str(len(question.body)))
+        connection.endheaders(question.body or None)
+        return connection.getresponse()
 
     @staticmethod
     def refuse_rounds(request: Request, scanner_id: str) -> None:
@@ -167,15 +215,14 @@ class Nodes:
         if answer.status == HTTPStatus.UNAUTHORIZED:  # this node, and not who asks
             answer.close()
             raise NodeUnavailable(f"the node of {scanner_id} has another STERADIAN_NODE_SECRET than this one")
-        headers = {name: value for name, value in answer.getheaders() if name.lower() not in NOT_PASSED_BACK}
         if answer.length is not None and answer.length <= PIECE:
             try:
                 with answer:
                     body = await to_thread.run_sync(answer.read, limiter=limiter)
             except (OSError, HTTPException) as error:
                 raise NodeUnavailable(f"the node of {scanner_id} fell silent: {error}") from error
-            return Response(body, answer.status, headers)
-        return StreamingResponse(_pieces(answer, limiter), answer.status, headers)
+            return _as_it_came(answer, Response(body, answer.status))
+        return _as_it_came(answer, StreamingResponse(_pieces(answer, limiter), answer.status))
 
 
 def came_from_a_node(request: Request) -> bool:
@@ -198,6 +245,19 @@ def principal_of(headers: Headers, secret: str | None) -> Principal | None:
         raise Unauthorized("that is not the secret of this service's nodes")
     said = json.loads(headers[BEHALF])
     return Principal(said["name"], frozenset(map(Scope, said["scopes"])), said["key_id"])
+
+
+def _as_it_came(answer: HTTPResponse, passed_back: Response) -> Response:
+    """Give an answer the headers of another, repeated ones as often as there."""
+    said = ((name.lower(), value) for name, value in answer.getheaders())
+    kept = ((name, value) for name, value in said if name not in NOT_PASSED_BACK)
+    passed_back.raw_headers = [(name.encode("latin-1"), value.encode("latin-1")) for name, value in kept]
+    return passed_back
+
+
+def _cut(connection: socket.socket) -> None:
+    with suppress(OSError):  # it has just ended
+        connection.shutdown(socket.SHUT_RDWR)
 
 
 async def _pieces(answer: HTTPResponse, limiter: CapacityLimiter) -> AsyncIterator[bytes]:

@@ -136,8 +136,8 @@ PROBLEMS: Final[Mapping[str, ProblemKind]] = MappingProxyType(
         "in-use": ProblemKind(
             409,
             "It is in use",
-            "Something that waits or runs needs what was to be deleted.",
-            "Cancel that, or wait until it is over.",
+            "Something that waits or runs needs what was to be deleted; or a scanner's node lives.",
+            "Cancel that, or wait until it is over; stop the node first.",
         ),
         "still-running": ProblemKind(
             409,
@@ -243,7 +243,7 @@ PROBLEMS: Final[Mapping[str, ProblemKind]] = MappingProxyType(
             503,
             "The scanner's node does not answer",
             "What is asked for is with the node of a scanner, which cannot be reached now.",
-            "Try again after Retry-After. The emergency stop goes on trying by itself.",
+            "Try again after Retry-After. The emergency stop goes on trying. Retire a scanner that is no more.",
             retryable=True,
         ),
         "database-unavailable": ProblemKind(

@@ -225,5 +225,5 @@ def _is_followed(services: Services, identifier: str) -> bool:
 def _send_on(services: Services, job: JobStatus) -> None:
     """Leave what is asked of an image that grows on its scanner's node to that one."""
     scanner_id = services.scans.get(job.payload["scan_id"]).scanner_id
-    if scanner_id is not None and services.nodes.is_elsewhere(scanner_id) and services.scanner.get(scanner_id).follows:
+    if scanner_id is not None and services.nodes.follows(scanner_id):
         raise Elsewhere(scanner_id)

@@ -11,12 +11,13 @@ from steradian.api.conditions import ConditionsNeeded, etag_of
 from steradian.api.dependencies import ServicesNeeded, Who
 from steradian.api.identifiers import SCANNER_ID
 from steradian.api.nodes import ERRAND, Elsewhere, came_from_a_node
+from steradian.api.retiring import retire
 from steradian.api.scanner_views import EmergencyAnswer, EmergencyView, ScannerView
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.api.views import Listing
 from steradian.errors import NotFound
-from steradian.security.keys import Scope
+from steradian.security.keys import Principal, Scope
 from steradian.storage.tables import ScannerRow
 from steradian.validation import Value
 
@@ -54,7 +55,7 @@ class StopRequest(Value):
 @router.get("", summary="All scanners")
 def list_scanners(services: ServicesNeeded) -> Listing[ScannerView]:
     """List the scanners."""
-    return Listing(items=[_view(services, row) for row in services.scanner.page(100).rows])
+    return Listing(items=[_view(services, row) for row in sorted(services.scanner.rows(), key=_place, reverse=True)])
 
 
 @router.get("/{scanner_id}", summary="One scanner")
@@ -64,6 +65,26 @@ def read_scanner(services: ServicesNeeded, scanner_id: SCANNER_ID, conditions: C
     view = _view(services, row)
     conditions.tag(etag_of(row.id, row.revision, view))
     return view
+
+
+@router.delete("/{scanner_id}", status_code=204, summary="Retire a scanner that is no more")
+def retire_scanner(
+    services: ServicesNeeded,
+    request: Request,
+    who: Who,
+    scanner_id: SCANNER_ID,
+    abandon: Annotated[
+        bool, Query(description="Also give up its scans that are not over: what is stored of them is kept as partial")
+    ] = False,
+    reason: Annotated[str | None, Query(max_length=500, description="Why; in its event")] = None,
+) -> Response:
+    """Have a scanner be none any more: nobody presses its stop, waits for its answer or asks it for scans.
+
+    It is refused while its node lives, as far as that can be told; where that lost database and network, only a
+    person can see that its laser is off. Should it start again, the scanner is there again, and its stop as it was.
+    """
+    retire(services, request, who, scanner_id, reason, abandon=abandon)
+    return Response(status_code=204)
 
 
 @router.put("/{scanner_id}/lease", summary="Take a scanner, or hold it for longer")
@@ -102,7 +123,13 @@ async def press_emergency_stop(
     """
     if not services.nodes.knows(scanner_id):
         raise NotFound("scanner", scanner_id)
-    reason = wanted.reason if wanted else None
+    return await press_one(services, request, who, scanner_id, wanted.reason if wanted else None)
+
+
+async def press_one(
+    services: Services, request: Request, who: Principal, scanner_id: str, reason: str | None
+) -> EmergencyAnswer:
+    """Press the stop of a scanner, here or where it is."""
     if (desk := services.desk_of(scanner_id)) is None:
         services.nodes.refuse_rounds(request, scanner_id)
         return await services.courier.press(scanner_id, who, reason)
@@ -116,6 +143,7 @@ async def press_emergency_stop(
 @router.delete("/{scanner_id}/emergency-stop", summary="Release the emergency stop")
 def release_emergency_stop(
     services: ServicesNeeded,
+    request: Request,
     who: Who,
     scanner_id: SCANNER_ID,
     number: Annotated[
@@ -125,10 +153,19 @@ def release_emergency_stop(
 ) -> ScannerView:
     """Allow scans again; none begins by itself."""
     services.scanner.get(scanner_id)
-    if (desk := services.desk_of(scanner_id)) is None:
+    if (desk := services.desk_of(scanner_id)) is not None:
+        desk.release(who.name, number, reason)
+    elif services.is_alone and not came_from_a_node(
+        request
+    ):  # no node has its latch; one that comes back keeps its own
+        services.scanner.of(scanner_id).release_stop(who.name, reason, number)
+    else:
         raise Elsewhere(scanner_id)
-    desk.release(who.name, number, reason)
     return _view(services, services.scanner.get(scanner_id))
+
+
+def _place(row: ScannerRow) -> int:
+    return row.sequence
 
 
 def _view(services: Services, row: ScannerRow) -> ScannerView:

@@ -98,9 +98,11 @@ async def create_scan(
     answer = await run_in_threadpool(services.answers.kept, key)
     if answer is None:
         plan = await run_in_threadpool(services.plans.get, wanted.plan_id)
-        scanner = await run_in_threadpool(_scanner_for, services, wanted.scanner_id)
+        scanner_id = wanted.scanner_id
         if wanted.completes is not None:
-            await run_in_threadpool(_require_completable, services, wanted.completes, plan)
+            earlier = await run_in_threadpool(_require_completable, services, wanted.completes, plan)
+            scanner_id = await run_in_threadpool(_who_completes, services, earlier, scanner_id)
+        scanner = await run_in_threadpool(_scanner_for, services, scanner_id)
         measured = await run_in_threadpool(services.measure)
         answer = await run_in_threadpool(services.answers.once, key, make)
     response = replay(answer)
@@ -178,7 +180,7 @@ def set_scan_desired_state(
     return view
 
 
-def _require_completable(services: Services, scan_id: str, plan: PlanRow) -> None:
+def _require_completable(services: Services, scan_id: str, plan: PlanRow) -> ScanRow:
     """Refuse a scan that cannot be completed by another one of a plan."""
     row = services.scans.get(scan_id)
     if row.plan_id != plan.id:
@@ -190,6 +192,17 @@ def _require_completable(services: Services, scan_id: str, plan: PlanRow) -> Non
         raise Conflict(f"scan {scan_id} holds no A-line to begin with; scan its plan")
     if held["stored"] == held.get("points"):
         raise Conflict(f"scan {scan_id} misses nothing")
+    return row
+
+
+def _who_completes(services: Services, earlier: ScanRow, wanted: str | None) -> str | None:
+    """Tell which scanner completes a scan: its own, as long as there is that; of another one it could prove nothing."""
+    own = earlier.scanner_id
+    if own is None or all(row.id != own for row in services.scanner.rows()):
+        return wanted  # it may have another name by now
+    if wanted not in {None, own}:
+        raise InvalidInput("scanner_id", wanted, f"{own}, which measured the scan that is to be completed")
+    return own
 
 
 def is_settled(row: ScanRow) -> bool:

@@ -56,9 +56,11 @@ SCOPES: Final[dict[tuple[str, str], Need | None]] = {
     ("DELETE", f"{V1}/plans/{{plan_id}}"): Need.PLAN,
     ("GET", f"{V1}/scanners"): Need.READ,
     ("GET", f"{V1}/scanners/{{scanner_id}}"): Need.READ,
+    ("DELETE", f"{V1}/scanners/{{scanner_id}}"): Need.ADMIN,
     ("PUT", f"{V1}/scanners/{{scanner_id}}/lease"): Need.OPERATE,
     ("DELETE", f"{V1}/scanners/{{scanner_id}}/lease"): Need.OPERATE,
     ("POST", f"{V1}/scanners/{{scanner_id}}/emergency-stop"): ANYONE,
+    ("POST", f"{V1}/emergency-stop"): ANYONE,
     ("DELETE", f"{V1}/scanners/{{scanner_id}}/emergency-stop"): Need.OPERATE,
     ("POST", f"{V1}/scans"): Need.OPERATE,
     ("GET", f"{V1}/scans"): Need.READ,
@@ -114,8 +116,8 @@ SCOPES: Final[dict[tuple[str, str], Need | None]] = {
 
 GUARDED: Final = (V1, "/metrics")
 """Paths below which nothing is answered without a key; the rest (health, documentation, pages) holds no data."""
-EMERGENCY_STOP: Final = re.compile(rf"{V1}/scanners/[^/]+/emergency-stop")
-"""The one path that is answered while the database is not: whose key it is, is known from the last second."""
+EMERGENCY_STOP: Final = re.compile(rf"{V1}/(?:scanners/[^/]+/)?emergency-stop")
+"""The paths that are answered while the database is not: whose key it is, is known from the last second."""
 UNSAFE: Final = frozenset({"POST", "PUT", "PATCH", "DELETE"})
 FORWARDING: Final = ("forwarded", "via", "x-real-ip")
 """Headers that a proxy adds, beside all that begin with ``X-Forwarded-``."""

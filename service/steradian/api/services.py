@@ -29,7 +29,7 @@ from steradian.security.sessions import SessionStore
 from steradian.settings import Settings
 from steradian.storage.advisory import Hold, SessionLock
 from steradian.storage.database import Database, metadata_url, take_turns
-from steradian.storage.deletion import Deletion, remove_files
+from steradian.storage.deletion import Deletion, InUse, remove_files
 from steradian.storage.dependence import hold_needs
 from steradian.storage.disk import ROOM_LOCK, Arrivals, Disk, Measured, promised, written
 from steradian.storage.emergency import EmergencyLatch
@@ -93,7 +93,7 @@ class Services:
         )
         self.nodes = Nodes(settings, self.scanner)
         self.courier = StopCourier(self.nodes, self.scanner)
-        self._memory = Memory(self.sessions.remember, self.nodes.remember)
+        self._memory = Memory(self.sessions.remember, self.nodes.remember, self._stay)
         self.drawing, self.previewing = asyncio.Lock(), asyncio.Lock()
         """One picture that is kept and one preview at a time: a place in the workshop is left for what is quick."""
         self.workshop = Workshop()
@@ -110,9 +110,10 @@ class Services:
     def open(self) -> None:
         """Begin to open the queue and to look after it."""
         if self.emergency is not None:
-            own = {"simulated": self.settings.simulated, "follows": self.settings.follows}
-            self.scanner.ensure(address=self.settings.address, **own)
+            self._note_scanner()
             self.emergency.open()
+        if self.is_alone:
+            self._retire_others()
         self.nodes.remember()
         self._memory.open()
         self._caretaker.start()
@@ -132,6 +133,30 @@ class Services:
         if self._queue is not None:
             self._queue.close()
         self.database.close()
+
+    @property
+    def is_alone(self) -> bool:
+        """Whether this is all of the service, and no node of another scanner can be on its database."""
+        return self.settings.role == "service"
+
+    def _note_scanner(self) -> None:
+        own = {"simulated": self.settings.simulated, "follows": self.settings.follows}
+        self.scanner.ensure(address=self.settings.address, **own)
+
+    def _stay(self) -> None:
+        """Note this node's scanner again, if it was retired while the node could not be reached."""
+        if not self.nodes.is_noted:
+            _log.warning("%s was retired, but its node lives: it is noted again", self.scanner.id)
+            self._note_scanner()
+
+    def _retire_others(self) -> None:
+        """Retire the scanners of nodes that shared this database and do not any more."""
+        for row in self.scanner.rows():
+            if row.id != self.scanner.id:
+                try:
+                    self.scanner.of(row.id).retire("service", "its node is none of this service, which is one alone")
+                except InUse as error:
+                    _log.warning("%s; DELETE /api/v1/scanners/%s?abandon=true gives them up", error, row.id)
 
     @property
     def queue(self) -> JobQueue:

@@ -39,6 +39,7 @@ from steradian.storage.advisory import TIMEOUTS
 from steradian.storage.belonging import bind
 from steradian.storage.database import Database, metadata_url
 from steradian.storage.paths import DataDirectory
+from steradian.storage.scanners import PRESENT
 from steradian.storage.states import ReconstructionState, is_terminal
 from steradian.storage.subseconds import with_subseconds
 from steradian.storage.tables import JobRow, ScannerRow, ScanRow
@@ -49,7 +50,8 @@ APPLICATION_VERSION: Final = "1"
 QUEUE: Final = "jobs"
 """Beside it, each scanner whose node has workers has one for the images that grow with its scans."""
 WORKFLOW: Final = "job"
-WAITING_OR_RUNNING: Final = frozenset({"ENQUEUED", "PENDING", "DELAYED"})
+WAITING: Final = frozenset({"ENQUEUED", "DELAYED"})
+WAITING_OR_RUNNING: Final = WAITING | {"PENDING"}
 """The engine's states of jobs that are not over."""
 QUEUE_POLL: Final = 0.1
 """Seconds between looks at the queue of a worker that has nothing to do."""
@@ -119,7 +121,7 @@ class JobQueue:
         if row.kind not in FOLLOWING:
             return QUEUE
         scan = (ScanRow.scanner_id == ScannerRow.id) & (ScanRow.id == row.scan_id) & ScanRow.ended.is_(None)
-        scanner = session.scalar(select(ScannerRow.id).join(ScanRow, scan).where(ScannerRow.follows))
+        scanner = session.scalar(select(ScannerRow.id).join(ScanRow, scan).where(ScannerRow.follows, PRESENT))
         return QUEUE if scanner is None else _queue_at(scanner)
 
     def status(self, job_id: str) -> JobStatus:
@@ -184,11 +186,34 @@ class JobQueue:
             self._client.list_workflows(workflow_ids=list(rows), load_input=False, load_output=False) if rows else []
         )
         states = {job.workflow_id: job.status for job in found}
+        self._leave_to_others([(job.workflow_id, job.queue_name) for job in found if job.status in WAITING])
         doubted = {row.id for row in rows.values() if _disagree(row.state, states.get(row.id))}
         unknown = {row.id for row in rows.values() if row.state is _R.QUEUED and row.id not in states}
         for job_id in unknown | (doubted & self._doubted):
             self._settle(rows[job_id], states.get(job_id))
         self._doubted = frozenset(doubted)
+
+    def _leave_to_others(self, waiting: Sequence[tuple[str, str | None]]) -> None:
+        """Move what waits in the queue of a scanner whose node has no workers any more to everybody's.
+
+        Parameters
+        ----------
+        waiting
+            Jobs and their queues.
+        """
+        if not any(queue != QUEUE for _, queue in waiting):
+            return
+        move = text(
+            f"UPDATE {_engine_table(self._database)} SET queue_name = :everybody"  # noqa: S608 - one of two names
+            " WHERE workflow_uuid = :job AND queue_name = :queue AND status IN ('ENQUEUED', 'DELAYED')"
+        )
+        with self._database.write() as session:
+            scanners = session.scalars(select(ScannerRow.id).where(ScannerRow.follows, PRESENT))
+            worked = {QUEUE, *map(_queue_at, scanners)}
+            for job, queue in waiting:
+                if queue not in worked:
+                    session.execute(move, {"everybody": QUEUE, "job": job, "queue": queue})
+                    _log.warning("job %s is anybody's: the node of its scanner has no workers", job)
 
     def forget(self, job_ids: Sequence[str]) -> None:
         """Let the engine forget jobs that are over."""

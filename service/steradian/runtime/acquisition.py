@@ -11,13 +11,12 @@ import os
 import signal
 import threading
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Any
 
 from sqlalchemy.exc import DBAPIError
 
 from fabry_perot import Recovery
-from steradian.errors import DiskFull, ScanFailed, ScanInterrupted, SteradianError
+from steradian.errors import DiskFull, ScanFailed, ScanInterrupted, SteradianError, StoreUnavailable
 from steradian.logs import caused_by, configure_logging
 from steradian.runtime.heartbeat import Heartbeat
 from steradian.runtime.keeping import ScanKeeper
@@ -26,10 +25,10 @@ from steradian.scans.completing import begin_with
 from steradian.scans.control import End
 from steradian.scans.emergency import EmergencyWatch
 from steradian.scans.layout import check_disk, scan_file_bytes
-from steradian.scans.locking import open_to_read
 from steradian.scans.proof import ResumeRefused
 from steradian.scans.run import ScanSummary, resume_scan, run_scan
 from steradian.scans.session import DEFAULT
+from steradian.scans.settling import count_alines, figures_of
 from steradian.scans.watch import POLL, ScanWatch
 from steradian.settings import Settings
 from steradian.stopping import StopEvent
@@ -131,13 +130,22 @@ class Acquisition:
     def step(self) -> None:
         """Settle what is to end; resume an interrupted one that is wished to run, or run the oldest queued one."""
         for row in self._scans.wished_settled():
-            self._scans.transition(row.id, _S.PARTIAL, why=row.reason or "kept as it is", summary=self._figures(row.id))
+            self._settle(row)
         found, begin = self._scans.wished_resumed(), self._resume
         if found is None:
             found, begin = self._scans.next_queued(), self._begin_scan
         if found is not None:
             with caused_by(found.request_id):
                 begin(found)
+
+    def _settle(self, row: ScanRow) -> None:
+        """Keep an interrupted scan as it is; where its file is lost, as the store has it."""
+        try:
+            figures = figures_of(self._arrays, self._data.scan_file(row.id), row.id)
+        except StoreUnavailable as error:
+            _log.warning("scan %s cannot be kept as it is yet: %s", row.id, error)
+            return
+        self._scans.transition(row.id, _S.PARTIAL, why=row.reason or "kept as it is", summary=figures)
 
     def _begin_scan(self, row: ScanRow) -> None:
         if row.desired_state is not DesiredScanState.RUNNING:
@@ -241,21 +249,6 @@ class Acquisition:
 
     def _figures(self, identifier: str) -> dict[str, Any]:
         return count_alines(self._data.scan_file(identifier))
-
-
-def count_alines(path: Path) -> dict[str, Any]:
-    """Count what a scan file holds: ``points``, ``stored``, ``fired``; empty when there is no readable file."""
-    import numpy as np
-
-    from steradian.scans import schema
-
-    try:
-        with open_to_read(path) as file:
-            status = np.asarray(file["alines/status"])
-            stored = int((status == schema.STORED).sum())
-            return {"points": len(status), "stored": stored, "fired": int(file["fired"][()])}
-    except (OSError, KeyError):
-        return {}
 
 
 def main() -> None:

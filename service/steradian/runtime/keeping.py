@@ -17,7 +17,8 @@ from sqlalchemy.exc import SQLAlchemyError
 from steradian.errors import NotFound, StoreUnavailable
 from steradian.logs import caused_by
 from steradian.storage.arrays import scan_name
-from steradian.storage.object_store import CLOCK, ObjectStore, has_moved_on
+from steradian.storage.moved_on import has_moved_on
+from steradian.storage.object_store import CLOCK, ObjectStore
 from steradian.storage.paths import PRIVATE, DataDirectory
 from steradian.storage.scans import ScanRepository
 from steradian.storage.states import ScanState, is_terminal

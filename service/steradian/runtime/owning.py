@@ -41,12 +41,17 @@ def owning_scanner(settings: Settings) -> Iterator[Callable[[], None]]:
     if settings.database_url is None or settings.role != "acquisition":
         yield lambda: None
         return
-    from steradian.storage.advisory import SessionLock
-
     name = settings.scanner_id
-    lock = SessionLock(settings.database_url, f"scanner {name}")
+    lock = lock_of_scanner(settings.database_url, name)
     with _holding(lock, f"another node has {name}; stop it or name this one otherwise (STERADIAN_SCANNER_ID)") as check:
         yield check
+
+
+def lock_of_scanner(database_url: str, name: str) -> SessionLock:
+    """Return the lock that the node of a scanner holds as long as it lives."""
+    from steradian.storage.advisory import SessionLock
+
+    return SessionLock(database_url, f"scanner {name}")
 
 
 @contextmanager

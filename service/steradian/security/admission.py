@@ -34,6 +34,9 @@ def require_key(settings: Settings, database: Database) -> Path | None:
         raise InvalidInput("host", settings.host, f"127.0.0.1, or {ways}")
     path = settings.key_file
     path.parent.mkdir(parents=True, exist_ok=True)
+    return path if keys.create_first("first start", [Scope.ADMIN], lambda key: _write(path, key)) else None
+
+
+def _write(path: Path, key: str) -> None:
     with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w") as file:
-        file.write(keys.create("first start", [Scope.ADMIN]) + "\n")
-    return path
+        file.write(key + "\n")

@@ -6,16 +6,17 @@ import hashlib
 import hmac
 import re
 import secrets
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import timedelta
 from enum import StrEnum
 
 from sqlalchemy import delete, select
+from sqlalchemy.orm import Session
 
 from steradian.errors import NotFound, SteradianError
-from steradian.storage.database import Database
+from steradian.storage.database import Database, take_turns
 from steradian.storage.repository import Clock, utc_now
 from steradian.storage.tables import KeyRow, TicketRow
 
@@ -26,6 +27,8 @@ RETURN_SECONDS = 60.0
 """For how long after a stream's end its ticket lets the same client come back."""
 STREAM_SECONDS = 12 * 3600.0
 """For how long a ticket lets it come back at all, from the first opening."""
+FIRST_LOCK = 0x57E2AD1F
+"""Number of the PostgreSQL advisory lock under which a first key is made."""
 _WORTHLESS = "the ticket is unknown, used or too old"
 _NAME = re.compile(r"key .* \(([0-9a-f]+)\)", re.DOTALL)
 """What a principal with a key is called; see :meth:`KeyStore.check`."""
@@ -86,6 +89,25 @@ class KeyStore:
 
     def create(self, name: str, scopes: Iterable[Scope], lifetime: timedelta | None = None) -> str:
         """Make a key and return it; it cannot be had again."""
+        with self.database.write() as session:
+            return self._create(session, name, scopes, lifetime)
+
+    def create_first(self, name: str, scopes: Iterable[Scope], keep: Callable[[str], object]) -> bool:
+        """Make a key unless anybody could be let in already; of several nodes that do so at once one makes it.
+
+        Parameters
+        ----------
+        keep
+            Called with the key before it is worth anything.
+        """
+        with self.database.write() as session:
+            take_turns(session, FIRST_LOCK)
+            if self._fixed is not None or any(self._is_valid(row) for row in session.scalars(select(KeyRow))):
+                return False
+            keep(self._create(session, name, scopes, None))
+        return True
+
+    def _create(self, session: Session, name: str, scopes: Iterable[Scope], lifetime: timedelta | None) -> str:
         identifier, secret = secrets.token_hex(6), secrets.token_urlsafe(32)
         now = self.clock()
         row = KeyRow(
@@ -96,8 +118,7 @@ class KeyStore:
             created=now,
             expires=None if lifetime is None else now + lifetime,
         )
-        with self.database.write() as session:
-            session.add(row)
+        session.add(row)
         return f"{PREFIX}_{identifier}_{secret}"
 
     def any_exists(self) -> bool:

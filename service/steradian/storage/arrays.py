@@ -106,6 +106,10 @@ class Arrays(Protocol):
         """Name all whose names begin so, sorted."""
         ...
 
+    def settle(self, name: str) -> None:
+        """Have what is kept of a scan count, though it went on since: what is newer is lost with its host."""
+        ...
+
     def delete(self, name: str) -> None:
         """Forget one thing, or all below a name that ends in a slash; nothing happens when there is none."""
         ...
@@ -175,6 +179,9 @@ class Folder:
         for path in sorted((self._root / folder).glob(f"{start}*")):
             if path.is_file() and ENDING not in path.name:
                 yield path.relative_to(self._root).as_posix()
+
+    def settle(self, name: str) -> None:
+        """Do nothing: the file is all that there is."""
 
     def delete(self, name: str) -> None:
         """Remove the file, or the folder with all that is in it."""

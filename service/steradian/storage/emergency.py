@@ -94,9 +94,17 @@ class EmergencyLatch:
         self._files = {name: _open(folder / name) for name in ("pressed", "released", "answered")}
         self._lock = Lock()
 
-    def press(self, who: str, reason: str | None) -> Press:
-        """Press the stop, seen by every process at once; :meth:`make_durable` makes it survive a power cut."""
-        press = Press(str(ULID()), datetime.now(UTC).isoformat(), who[:200], reason, time.monotonic())
+    def press(self, who: str, reason: str | None, number: str | None = None) -> Press:
+        """Press the stop, seen by every process at once; :meth:`make_durable` makes it survive a power cut.
+
+        Parameters
+        ----------
+        number
+            Of a press that may come more than once: it is pressed once, and not again after its release.
+        """
+        press = Press(number or str(ULID()), datetime.now(UTC).isoformat(), who[:200], reason, time.monotonic())
+        if number is not None and (earlier := self._earlier(press)) is not None:
+            return earlier
         self._write("pressed", asdict(press))
         return press
 
@@ -133,6 +141,16 @@ class EmergencyLatch:
         except ValueError:
             return None
         return Deed(**found) if found is not None and found["number"] == number else None
+
+    def _earlier(self, press: Press) -> Press | None:
+        """Return a press that was here before, as far as the blocks tell."""
+        try:
+            found, released = self._read("pressed"), self._read("released")
+        except ValueError:
+            return None
+        if found is not None and found["number"] == press.number:
+            return Press(**found)
+        return press if released is not None and released["number"] == press.number else None
 
     def _write(self, name: str, value: dict[str, Any]) -> None:
         body = json.dumps(value, ensure_ascii=False).encode().ljust(SIZE - 9)

@@ -10,7 +10,7 @@ import logging
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import timedelta
 from pathlib import Path, PurePosixPath
 from typing import Final
 from uuid import uuid4
@@ -24,9 +24,9 @@ from steradian.storage.arrays import Arrays, Folder, Stat, Stored
 from steradian.storage.bucket import PATIENCE, Bucket
 from steradian.storage.cache import Cache
 from steradian.storage.database import Database, take_turns
+from steradian.storage.moved_on import has_moved_on, last_begun
 from steradian.storage.paths import DataDirectory
 from steradian.storage.repository import Clock, utc_now
-from steradian.storage.states import ACTIVE_SCAN_STATES, ScanState
 from steradian.storage.tables import LogRow, ObjectRow, ScanRow
 
 ORPHANS_KEPT: Final = timedelta(days=1)
@@ -37,7 +37,6 @@ SWEEP_LOCK: Final = 0x57E2AD1D
 """Number of the PostgreSQL advisory lock under which rows are written and orphans deleted."""
 CLOCK: Final = 1e-3
 """Seconds within which two times of files are the same."""
-_WRITING: Final = ACTIVE_SCAN_STATES - {ScanState.ARMING}
 IDENTITY, FACT = "identity", "store"
 _log = logging.getLogger(__name__)
 
@@ -137,6 +136,14 @@ class ObjectStore:
         with self._database.read() as session:
             known = set(session.scalars(query))
         yield from sorted(known | set(self._folder.names(beginning)))
+
+    def settle(self, name: str) -> None:
+        """Have a copy be no older than the scan's last beginning; and no younger, as its file may turn up."""
+        with self._database.write() as session:
+            row = session.get(ObjectRow, name, with_for_update=True)
+            scan = session.scalar(select(ScanRow).where(ScanRow.id == PurePosixPath(name).stem))
+            if row is not None and scan is not None and (begun := last_begun(scan)) is not None:
+                row.created = max(row.created, begun)
 
     def delete(self, name: str) -> None:
         """Delete rows, then objects: what the store does not delete now is swept. Copies go when room is needed."""
@@ -263,14 +270,6 @@ class ObjectStore:
 
     def _foreign(self) -> InvalidInput:
         return InvalidInput("store", self.place, "the store of this database, or an empty one where it has none")
-
-
-def has_moved_on(scan: ScanRow, kept: ObjectRow) -> bool:
-    """Whether a scan was resumed since it was kept: its scanner's node has what is newer, unless it was only armed."""
-    if scan.scanner_id is None:
-        return False
-    begun = [change["at"] for change in scan.history if change["state"] in _WRITING]
-    return scan.state in ACTIVE_SCAN_STATES or (bool(begun) and datetime.fromisoformat(begun[-1]) > kept.created)
 
 
 def arrays_of(settings: Settings, database: Database, clock: Clock = utc_now, patience: timedelta = PATIENCE) -> Arrays:

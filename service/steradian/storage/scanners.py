@@ -8,18 +8,24 @@ from typing import Self
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from steradian.errors import Conflict
+from steradian.errors import Conflict, NotFound
 from steradian.settings import FIRST_SCANNER
 from steradian.storage.database import Database, take_turns
+from steradian.storage.deletion import InUse
 from steradian.storage.events import record
 from steradian.storage.repository import Clock, Repository, utc_now
-from steradian.storage.states import ACTIVE_SCAN_STATES, DesiredScanState, ScanState
+from steradian.storage.states import ACTIVE_SCAN_STATES, DesiredScanState, ScanState, is_terminal
 from steradian.storage.tables import ScannerRow, ScanRow
 
 SCANNER_ID = FIRST_SCANNER
 """The scanner where nobody says which."""
 ENSURE_LOCK = 0x57E2AD1E
 """Number of the PostgreSQL advisory lock under which a scanner is noted."""
+
+
+PRESENT = ScannerRow.retired.is_(None)
+"""Which scanners there are."""
+_OVER = tuple(state for state in ScanState if is_terminal(state))
 
 
 class LeaseHeld(Conflict):
@@ -35,7 +41,7 @@ class EmergencyStopped(Conflict):
 
 
 class ScannerRepository(Repository[ScannerRow]):
-    """Scanners, one of which it is about.
+    """Scanners, one of which it is about; one that is retired is not there for anybody.
 
     Parameters
     ----------
@@ -54,7 +60,7 @@ class ScannerRepository(Repository[ScannerRow]):
         return type(self)(self.database, self.clock, scanner_id)
 
     def ensure(self, *, simulated: bool, address: str | None = None, follows: bool = False) -> ScannerRow:
-        """Return the scanner, which is noted at the first start.
+        """Return the scanner, which is noted at the first start, or again where it was retired meanwhile.
 
         Parameters
         ----------
@@ -71,13 +77,32 @@ class ScannerRepository(Repository[ScannerRow]):
                 state = {"connection": "unknown", "state": "idle", "since": now, "fence": 0}
                 row = ScannerRow(id=self.id, simulated=simulated, **state)
                 session.add(row)
-            row.simulated, row.address, row.follows = simulated, address, follows
+            row.simulated, row.address, row.follows, row.retired = simulated, address, follows, None
         return row
+
+    def retire(self, who: str, reason: str | None = None) -> None:
+        """Have the scanner be none any more, until its node notes it again; a stop that is pressed stays so for then.
+
+        Raises
+        ------
+        InUse
+            When a scan of it is not over.
+        """
+        with self.database.write() as session:
+            row = self._find(session, self.id, lock=True)
+            mine = select(ScanRow.id).where(ScanRow.scanner_id == self.id, ScanRow.state.not_in(_OVER))
+            if left := list(session.scalars(mine.order_by(ScanRow.sequence))):
+                raise InUse(f"{self.id} cannot be retired while a scan of it is not over: {', '.join(left)}")
+            row.retired, row.since = self.clock(), self.clock()
+            row.address, row.follows, row.lease_ends = None, False, None
+            row.connection, row.state = "unknown", "idle"
+            row.interlock = row.key_switch = row.shutter = "unknown"
+            self._event(session, row, who, "retired" + (f": {reason}" if reason else ""))
 
     def rows(self) -> list[ScannerRow]:
         """Return all scanners, by name."""
         with self.database.read() as session:
-            return list(session.scalars(select(ScannerRow).order_by(ScannerRow.id)))
+            return list(session.scalars(select(ScannerRow).where(PRESENT).order_by(ScannerRow.id)))
 
     def report(self, connection: str, state: str, error: str | None = None) -> None:
         """Note how the scanner stands: whether it is connected, what it does, and what went wrong last."""
@@ -192,19 +217,21 @@ class ScannerRepository(Repository[ScannerRow]):
             return f"it was asked for under lease {scan.fence}, and the scanner is held under {row.fence}"
         return None
 
-    def stop(self, who: str, reason: str | None, number: str | None = None) -> ScannerRow:
+    def stop(self, who: str, reason: str | None, number: str | None = None, *, carried: bool = False) -> ScannerRow:
         """Press the emergency stop: every scan that runs or waits is aborted, and no other begins.
 
         Parameters
         ----------
         number
-            Of the press, if its node has numbered it.
+            Of the press, if it has one.
+        carried
+            Whether its node may not know of it yet: a press that stands keeps its number.
         """
         now = self.clock()
         with self.database.write() as session:
             row = self._find(session, self.id, lock=True)
             row.stopped_at, row.stopped_by, row.stop_reason = row.stopped_at or now, row.stopped_by or who, reason
-            if number is not None or row.stop_number is None:
+            if row.stop_number is None or (number is not None and not carried):
                 row.stop_number, row.stop_laser, row.stop_seconds = number, None, None
             why = f"emergency stop: {reason or 'no reason given'}"
             mine = (ScanRow.scanner_id == self.id) & ScanRow.state.in_([*ACTIVE_SCAN_STATES, ScanState.QUEUED])
@@ -223,10 +250,18 @@ class ScannerRepository(Repository[ScannerRow]):
             if row.stopped_at is not None:
                 row.stop_number, row.stop_laser, row.stop_seconds = number, laser, seconds
 
-    def release_stop(self, who: str, reason: str | None = None) -> ScannerRow:
-        """Release the emergency stop; scans begin again only when somebody asks for them."""
+    def release_stop(self, who: str, reason: str | None = None, number: str | None = None) -> ScannerRow:
+        """Release the emergency stop; scans begin again only when somebody asks for them.
+
+        Raises
+        ------
+        EmergencyStopped
+            When the press that stands has another number than is given.
+        """
         with self.database.write() as session:
             row = self._find(session, self.id, lock=True)
+            if number is not None and row.stop_number not in {None, number}:
+                raise EmergencyStopped(f"{row.stopped_by} pressed the emergency stop; look again before you release it")
             if row.stopped_at is not None:
                 row.stopped_at = row.stopped_by = row.stop_reason = row.stop_number = None
                 self._event(session, row, who, "emergency stop released" + (f": {reason}" if reason else ""))
@@ -235,6 +270,12 @@ class ScannerRepository(Repository[ScannerRow]):
     def is_held(self, row: ScannerRow) -> bool:
         """Whether somebody's lease still runs."""
         return self._is_held(row)
+
+    def _find(self, session: Session, identifier: str, *, lock: bool = False) -> ScannerRow:
+        row = super()._find(session, identifier, lock=lock)
+        if row.retired is not None:
+            raise NotFound(self.kind, identifier)
+        return row
 
     def _is_held(self, row: ScannerRow) -> bool:
         return row.lease_ends is not None and row.lease_ends > self.clock()

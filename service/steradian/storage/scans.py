@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Self
 
 from sqlalchemy import ColumnElement, func, select, update
 from sqlalchemy.orm import Session
@@ -44,6 +44,10 @@ class ScanRepository(Repository[ScanRow]):
     def __init__(self, database: Database, clock: Clock = utc_now, scanner_id: str = SCANNER_ID) -> None:
         super().__init__(database, clock)
         self.scanner_id = scanner_id
+
+    def of(self, scanner_id: str) -> Self:
+        """Return the same for another scanner."""
+        return type(self)(self.database, self.clock, scanner_id)
 
     def queue(self, plan: PlanRow, *, simulated: bool) -> ScanRow:
         """Queue a run of a plan in a transaction of its own; see :meth:`add`."""
@@ -112,6 +116,13 @@ class ScanRepository(Repository[ScanRow]):
         """Return the scans that any scanner is at work on."""
         with self.database.read() as session:
             return list(session.scalars(select(ScanRow).where(ScanRow.state.in_(ACTIVE_SCAN_STATES))))
+
+    def unfinished(self) -> list[ScanRow]:
+        """Return the scanner's scans that are not over."""
+        over = [state for state in ScanState if is_terminal(state)]
+        query = select(ScanRow).where(ScanRow.scanner_id == self.scanner_id, ScanRow.state.not_in(over))
+        with self.database.read() as session:
+            return list(session.scalars(query.order_by(ScanRow.sequence)))
 
     def wished_settled(self) -> list[ScanRow]:
         """Return the scanner's interrupted scans that a person wants to have ended."""

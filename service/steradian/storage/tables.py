@@ -164,7 +164,8 @@ class ScannerRow(Table):
 
     The lease is the principal's in ``held_by``; ``holder`` is how that one calls itself. ``address`` is where its node
     answers the others, ``follows`` whether it has workers for images that grow with a scan. ``stop_number``,
-    ``stop_laser`` and ``stop_seconds`` tell of the press that stands.
+    ``stop_laser`` and ``stop_seconds`` tell of the press that stands. One that is ``retired`` is none any more, until
+    its node starts again: it keeps its stop.
     """
 
     __tablename__ = "scanners"
@@ -192,6 +193,7 @@ class ScannerRow(Table):
     stop_seconds: Mapped[float | None]
     address: Mapped[str | None] = mapped_column(String(200))
     follows: Mapped[bool] = mapped_column(default=False, server_default=false())
+    retired: Mapped[datetime | None]
     __mapper_args__ = {"version_id_col": revision}  # noqa: RUF012 - so the base class has it
 
 

@@ -1,12 +1,20 @@
 """A scan that begins with the A-lines of an earlier one: which may, and what it is told otherwise."""
 
 import uuid
+from contextlib import suppress
 
 import pytest
+from sqlalchemy import update
+
+from steradian.errors import NotFound
+from steradian.storage.scanners import ScannerRepository
+from steradian.storage.scans import ScanRepository
+from steradian.storage.states import ScanState
+from steradian.storage.tables import ScanRow
 
 
-def ask(http, plan_id, completes):
-    body, key = {"plan_id": plan_id, "completes": completes}, {"Idempotency-Key": uuid.uuid4().hex}
+def ask(http, plan_id, completes, **more):
+    body, key = {"plan_id": plan_id, "completes": completes} | more, {"Idempotency-Key": uuid.uuid4().hex}
     return http.post("/scans", json=body, headers=key)
 
 
@@ -34,3 +42,49 @@ def test_what_cannot_be_completed_is_refused(http, wishes, which):
     plan, scan, status, code = wishes[which]
     answer = ask(http, plan, scan)
     assert (answer.status_code, answer.json()["code"]) == (status, code)
+
+
+@pytest.fixture
+def scanners(server):
+    """Makes scanners of other nodes, which are there until the test ends."""
+    made = []
+
+    def make(name):
+        made.append(ScannerRepository(server.database, scanner_id=name))
+        made[-1].ensure(simulated=True)
+        return made[-1]
+
+    yield make
+    for each in made:
+        for scan in ScanRepository(server.database, scanner_id=each.id).unfinished():
+            ScanRepository(server.database).transition(scan.id, ScanState.ABORTED, why="test")
+        with suppress(NotFound):
+            each.retire("test")
+
+
+def measured_by(server, scan, name):
+    with server.database.write() as session:
+        session.execute(update(ScanRow).where(ScanRow.id == scan["id"]).values(scanner_id=name))
+
+
+def test_a_scan_is_completed_by_the_scanner_that_measured_it(server, http, scan_with_alines, scanners):
+    """Another one could prove nothing of what it was; the laser would be armed in vain."""
+    scan = scan_with_alines["scan"]
+    scanners("scanner-1")
+    measured_by(server, scan, "scanner-1")
+    refused = ask(http, scan["plan_id"], scan["id"], scanner_id="scanner-0")
+    assert (refused.status_code, refused.json()["errors"][0]["pointer"]) == (422, "#/scanner_id")
+    assert "scanner-1" in refused.json()["errors"][0]["allowed"]
+    made = ask(http, scan["plan_id"], scan["id"])
+    assert (made.status_code, made.json()["scanner_id"]) == (201, "scanner-1"), "need not be said"
+
+
+def test_a_scan_whose_scanner_is_retired_is_completed_by_the_one_that_is_named(
+    server, http, scan_with_alines, scanners
+):
+    """It may be the same one under another name: that is proved when it begins."""
+    scan, gone = scan_with_alines["scan"], scanners("scanner-1")
+    measured_by(server, scan, "scanner-1")
+    gone.retire("Ada")
+    made = ask(http, scan["plan_id"], scan["id"], scanner_id="scanner-0")
+    assert (made.status_code, made.json()["scanner_id"]) == (201, "scanner-0")

@@ -1,40 +1,23 @@
 """What a node without a scanner is asked about one goes to the scanner's, and a press of the stop until it arrives."""
 
+import re
 import socket
+import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import httpx
 import pytest
 
 from steradian.api import nodes
-from steradian.storage.emergency import Deed, EmergencyLatch
-from steradian.storage.scanners import ScannerRepository
+from steradian.storage.emergency import Deed
 from support.apis import ApiProcess
+from support.pairs import NOBODY, SECRET, Pair
 from support.waiting import until
 
-SECRET = "-".join(["nodes", "of", "tests", "know", "this", "and", "no", "log", "does"])
 STOP = "/scanners/scanner-0/emergency-stop"
-
-
-class Pair:
-    """The API of a scanner's node, and one without a scanner: on one database, which is all that matters here."""
-
-    def __init__(self, folder):
-        self.folder, self.latch = folder, None
-        self.scanner = self.start()
-        self.row = ScannerRepository(self.scanner.database)
-        self.row.ensure(simulated=True, address=self.scanner.url)
-        self.other = ApiProcess(folder, role="api", node_secret=SECRET).wait()
-        self.latch = EmergencyLatch(self.scanner.data.emergency)
-        self.http = httpx.Client(base_url=f"{self.other.url}/api/v1", timeout=250)
-
-    def start(self):
-        return ApiProcess(self.folder, node_secret=SECRET).wait()
-
-    def close(self):
-        self.http.close()
-        self.other.close()
-        self.scanner.close()
 
 
 @pytest.fixture
@@ -68,6 +51,90 @@ def test_a_press_that_reaches_nobody_stands_in_the_database_and_then_at_the_scan
     assert pair.latch.standing() is None
     pair.scanner = pair.start()
     assert until(pair.latch.standing).reason == "smoke"
+    pair.row.ensure(simulated=True, address=pair.scanner.url)
+    number = answer.json()["emergency_stop"]["number"]
+    released = until(lambda: (gone := pair.http.delete(STOP, params={"number": number})).status_code != 503 and gone)
+    assert released.is_success, "who pressed knows the number of the press, though nobody had confirmed it"
+    assert released.json()["emergency_stop"] is None
+
+
+def test_a_press_of_all_scanners_names_each_and_those_that_are_silent(pair):
+    pair.row.of("scanner-1").ensure(simulated=True, address=NOBODY)
+    until(lambda: "refused" in pair.http.delete("/scanners/scanner-1/emergency-stop").text)
+    answer = pair.http.post("/emergency-stop", json={"reason": "smoke"})
+    assert answer.status_code == 202, answer.text
+    said = {one["id"]: one["emergency_stop"] for one in answer.json()["items"]}
+    assert set(said) == {"scanner-0", "scanner-1"}
+    assert said["scanner-0"]["number"] == pair.latch.standing().number
+    assert said["scanner-1"]["laser"] == "unconfirmed"
+
+
+def test_a_press_of_all_scanners_reaches_those_that_only_the_node_knows_while_its_database_is_away(pair):
+    pair.row.of("scanner-1").ensure(simulated=True, address=NOBODY)
+    until(lambda: "refused" in pair.http.delete("/scanners/scanner-1/emergency-stop").text)
+    with pair.scanner.database.write():  # what a database does that hangs
+        answer = pair.http.post("/emergency-stop")
+        assert {one["id"] for one in answer.json()["items"]} == {"scanner-0", "scanner-1"}
+        assert pair.latch.standing() is not None
+
+
+def test_a_node_that_answers_in_drops_is_asked_again(pair):
+    """Each drop in time, the whole never: a press must not wait for that."""
+    with socket.create_server(("127.0.0.1", 0), backlog=100) as slow, ThreadPoolExecutor(1) as node:
+        slow.settimeout(0.3)
+        again = node.submit(dripping, slow)
+        pair.row.of("scanner-1").ensure(simulated=True, address=f"http://127.0.0.1:{slow.getsockname()[1]}")
+        path = "/scanners/scanner-1/emergency-stop"
+        until(lambda: pair.http.post(path).status_code == 202)
+        asked = again.result()
+    errands = {re.search(rb"(?i)steradian-errand: (\S+)", each)[1] for each in asked}
+    assert len(errands) == 1, "it is the same press"
+
+
+def dripping(server):
+    """Answer in drops whoever comes first, until he comes again; returns what he asked each time."""
+    come = []
+    deadline = time.monotonic() + 250
+    while len(come) < 2:
+        assert time.monotonic() < deadline, "nobody came again"
+        with suppress(TimeoutError):
+            come.append(server.accept()[0])
+        for first in come[:1]:
+            with suppress(OSError):
+                first.sendall(b"H")
+    asked = [each.recv(65_536) for each in come]
+    for each in come:
+        each.close()
+    return asked
+
+
+class Echo(BaseHTTPRequestHandler):
+    """Tells which headers it got, and says some of its own twice."""
+
+    def do_DELETE(self):
+        self.server.seen = self.headers.get_all("Accept")
+        self.send_response(200)
+        for name, value in (("Link", "<a>; rel=a"), ("Link", "<b>; rel=b"), ("Content-Length", "2")):
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(b"{}")
+
+    def log_message(self, *_):
+        """Nothing."""
+
+
+def test_headers_that_come_twice_are_sent_on_and_back_twice(pair):
+    with ThreadingHTTPServer(("127.0.0.1", 0), Echo) as echo:
+        thread = threading.Thread(target=echo.serve_forever)
+        thread.start()
+        pair.row.of("scanner-1").ensure(simulated=True, address=f"http://127.0.0.1:{echo.server_port}")
+        said = [("Accept", "application/json"), ("Accept", "text/html")]
+        path = "/scanners/scanner-1/emergency-stop"
+        answer = until(lambda: (given := pair.http.delete(path, headers=said)).is_success and given)
+        echo.shutdown()
+        thread.join()
+    assert echo.seen[-2:] == ["application/json", "text/html"]
+    assert answer.headers.get_list("Link") == ["<a>; rel=a", "<b>; rel=b"]
 
 
 @pytest.mark.parametrize("errand", ["", "01"])

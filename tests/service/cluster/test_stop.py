@@ -127,3 +127,32 @@ def test_a_stop_reaches_the_laser_by_the_database_while_its_node_answers_nobody(
     finally:
         os.kill(api, signal.SIGCONT)
     until(lambda: cluster.second.get("/scanners/scanner-1").json()["emergency_stop"]["laser"] != "unconfirmed")
+
+
+def test_a_scanner_is_retired_when_its_node_is_gone_and_comes_back_with_it(cluster, lasers):
+    """Neither while that answers, nor while it holds its lock and does not answer."""
+    node, here = cluster.scanners["scanner-1"], "/scanners/scanner-1"
+    refused = cluster.first.http.delete(here)
+    assert (refused.status_code, refused.json()["code"]) == (409, "in-use")
+    api = node.pid_of("api")
+    os.kill(api, signal.SIGSTOP)
+    try:
+        refused = cluster.first.http.delete(here)
+        assert (refused.status_code, refused.json()["code"]) == (409, "in-use"), "its lock says that it lives"
+    finally:
+        os.kill(api, signal.SIGCONT)
+    node.kill()
+    try:
+        pressed = cluster.second.http.post("/emergency-stop").json()["items"]
+        assert {one["id"]: one["emergency_stop"]["laser"] for one in pressed}["scanner-1"] == "unconfirmed"
+        until(lambda: cluster.first.http.delete(here).status_code == 204)  # the server has noticed that it is gone
+        for each in (cluster.first, cluster.second):
+            names = [one["id"] for one in each.get("/scanners").json()["items"]]
+            assert names == ["scanner-0"]
+            until(lambda each=each: each.http.post(STOP.format("scanner-1")).status_code == 404)
+    finally:
+        node.start()
+    until(lambda: cluster.first.http.get(here).is_success)
+    assert cluster.first.get(here).json()["emergency_stop"] is not None, "what was pressed stands"
+    for name in NAMES:
+        until(lambda name=name: cluster.first.http.delete(STOP.format(name)).is_success)

@@ -3,8 +3,15 @@
 import pytest
 from sqlalchemy import text
 
+from steradian.jobs.kinds import LIVE
 from steradian.jobs.model import JobRequest
-from steradian.storage.states import ReconstructionState
+from steradian.masks import equi_steradian_mask
+from steradian.plans import ScanPlan
+from steradian.storage.masks import MaskRepository
+from steradian.storage.plans import PlanRepository
+from steradian.storage.scanners import ScannerRepository
+from steradian.storage.scans import ScanRepository
+from steradian.storage.states import ReconstructionState, ScanState
 
 R = ReconstructionState
 
@@ -47,3 +54,24 @@ def test_a_priority_that_is_changed_while_a_job_is_given_to_the_engine_is_the_en
     idle.queue._settle(seen, None)
     found = in_engine(idle, "SELECT priority FROM workflow_status WHERE workflow_uuid = 'early'")
     assert found.scalar_one() == 7 + 1
+
+
+def test_an_image_that_waits_for_a_scanner_s_own_workers_is_anybody_s_where_its_node_comes_back_without(idle):
+    ledger = idle.queue.ledger
+    scanner = ScannerRepository(ledger.database)
+    scanner.ensure(simulated=True, follows=True)
+    mask = equi_steradian_mask(aperture=13.56e-3, depth=3.6e-3, count=60)
+    plan = ScanPlan.create(mask=mask, samples=256)
+    MaskRepository(ledger.database).put(mask)
+    scans = ScanRepository(ledger.database)
+    scan = scans.queue(PlanRepository(ledger.database).put(plan)[0], simulated=True)
+    for state in (ScanState.ARMING, ScanState.RUNNING):
+        scans.transition(scan.id, state, why="test")
+    idle.queue.submit(JobRequest("growing", LIVE, {"kind": LIVE, "scan_id": scan.id}))
+    queue = "SELECT queue_name FROM workflow_status WHERE workflow_uuid = 'growing'"
+    assert in_engine(idle, queue).scalar_one() == "jobs-scanner-0"
+    idle.queue.reconcile()
+    assert in_engine(idle, queue).scalar_one() == "jobs-scanner-0", "its node has workers"
+    scanner.ensure(simulated=True, follows=False)
+    idle.queue.reconcile()
+    assert in_engine(idle, queue).scalar_one() == "jobs"

@@ -7,8 +7,10 @@ import sys
 import threading
 import time
 from datetime import timedelta
+from threading import Event
 
 import httpx
+import numpy as np
 import obstore
 import pytest
 from obstore.store import S3Store
@@ -18,7 +20,10 @@ from steradian.errors import DamagedFile, InvalidInput, NotFound, StoreUnavailab
 from steradian.jobs.keeping import JobKeeper, put_results
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import JobRequest, Succeeded
+from steradian.runtime.acquisition import Acquisition, ScannerPort
 from steradian.runtime.keeping import ScanKeeper
+from steradian.scans.settling import count_alines
+from steradian.scans.store import AlineStore, create_scan_file
 from steradian.settings import Settings
 from steradian.storage import belonging
 from steradian.storage.arrays import result_name, scan_name, upload_name
@@ -28,8 +33,9 @@ from steradian.storage.object_store import ObjectStore
 from steradian.storage.paths import DataDirectory
 from steradian.storage.plans import PlanRepository
 from steradian.storage.scans import ScanRepository
-from steradian.storage.states import ScanState
+from steradian.storage.states import DesiredScanState, ScanState
 from steradian.storage.tables import ScanRow
+from support.alines import Aline
 from support.seaweed import SECRET
 from support.stores import psycopg_url, settings_of
 
@@ -286,6 +292,42 @@ def test_a_scan_that_was_resumed_in_vain_can_still_be_had_when_its_file_has_gone
     keeper.step()
     assert not data.scan_file(scan).exists()
     assert store.open(name).read_bytes() == other.open(name).read_bytes() == b"half of it"
+
+
+def test_of_a_scan_that_went_on_and_was_lost_with_its_node_counts_what_the_store_has(
+    store, rows, plan, make_store, tmp_path
+):
+    MaskRepository(rows).put(plan.mask)
+    scans, data = ScanRepository(rows), DataDirectory(tmp_path / "here")
+    scan, other = scans.queue(PlanRepository(rows).put(plan)[0], simulated=True).id, make_store(tmp_path / "new", store)
+    create_scan_file(data.scan_file(scan), plan, scan_id=scan)
+    write(data.scan_file(scan), plan, range(5))
+    keeper, name = ScanKeeper(store, scans, data), scan_name(scan)
+    for state in (ScanState.ARMING, ScanState.RUNNING, ScanState.INTERRUPTED):
+        scans.transition(scan, state, why="test")
+    keeper.step()
+    for state in (ScanState.ARMING, ScanState.RUNNING, ScanState.INTERRUPTED):  # it went on, and its node was lost
+        scans.transition(scan, state, why="test")
+    write(data.scan_file(scan), plan, range(5, 9))
+    with pytest.raises(NotFound):
+        other.open(name)
+    lost = DataDirectory(tmp_path / "new")
+    new = Acquisition(
+        scans, PlanRepository(rows), lost, ScannerPort(Settings.create(data=lost.root)), Event(), arrays=other
+    )
+    scans.desire(scan, DesiredScanState.STOPPED, "the node burnt down")
+    new.step()
+    row = scans.get(scan)
+    assert (row.state, row.summary["stored"]) == (ScanState.PARTIAL, 5)
+    assert count_alines(other.open(name)) == row.summary, "who asks for it gets what is told of it"
+    keeper.step()  # the lost folder turns up: what it has is newer
+    assert count_alines(other.open(name))["stored"] == 9
+
+
+def write(path, plan, points):
+    with AlineStore(path) as opened:
+        opened.append(Aline(point, np.full(plan.samples, point + 1, np.int16), point + 1, 0.5) for point in points)
+        opened.set_fired(max(points) + 1)
 
 
 def test_the_file_of_a_scan_that_another_node_deletes_goes_and_one_that_nobody_can_have_deleted_stays(

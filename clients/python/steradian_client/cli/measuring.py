@@ -162,6 +162,24 @@ def stop(context: typer.Context, reason: Reason = None, scanner_id: str = SCANNE
     show(client_of(context).scanners.emergency_stop(reason, scanner_id=scanner_id), as_json)
 
 
+@scanner.command("stop-all", help="Emergency stop of every scanner.")
+def stop_all(context: typer.Context, reason: Reason = None) -> None:
+    """Press the emergency stop of all."""
+    for name, pressed in client_of(context).scanners.stop_all(reason).items():
+        print(f"{name}: laser {pressed.laser}, press {pressed.number}")
+
+
+@scanner.command("retire", help="Have a scanner that is no more be none of the service; refused while its node lives.")
+def retire(
+    context: typer.Context,
+    scanner_id: Annotated[str, typer.Argument(metavar="NAME", help="Its name.")],
+    abandon: Annotated[bool, typer.Option("--abandon", help="Also give up its scans that are not over.")] = False,
+    reason: Reason = None,
+) -> None:
+    """Retire a scanner."""
+    client_of(context).scanners.retire(scanner_id, abandon=abandon, reason=reason)
+
+
 @scanner.command("release", help="Release the emergency stop; with its number only that press.")
 def release(
     context: typer.Context, number: str | None = None, scanner_id: str = SCANNER, as_json: AsJson = False

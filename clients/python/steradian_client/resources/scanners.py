@@ -71,6 +71,31 @@ class Scanners(Resource[World]):
         return EmergencyStop.model_validate(answer.json()["emergency_stop"])
 
     @operation
+    async def stop_all(self, reason: str | None = None) -> dict[str, EmergencyStop]:
+        """Press the emergency stop of every scanner; returns what came of each, by name: of none if there is none."""
+        answer = await self._session.exchange(routes.PRESS_EVERY_STOP, json={"reason": reason} if reason else None)
+        return {one["id"]: EmergencyStop.model_validate(one["emergency_stop"]) for one in answer.json()["items"]}
+
+    @operation
+    async def retire(self, scanner_id: str, *, abandon: bool = False, reason: str | None = None) -> None:
+        """Have a scanner that is no more be none of the service; it is one again when its node starts.
+
+        Parameters
+        ----------
+        abandon
+            Whether its scans that are not over are given up: what is stored of them is kept.
+
+        Raises
+        ------
+        Conflict
+            When its node lives, or a scan of it is not over.
+        """
+        about: dict[str, bool | str] = {"reason": reason} if reason else {}
+        if abandon:
+            about["abandon"] = True
+        await self._session.exchange(routes.RETIRE_SCANNER, {"id": scanner_id}, params=about)
+
+    @operation
     async def release_stop(
         self, stop: EmergencyStop | str | None = None, reason: str | None = None, *, scanner_id: str = SCANNER
     ) -> Scanner:

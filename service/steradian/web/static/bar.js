@@ -7,29 +7,28 @@ import { count, clock, duration } from "./units.js";
 
 /** @param {string} name */
 const stopOf = (name) => `/scanners/${name}/emergency-stop`;
+const EVERY_STOP = "/emergency-stop"; // who exists, the service knows, also without its database
 const PATIENCE = 1500;
 const LOOK = 3000;
 const TRY_AGAIN = 500;
 const UNDER_WAY = ["arming", "running", "pausing", "paused", "stopping", "recovering", "completing", "aborting"].map((state) => `state=${state}`).join("&");
 const SWITCH = "use the hardware switch";
 
-/** @type {string[]} all scanners of the service; the first is there before anybody was asked */
-let names = ["scanner-0"];
 /** @type {any[]} how they stand, as far as that is known */
 let scanners = [];
 /** @type {any} the first of them */
 let scanner = null;
-/** @type {Set<(scanner: any) => void>} */
+/** @type {Set<(scanner: any, all: any[]) => void>} */
 const watchers = new Set();
 /** @type {any} the last press of this page, until it is released */
 let press = null;
 /** @type {string} */
 let shown = "";
 
-/** Be told, now and whenever it is looked at, how the scanner stands; null while nobody answers. @param {(scanner: any) => void} act */
+/** Be told, now and whenever it is looked at, how the first scanner stands, and all; null while nobody answers. @param {(scanner: any, all: any[]) => void} act */
 export function watchScanner(act) {
   watchers.add(act);
-  if (scanner) act(scanner);
+  if (scanner) act(scanner, scanners);
 }
 
 export function startBar() {
@@ -53,27 +52,27 @@ export function startBar() {
   setInterval(() => document.hidden || look(), LOOK);
 }
 
-/** Press the stop of every scanner; each is sent again until the service has taken it. */
+/** Press the stop of every scanner; it is sent again until the service has taken it. */
 async function stop() {
-  press = { sent: clock(new Date()), of: names, answers: new Map(), silent: false };
+  press = { sent: clock(new Date()), answers: null, silent: false };
   const mine = press;
   showStop();
   const timer = setTimeout(() => {
     mine.silent = true;
     if (press === mine) showStop();
   }, PATIENCE);
-  await Promise.all(mine.of.map((/** @type {string} */ name) => send(name, mine)));
+  await send(mine);
   clearTimeout(timer);
   if (press === mine) showStop();
   look();
 }
 
-/** @param {string} name @param {any} mine the press */
-async function send(name, mine) {
-  while (press === mine && !mine.answers.has(name)) {
+/** @param {any} mine the press */
+async function send(mine) {
+  while (press === mine && !mine.answers) {
     try {
-      const answer = await api.post(stopOf(name), { reason: "pressed on the page" }, { urgent: true });
-      mine.answers.set(name, answer.emergency_stop);
+      const { items } = await api.post(EVERY_STOP, { reason: "pressed on the page" }, { urgent: true });
+      mine.answers = new Map(items.map((/** @type {any} */ one) => [one.id, one.emergency_stop]));
     } catch (error) {
       mine.silent = true;
       mine.why = error instanceof Problem ? error.message : "the service does not answer";
@@ -83,44 +82,51 @@ async function send(name, mine) {
   }
 }
 
-/** The stop that stands of which least good is known, or null: a press stands when each scanner has answered. */
-function worst() {
-  if (press && press.answers.size < press.of.length) return null;
-  const stops = press ? [...press.answers.values()] : scanners.map((one) => one.emergency_stop).filter(Boolean);
-  return ["unconfirmed", "off", "idle"].map((laser) => stops.find((one) => one.laser === laser)).find(Boolean) ?? null;
+/** The stops that stand and their scanners, as the press was answered or else as the service knows. @returns {[string, any][]} */
+function standing() {
+  if (press) return press.answers ? [...press.answers] : [];
+  return scanners.filter((one) => one.emergency_stop).map((one) => [one.id, one.emergency_stop]);
 }
 
-/** What is known of a press, in words. @param {any} stop */
-function verdict(stop) {
+/** The one of them of which least good is known, and its scanner, or null. @returns {[string, any] | null} */
+function worst() {
+  const all = standing();
+  return ["unconfirmed", "off", "idle"].map((laser) => all.find(([, stop]) => stop.laser === laser)).find(Boolean) ?? null;
+}
+
+/** What is known of a press, in words. @param {[string, any]} of scanner and stop */
+function verdict([name, stop]) {
   if (stop.laser === "off") return `laser off (confirmed by the device${stop.seconds === null ? "" : `, ${duration(stop.seconds)}`})`;
   if (stop.laser === "idle") return "no scan ran; the laser was not armed";
-  return `no answer from the scanner: ${SWITCH}`;
+  return `no answer from ${scanners.length > 1 ? name : "the scanner"}: ${SWITCH}`;
 }
 
 function showStop() {
   const panel = byId("stopped");
-  const standing = worst();
-  if (!press && !standing) {
+  const least = worst();
+  const stop = least?.[1];
+  if (!press && !stop) {
     panel.hidden = true;
     shown = "";
     return;
   }
-  const head = standing ? verdict(standing) : press.silent ? `no answer: ${SWITCH}` : "stop sent …";
-  const rest = standing
-    ? `Pressed ${clock(standing.at)} by ${standing.by}${standing.reason ? `: ${standing.reason}` : ""}. No scan begins until it is released.`
-    : press.silent
+  const none = press?.answers && !stop; // it was taken, and there was nobody to press it for
+  const head = least ? verdict(least) : none ? `the service knows no scanner: ${SWITCH}` : press.silent ? `no answer: ${SWITCH}` : "stop sent …";
+  const rest = stop
+    ? `Pressed ${clock(stop.at)} by ${stop.by}${stop.reason ? `: ${stop.reason}` : ""}. No scan begins until it is released.`
+    : press.silent && !none
       ? `Sent ${press.sent}${press.why ? `; ${press.why}` : ""}; it is sent again and again.`
       : `Sent ${press.sent}.`;
   if (shown === head + rest) return;
   shown = head + rest;
   panel.hidden = false;
-  const button = standing ? h("button", { type: "button", onclick: release }, "Release …") : null;
+  const button = stop ? h("button", { type: "button", onclick: release }, "Release …") : null;
   replace(panel, h("strong", null, `Emergency stop: ${head}`), h("span", null, rest), button);
 }
 
 /** Ask why, then release what stands on each scanner and no later press. */
 function release() {
-  const standing = press ? [...press.answers] : scanners.map((one) => [one.id, one.emergency_stop]).filter(([, stop]) => stop);
+  const pressed = standing();
   const reason = h("input", { type: "text", id: "release-reason", required: true, maxlength: 500, style: { width: "100%" } });
   const said = h("p", { class: "fault", role: "alert" });
   const form = h("form", null,
@@ -133,38 +139,48 @@ function release() {
   const dialog = h("dialog", { "aria-labelledby": "release-title" }, form);
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
-    try {
-      for (const [name, { number }] of standing) {
-        const query = new URLSearchParams({ number, reason: reason.value.trim() });
-        await api.remove(`${stopOf(name)}?${query}`, { urgent: true });
-      }
+    const left = (await Promise.all(pressed.map((one) => releaseOne(one, reason.value.trim())))).filter(Boolean);
+    said.textContent = left.join("; ");
+    if (!left.length) {
       press = null;
       dialog.close();
-      await look();
-    } catch (error) {
-      said.textContent = error instanceof Error ? error.message : String(error);
-      void look(); // some may have been released
     }
+    await look(); // some may have been released
   });
   openDialog(dialog);
 }
 
+/** Release a scanner's stop; returns why it stands yet, or nothing. @param {[string, any]} of scanner and stop @param {string} reason */
+async function releaseOne([name, { number }], reason) {
+  try {
+    await api.remove(`${stopOf(name)}?${new URLSearchParams({ number, reason })}`, { urgent: true });
+    press?.answers?.delete(name);
+    return "";
+  } catch (error) {
+    if (error instanceof Problem && error.status === 404) return ""; // it was retired meanwhile
+    const why = error instanceof Error ? error.message : String(error);
+    return scanners.length > 1 ? `${name}: ${why}` : why;
+  }
+}
+
 async function look() {
-  const answered = press?.answers.size === press?.of.length ? press : null; // a look from before it may know nothing of it
+  const answered = press?.answers ? press : null; // a look from before it may know nothing of it
   try {
     scanners = (await api.get("/scanners")).items.toSorted((/** @type {any} */ a, /** @type {any} */ b) => (a.id < b.id ? -1 : 1));
-    if (scanners.length) names = scanners.map((one) => one.id);
     scanner = scanners[0] ?? null;
     // From when the service knows of each press what the answer said, what stands is what it says: others release, too.
     const isKnown = (/** @type {[string, any]} */ [name, stop]) => {
-      const seen = scanners.find((one) => one.id === name)?.emergency_stop;
+      const one = scanners.find((each) => each.id === name);
+      if (!one) return true; // it was retired
+      const seen = one.emergency_stop;
       return seen ? seen.number !== stop.number || seen.laser !== "unconfirmed" || stop.laser === "unconfirmed" : stop.recorded;
     };
-    if (answered && press === answered && [...answered.answers].every(isKnown)) press = null;
+    if (answered?.answers.size && press === answered && [...answered.answers].every(isKnown)) press = null;
     if (scanner) showScanner();
+    showStop();
   } catch {
     scanner = null;
-    for (const watcher of watchers) watcher(null);
+    for (const watcher of watchers) watcher(null, []);
     tell(h("span", { class: "fault" }, "the service does not answer"));
   }
 }
@@ -178,7 +194,13 @@ function tell(...children) {
 }
 
 function showScanner() {
+  for (const watcher of watchers) watcher(scanner, scanners);
   const pill = byId("scanner");
+  if (scanners.length > 1) {
+    pill.removeAttribute("title");
+    tell(...showScanners());
+    return;
+  }
   const connected = scanner.connection === "connected";
   const link = connected ? "connected" : scanner.connection === "unknown" ? "not used yet" : "not connected";
   const name = scanner.simulated ? "Simulated scanner" : "Scanner";
@@ -190,8 +212,17 @@ function showScanner() {
     lease ? h("span", { class: "dim" }, `held by ${lease.holder} until ${clock(lease.ends)}`) : null);
   if (scanner.last_error && !connected) pill.title = scanner.last_error;
   else pill.removeAttribute("title");
-  for (const watcher of watchers) watcher(scanner);
-  showStop();
+}
+
+/** Several scanners in a line: how many, whose laser is on, and what is wrong with which. */
+function showScanners() {
+  const named = (/** @type {(one: any) => boolean} */ which) => scanners.filter(which).map((one) => one.id).join(", ");
+  const [firing, lost, open] = [named((one) => one.state === "scanning"), named((one) => one.connection === "disconnected"), named((one) => one.interlock === "open")];
+  return [
+    h("span", null, `${scanners.length} scanners`),
+    firing ? h("span", { class: "laser" }, `laser on: ${firing}`) : h("span", { class: "dim" }, "idle"),
+    lost ? h("span", { class: "fault" }, `not connected: ${lost}`) : null,
+    open ? h("span", { class: "fault" }, `interlock open: ${open}`) : null];
 }
 
 /** @type {any} */

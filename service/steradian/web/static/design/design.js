@@ -1,8 +1,10 @@
 // @ts-check
 // Design: a form, what the service says of it, and one button that stores anything.
 import { api, onceOnly, Problem } from "../api.js";
+import { watchScanner } from "../bar.js";
 import { byId, h, replace, settled } from "../dom.js";
 import { startScan } from "../scan/start.js";
+import { WhichScanner } from "../scan/which.js";
 import { words } from "../states.js";
 import { arrangementOf, bodyOf, fieldOf, fromQuery, othersOf, planOf, toQuery } from "./fields.js";
 import { figuresOf } from "./figures.js";
@@ -22,14 +24,16 @@ const said = h("div", { class: "remarks", role: "alert" });
 const scan = h("button", { type: "button", class: "primary", id: "scan-this", disabled: true, onclick: () => void scanThis() }, "Scan this");
 const label = h("input", { type: "text", maxlength: 200, placeholder: "e.g. yarn phantom", "aria-label": "Name of the sample", class: "short", value: design.label, oninput: () => { design.label = label.value; note(); } });
 const watch = h("input", { type: "checkbox", id: "watch", checked: true });
+const which = new WhichScanner();
 const elsewhere = h("input", { type: "checkbox", id: "elsewhere", checked: design.look !== null, onchange: () => look() });
 
 replace(host,
   formPanel,
   h("div", { class: "middle" }, planePanel, time),
   h("div", { class: "beside", tabindex: 0, role: "group", "aria-label": "What the point sees" }, spread, orientation, angle),
-  h("footer", { class: "panel foot" }, figures, h("div", { class: "row" }, said, label, h("label", { class: "row", for: "watch" }, watch, "Follow with an image"), scan)));
+  h("footer", { class: "panel foot" }, figures, h("div", { class: "row" }, said, label, which.host, h("label", { class: "row", for: "watch" }, watch, "Follow with an image"), scan)));
 
+watchScanner((first, all) => first && which.show(all));
 const form = new Form(h("div", { class: "scrolled" }), design, changed);
 formPanel.append(form.host, form.help);
 const plane = new DesignPlane(planePanel, (place, over) => {
@@ -135,9 +139,10 @@ async function scanThis() {
   scan.disabled = true;
   replace(said, h("span", { class: "dim" }, "storing mask and plan …"));
   try {
+    const on = which.wish;
     const mask = await api.post("/masks", arrangementOf(design));
     const plan = await api.post("/plans", { ...planOf(design), mask_id: mask.id });
-    const made = await startScan({ plan_id: plan.id, labels: design.label.trim() ? { sample: design.label.trim() } : {} });
+    const made = await startScan({ plan_id: plan.id, ...on, labels: design.label.trim() ? { sample: design.label.trim() } : {} });
     const follow = { scan_id: made.id, follow: true, interval: 1 };
     if (watch.checked) await api.post("/reconstructions", follow, { headers: onceOnly() }).catch(() => null); // its page offers it again; here would be a second scan
     location.assign(`/scans/${made.id}`);

@@ -5,6 +5,7 @@ import { h, openDialog, replace } from "../dom.js";
 import { words } from "../states.js";
 import { count, duration, figure, identifierOf } from "../units.js";
 import { startScan } from "./start.js";
+import { leaseOf, WhichScanner } from "./which.js";
 import { keeps, OVER, STATES, WISHES } from "./words.js";
 
 const NAMES = /** @type {Record<string, string>} */ ({ paused: "Pause", running: "Resume", stopped: "Stop …" });
@@ -104,7 +105,7 @@ export class Controls {
     if (!stored) return [h("a", { class: "button", href: "/design" }, "New design")];
     return [
       h("button", { type: "button", class: "primary", onclick: () => void this.reconstruct() }, "Reconstruct"),
-      ...(stored < points ? [h("button", { type: "button", onclick: () => this.confirmMissing() }, "Measure the missing points …")] : []),
+      ...(stored < points ? [h("button", { type: "button", onclick: () => void this.confirmMissing() }, "Measure the missing points …")] : []),
       h("button", { type: "button", onclick: () => void this.chooseMask() }, "Through another mask …"),
       h("a", { class: "button", href: `/api/v1/scans/${this.scan.id}/file`, download: `${this.scan.id}.h5` }, "Download HDF5"),
     ];
@@ -131,17 +132,27 @@ export class Controls {
     }
   }
 
-  confirmMissing() {
+  /** Its scanner goes on with it; where that one is no more, a person says which. */
+  async confirmMissing() {
     const { stored, points } = this.scan.summary;
+    const which = new WhichScanner();
+    try {
+      const { items } = await api.get("/scanners");
+      const own = items.find((/** @type {any} */ one) => one.id === this.scan.scanner_id);
+      which.show(own ? [own] : items);
+    } catch (error) {
+      replace(this.said, ...words(error));
+      return;
+    }
     const text = `A new scan begins with these ${count(stored)} A-lines and measures the other ${count(points - stored)}, if film and scanner prove to be as they were. This one stays as it is. The laser fires.`;
-    ask("Measure the missing points", text, [], "Measure", () => void this.complete());
+    ask("Measure the missing points", text, [which.host], "Measure", () => void this.complete(which));
   }
 
-  /** Have a new scan measure what this one misses. */
-  async complete() {
+  /** Have a new scan measure what this one misses. @param {WhichScanner} which */
+  async complete(which) {
     try {
       const { id, plan_id, labels } = this.scan;
-      const made = await startScan({ plan_id, labels, completes: id });
+      const made = await startScan({ plan_id, labels, completes: id, ...which.wish });
       location.assign(`/scans/${made.id}`);
     } catch (error) {
       replace(this.said, ...words(error));
@@ -155,7 +166,7 @@ export class Controls {
   /** @param {string} state */
   async wish(state) {
     try {
-      const { lease } = state === "running" ? await api.get("/scanners/scanner-0") : { lease: null };
+      const lease = state === "running" ? await leaseOf(this.scan.scanner_id) : null;
       const headers = lease ? { "Scanner-Lease": String(lease.fence) } : undefined;
       await api.put(`/scans/${this.scan.id}/desired-state`, { state, reason: "asked for on the page" }, { headers });
       this.changed();

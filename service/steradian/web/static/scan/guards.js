@@ -10,13 +10,17 @@ const SAFE = { interlock: "closed", key: "on" };
 export class Guards {
   constructor() {
     this.line = h("div", { class: "row caption", role: "group", "aria-label": "Interlock, key, shutter and lease" });
-    watchScanner((scanner) => this.show(scanner));
+    /** @type {string | null} whose they are; null: of the only one */
+    this.of = null;
+    watchScanner((first, all) => this.show(first, all));
   }
 
-  /** @param {any} scanner null: the service does not answer */
-  show(scanner) {
+  /** @param {any} first null: the service does not answer @param {any[]} all */
+  show(first, all) {
+    const scanner = all.find(({ id }) => id === this.of) ?? (all.length === 1 ? first : null);
     if (!scanner) {
-      replace(this.line, h("span", { class: "dim" }, "Interlock, key and shutter: unknown, the service does not answer"));
+      const why = first ? `${this.of ?? "its scanner"} is not there` : "the service does not answer";
+      replace(this.line, h("span", { class: "dim" }, `Interlock, key and shutter: unknown, ${why}`));
       return;
     }
     const { interlock, key, shutter, lease } = scanner;

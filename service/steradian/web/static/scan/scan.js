@@ -54,6 +54,7 @@ const growing = new Growing(imageBody, id, () => controls.nextSteps());
 async function read() {
   try {
     scan = await api.get(`/scans/${id}`);
+    guards.of = scan.scanner_id;
     const turned = built && growing.running === OVER.has(scan.state);
     growing.running = !OVER.has(scan.state);
     if (!built) await build();

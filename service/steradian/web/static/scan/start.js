@@ -1,6 +1,7 @@
 // @ts-check
 // Begin a scan, once: where the answer is lost on its way, the same wish again is answered by the same scan.
 import { api, onceOnly, Problem } from "../api.js";
+import { leaseOf } from "./which.js";
 
 const MEANT_AGAIN = 300e3; // later, whoever asks for the same means another scan
 
@@ -8,11 +9,11 @@ const MEANT_AGAIN = 300e3; // later, whoever asks for the same means another sca
 const unanswered = new Map();
 
 /**
- * @param {{plan_id: string, labels: Record<string, string>, completes?: string}} wish
+ * @param {{plan_id: string, labels: Record<string, string>, completes?: string, scanner_id?: string}} wish
  * @returns {Promise<any>} the scan
  */
 export async function startScan(wish) {
-  const { lease } = await api.get("/scanners/scanner-0");
+  const lease = await leaseOf(wish.scanner_id);
   const name = JSON.stringify(wish);
   const before = unanswered.get(name);
   const key = before && performance.now() - before.at < MEANT_AGAIN ? before.key : onceOnly();

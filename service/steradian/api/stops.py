@@ -1,0 +1,30 @@
+"""``/emergency-stop``: the stop of every scanner at once."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Annotated
+
+from fastapi import APIRouter, Body, Request
+
+from steradian.api.dependencies import ServicesNeeded, Who
+from steradian.api.scanner_views import EmergencyAnswer
+from steradian.api.scanners import StopRequest, press_one
+from steradian.api.security import V1, GuardedRoute
+from steradian.api.views import Listing
+
+router = APIRouter(prefix=V1, tags=["scanners"], route_class=GuardedRoute)
+
+
+@router.post("/emergency-stop", status_code=202, summary="Stop every scanner now")
+async def press_emergency_stops(
+    services: ServicesNeeded, request: Request, who: Who, wanted: Annotated[StopRequest | None, Body()] = None
+) -> Listing[EmergencyAnswer]:
+    """Press the stop of all scanners that there are; any authenticated caller may, and none need be known by name.
+
+    It needs no database. The answer names each scanner; none in it means that the service knows none: whoever sees a
+    laser uses its hardware switch.
+    """
+    reason = wanted.reason if wanted else None
+    presses = (press_one(services, request, who, name, reason) for name in services.nodes.scanners)
+    return Listing(items=await asyncio.gather(*presses))

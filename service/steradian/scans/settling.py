@@ -1,0 +1,48 @@
+"""What a scan holds that is over, or that nobody goes on with."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from steradian.errors import NotFound
+from steradian.scans import schema
+from steradian.scans.locking import open_to_read
+from steradian.storage.arrays import Arrays, scan_name
+
+
+def figures_of(arrays: Arrays, own: Path, scan_id: str) -> dict[str, Any]:
+    """Count the A-lines of a scan that nobody goes on with.
+
+    Where its file is lost with the host that wrote it, what was kept of it before counts from now on, for everybody.
+
+    Parameters
+    ----------
+    own
+        Where its file is, if it is on this host.
+
+    Raises
+    ------
+    StoreUnavailable
+        When what is kept cannot be had now.
+    """
+    if own.exists():
+        return count_alines(own)
+    arrays.settle(name := scan_name(scan_id))
+    try:
+        return count_alines(arrays.open(name))
+    except NotFound:
+        return {}
+
+
+def count_alines(path: Path) -> dict[str, Any]:
+    """Count what a scan file holds: ``points``, ``stored``, ``fired``; empty when there is no readable file."""
+    try:
+        with open_to_read(path) as file:
+            status = np.asarray(file["alines/status"])
+            stored = int((status == schema.STORED).sum())
+            return {"points": len(status), "stored": stored, "fired": int(file["fired"][()])}
+    except (OSError, KeyError):
+        return {}

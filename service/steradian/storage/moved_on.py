@@ -1,0 +1,25 @@
+"""Whether a scan went on since it was kept."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Final
+
+from steradian.storage.states import ACTIVE_SCAN_STATES, ScanState
+from steradian.storage.tables import ObjectRow, ScanRow
+
+_WRITING: Final = ACTIVE_SCAN_STATES - {ScanState.ARMING}
+
+
+def has_moved_on(scan: ScanRow, kept: ObjectRow) -> bool:
+    """Whether a scan was resumed since it was kept: its scanner's node has what is newer, unless it was only armed."""
+    if scan.scanner_id is None:
+        return False
+    begun = last_begun(scan)
+    return scan.state in ACTIVE_SCAN_STATES or (begun is not None and begun > kept.created)
+
+
+def last_begun(scan: ScanRow) -> datetime | None:
+    """Tell when a scan was last in a state in which its file is written to."""
+    begun = [change["at"] for change in scan.history if change["state"] in _WRITING]
+    return datetime.fromisoformat(begun[-1]) if begun else None

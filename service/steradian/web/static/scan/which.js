@@ -1,0 +1,41 @@
+// @ts-check
+// Which scanner is to fire: where there is one nobody is asked, where there are several a person chooses.
+import { api } from "../api.js";
+import { h, replace } from "../dom.js";
+
+const NAME = "which-scanner";
+
+export class WhichScanner {
+  constructor() {
+    this.select = h("select", { id: NAME, "aria-label": "Which scanner", onchange: () => { this.chosen = this.select.value; } });
+    this.host = h("label", { class: "row", for: NAME, hidden: true }, "Which scanner", this.select);
+    this.chosen = "";
+    this.names = "";
+  }
+
+  /** @param {any[]} all scanners of the service */
+  show(all) {
+    const names = all.map(({ id }) => id);
+    if (names.join() === this.names) return;
+    this.names = names.join();
+    this.host.hidden = names.length < 2;
+    if (!names.includes(this.chosen)) this.chosen = "";
+    replace(this.select, [h("option", { value: "" }, "choose …"), ...names.map((name) => h("option", { value: name }, name))]);
+    this.select.value = this.chosen;
+  }
+
+  /** What a wish for a scan says of it; raises an error where it is still to be chosen. @returns {{scanner_id?: string}} */
+  get wish() {
+    if (this.host.hidden) return {};
+    if (this.chosen) return { scanner_id: this.chosen };
+    this.select.focus();
+    throw new Error("Which scanner is to run it? Choose one.");
+  }
+}
+
+/** The lease that runs on a scanner, or null; where no scanner is named, that of the only one. @param {string | null} [name] */
+export async function leaseOf(name) {
+  const { items } = await api.get("/scanners");
+  const one = items.find((/** @type {any} */ each) => each.id === name) ?? (items.length === 1 ? items[0] : null);
+  return one?.lease ?? null;
+}
