@@ -155,9 +155,8 @@ def release_emergency_stop(
     services.scanner.get(scanner_id)
     if (desk := services.desk_of(scanner_id)) is not None:
         desk.release(who.name, number, reason)
-    elif services.is_alone and not came_from_a_node(
-        request
-    ):  # no node has its latch; one that comes back keeps its own
+    elif services.is_alone and not came_from_a_node(request):
+        # No node has its latch; one that comes back keeps its own.
         services.scanner.of(scanner_id).release_stop(who.name, reason, number)
     else:
         raise Elsewhere(scanner_id)
