@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fabry_perot import simulator
+from fabry_perot import Recovery, simulator
 from fabry_perot.simulator import phantoms
 from steradian.benchmarks.live import live as benchmark
 from steradian.errors import Cancelled, InvalidInput, NotFound
@@ -27,6 +27,7 @@ from steradian.reconstructions.live import LiveView, follow_scan
 from steradian.reconstructions.options import plan_parameters
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.preview import Preview, preview_of
+from steradian.reconstructions.revision import Revision
 from steradian.reconstructions.stored_volume import StoredVolume
 from steradian.reconstructions.volume_file import read_volume
 from steradian.scans.following import Quiet, ScanFollower
@@ -34,6 +35,7 @@ from steradian.scans.reading import read_scan
 from steradian.scans.run import run_scan
 from steradian.scans.store import AlineStore, create_scan_file
 from support.alines import Aline
+from support.pacing import InStep
 
 SAMPLES, INTERVAL, SPEED = 256, 8e-9, 1500.0
 PARAMETERS = ReconstructionParameters.create(modes=32)
@@ -281,10 +283,17 @@ def test_revisions_while_another_process_scans_1605_points(scan: GrowingScan, tm
     LiveView(scan.path, tmp_path / "before", PARAMETERS).revise()  # loads the compiled code
     mask = equi_steradian_mask(13.56e-3, 3.6e-3, 1600)
     plan = ScanPlan.create(mask=mask, samples=SAMPLES, sound_speed=SPEED, order="progressive")
-    path, seen = tmp_path / "yarn.h5", []
+    path, seen, spawning = tmp_path / "yarn.h5", [], multiprocessing.get_context("spawn")
+    revised = spawning.Value("i", 0)
     parameters = ReconstructionParameters.create(modes=56)
+
+    def note(revision: Revision) -> None:
+        seen.append(revision)
+        revised.value = len(seen)
+
     with simulator.launch(speed=8.0) as scanner:
-        process = multiprocessing.get_context("spawn").Process(target=run_scan, args=(plan, scanner.url, path))
+        how = {"control": InStep(revised), "recovery": Recovery(within=60.0)}
+        process = spawning.Process(target=run_scan, args=(plan, scanner.url, path), kwargs=how)
         process.start()
         try:
             report = follow_scan(
@@ -293,7 +302,7 @@ def test_revisions_while_another_process_scans_1605_points(scan: GrowingScan, tm
                 parameters,
                 is_over=lambda: not process.is_alive(),
                 interval=0.2,
-                revised=seen.append,
+                revised=note,
             )
         finally:
             process.join(30)
