@@ -77,7 +77,7 @@ class Watched(EchoQueue):
 @pytest.fixture(scope="module")
 def watched(tmp_path_factory):
     if sys.platform != "linux":
-        pytest.skip("it asks glibc")
+        pytest.skip("it asks glibc how many heaps there are: run it on Linux")
     watched = Watched(tmp_path_factory.mktemp("watched"))
     yield watched
     watched.close()
