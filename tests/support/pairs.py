@@ -2,6 +2,7 @@
 
 import httpx
 
+from steradian.storage.database import Database, metadata_url
 from steradian.storage.emergency import EmergencyLatch
 from steradian.storage.scanners import ScannerRepository
 from support.apis import ApiProcess
@@ -18,7 +19,8 @@ class Pair:
     def __init__(self, folder):
         self.folder = folder
         self.scanner = self.start()
-        self.row = ScannerRepository(self.scanner.database)
+        self.database = Database(metadata_url(self.scanner.settings))  # of its own: the scanner's ends with its node
+        self.row = ScannerRepository(self.database)
         self.row.ensure(simulated=True, address=self.scanner.url)
         self.other = ApiProcess(folder, role="api", node_secret=SECRET).wait()
         self.latch = EmergencyLatch(self.scanner.data.emergency)
@@ -31,3 +33,4 @@ class Pair:
         self.http.close()
         self.other.close()
         self.scanner.close()
+        self.database.close()
