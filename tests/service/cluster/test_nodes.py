@@ -54,7 +54,7 @@ def of_scan(node, scan, part, **how):
 
 
 def test_a_scan_that_runs_is_seen_from_every_node_as_its_scanner_s_node_sees_it(cluster, first, second):
-    plan = first.plan(pulse_rate=1, averages=8)
+    plan = first.plan(1600, pulse_rate=1, averages=2)
     scan = first.start_scan(plan)
     until(lambda: second.get(f"/scans/{scan['id']}").json()["state"] == "running")
     until(lambda: second.http.get(f"/scans/{scan['id']}/coverage").json().get("stored", 0) > 3)
@@ -97,7 +97,7 @@ def test_a_worker_s_result_is_had_from_every_node(first, second, image):
 def test_an_image_that_grows_with_its_scan_is_seen_from_every_node_and_ends_as_its_full_reconstruction(
     cluster, first, second, image
 ):
-    scan = first.start_scan(first.plan(pulse_rate=1, averages=8))
+    scan = first.start_scan(first.plan(1600, pulse_rate=1, averages=2))
     body = {"scan_id": scan["id"], "follow": True, "interval": 0.3, "parameters": PARAMETERS}
     live = first.http.post("/reconstructions", json=body).json()
     here = f"/reconstructions/{live['id']}"

@@ -80,7 +80,7 @@ def test_a_killed_api(service, capsys):
 def test_a_killed_supervisor_and_a_scan_that_ran(service, capsys):
     """Every process goes with it; after the next start jobs go on, and the scan waits for a person."""
     first = service.start().process
-    scan_id = service.start_scan(service.plan(pulse_rate=1, averages=10))["id"]
+    scan_id = service.start_scan(service.plan(1600, pulse_rate=1, averages=2))["id"]
     service.until(lambda: read_scan(service.url, scan_id)["state"] == "running", 30)
     names = load(service)
     killed = time.monotonic()

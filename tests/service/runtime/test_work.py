@@ -195,7 +195,7 @@ def test_cancelling_a_running_reconstruction_frees_its_memory_and_core_within_a_
 def test_a_service_that_is_asked_to_end_puts_jobs_back_and_makes_the_scan_safe(tmp_path, capsys, slowed):
     service = Service(tmp_path, simulator_speed=20.0).start()
     done = service.make("/scans", plan_id=service.plan())
-    slow = service.start_scan(service.plan(pulse_rate=1, averages=10))
+    slow = service.start_scan(service.plan(1600, pulse_rate=1, averages=2))
     until(lambda: service.get(f"/scans/{slow['id']}").json()["state"] == "running")
     until(lambda: service.get(f"/scans/{slow['id']}/coverage").json()["stored"] > 2)
     large = service.http.post("/reconstructions", json={"scan_id": done["id"], "parameters": {"modes": 1024}}).json()
