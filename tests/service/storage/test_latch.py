@@ -21,3 +21,13 @@ def test_a_press_between_two_processes_that_make_the_latch_is_not_overwritten(tm
     late.release(pressed[0].number)
     assert EmergencyLatch(tmp_path).standing() is None
     assert sorted(path.name for path in tmp_path.iterdir()) == ["answered", "pressed", "released"]
+
+
+def test_a_press_that_may_come_again_is_written_though_the_earlier_ones_cannot_be_read(tmp_path):
+    """Its number is looked for first; a disk that fails to be read keeps no press from its place."""
+    latch = EmergencyLatch(tmp_path)
+    unreadable = os.open(tmp_path / "released", os.O_WRONLY)
+    os.dup2(unreadable, latch._files["released"])
+    os.close(unreadable)
+    latch.press("ada", None, "a press of another node")
+    assert EmergencyLatch(tmp_path).standing().number == "a press of another node"
