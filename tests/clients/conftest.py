@@ -9,15 +9,15 @@ from support.services import Service
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def running(tmp_path_factory):
-    """A running service with a simulated scanner."""
+    """A running service with a simulated scanner; not for longer than it is needed, as it is never quite idle."""
     service = Service(tmp_path_factory.mktemp("data")).start()
     yield service
     service.close()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def url(running):
     """Address of that service."""
     return running.url

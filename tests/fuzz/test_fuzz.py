@@ -32,6 +32,7 @@ def test_the_corpus_and_seeded_variations_of_it_crash_nothing(name):
         TARGETS[name](bytes(data))
 
 
+@pytest.mark.long
 @pytest.mark.fuzz
 @pytest.mark.parametrize("name", TARGETS)
 def test_a_short_run_of_the_fuzzer_finds_nothing(name, tmp_path):

@@ -43,6 +43,7 @@ def quick(tmp_path_factory):
     return folder
 
 
+@pytest.mark.long
 def test_the_command_leaves_page_pictures_and_json(quick) -> None:
     text = (quick / "paper.md").read_text("utf-8")
     shown = re.findall(r"\]\((paper/[^)]+)\)", text)

@@ -11,6 +11,7 @@ DOCS = Path(__file__).parents[3] / "docs"
 PAGE = DOCS / "which-mask.md"
 
 
+@pytest.mark.long
 def test_commands_of_the_page_are_understood_and_its_pictures_are_there():
     """Each command is run without its object: it then takes a second instead of minutes."""
     text = PAGE.read_text()

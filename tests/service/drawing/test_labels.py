@@ -115,6 +115,7 @@ def comparison():
     return compare_masks(masks, phantom=phantom("vessels", (0.0, 0.0, 1e-3)), modes=40, iterations=1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("width", "simulated"), [(700, True), (1320, False), (2600, True)])
 def test_labels_of_comparisons(width, simulated, comparison):
     compared = comparison if simulated else replace(comparison, simulation=None, simulated={})

@@ -32,6 +32,7 @@ def rows() -> list[dict[str, Any]]:
     return speed(quick=True, repeats=1)
 
 
+@pytest.mark.long
 def test_the_speed_benchmark_runs_every_case_in_small(rows: list[dict[str, Any]]) -> None:
     assert {row["case"] for row in rows} == {case.name for case in speed_cases()}
     for row in rows:

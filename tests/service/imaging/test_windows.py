@@ -9,7 +9,7 @@ from steradian.imaging.transforms.windows import Shape, choose
 
 
 @pytest.mark.parametrize("shape", ["kaiser-bessel", "semicircle"])
-@pytest.mark.parametrize("tolerance", [1e-2, 2.3e-13])
+@pytest.mark.parametrize("tolerance", [1e-2, pytest.param(2.3e-13, marks=pytest.mark.long)])
 def test_no_window_is_taken_that_misses_the_tolerance(shape: Shape, tolerance: float) -> None:
     for oversampling in (1.2, 1.5):
         window = choose(shape, tolerance, oversampling)

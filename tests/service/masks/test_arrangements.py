@@ -70,7 +70,7 @@ def arrangements(draw):
     )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(arrangement=arrangements())
 def test_a_mask_is_sound_and_can_be_made_again(arrangement):
     """Points lie in the aperture, weights are positive and sum to the outline, the parameters give the same mask."""

@@ -54,6 +54,7 @@ def test_large_masks_get_orders_near_the_nearest_neighbours(mask):
     assert way(mask.positions, "shortest") < nearest
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("order", ["hilbert", "shortest"])
 def test_200_000_points_can_be_ordered(order):
     """No n × n matrix is needed: the way through 200,000 points grows like the root of their number."""

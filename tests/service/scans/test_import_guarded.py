@@ -100,6 +100,7 @@ def test_an_import_that_is_stopped_when_its_file_is_whole_leaves_nothing_either(
 COUNT = int(os.environ.get("STERADIAN_FUZZ_FILES", "150"))
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300 + 8 * COUNT)
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits of a process are Linux's")
 def test_mutated_files_are_imported_or_refused():
