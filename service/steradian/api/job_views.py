@@ -21,7 +21,8 @@ class JobView(BaseModel):
     id: str
     kind: str = Field(examples=["export"])
     asked: dict[str, Any] = Field(description="What was asked for", examples=[{"format": "nifti"}])
-    priority: int = Field(description="Smaller ones run first, equal ones in the order they were asked for")
+    priority: int = Field(description="Smaller ones run first; among equal ones those who asked take turns")
+    turn: int = Field(description="Among jobs of equal priority, smaller turns run first, equal ones by age")
     queue: QueueView | None = Field(description="Of one that waits or runs, where it alone is read; not in lists")
     state: ReconstructionState
     desired_state: DesiredJobState
@@ -48,6 +49,7 @@ class JobView(BaseModel):
             kind=job.kind,
             asked=dict(job.payload),
             priority=job.priority,
+            turn=job.turn,
             queue=QueueView.of(queue),
             state=job.state,
             desired_state=job.desired_state,

@@ -13,6 +13,7 @@ from prometheus_client.registry import Collector
 from steradian import __version__
 from steradian.api.security import GuardedRoute
 from steradian.api.services import Services
+from steradian.jobs.forecast import backlog
 from steradian.runtime.heartbeat import gpu_of, is_alive
 from steradian.storage.states import ReconstructionState, ScanState
 
@@ -64,6 +65,14 @@ class _Present(Collector):
             for state in states:
                 family.add_metric([str(state)], counts.get(str(state), 0))
             yield family
+        with services.ledger.database.read() as session:
+            waiting = backlog(session, services.ledger.clock())
+        yield GaugeMetricFamily(
+            "steradian_jobs_waiting_work_seconds", "What one worker would take for all jobs that wait", waiting.seconds
+        )
+        yield GaugeMetricFamily(
+            "steradian_jobs_waiting_longest_seconds", "How long the job has waited that waits longest", waiting.oldest
+        )
         alive = GaugeMetricFamily(
             "steradian_process_alive", "Whether a process shows signs of life", labels=["process"]
         )

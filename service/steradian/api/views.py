@@ -231,7 +231,8 @@ class ReconstructionView(BaseModel):
     frame: int | None = Field(description="Which frame of the scan, if it has several")
     simulated: bool = Field(description="Whether the scan came from a simulated scanner")
     parameters: dict[str, Any] = Field(description="As asked for; when it has succeeded, as they took effect")
-    priority: int = Field(description="Smaller ones run first, equal ones in the order they were asked for")
+    priority: int = Field(description="Smaller ones run first; among equal ones those who asked take turns")
+    turn: int = Field(description="Among jobs of equal priority, smaller turns run first, equal ones by age")
     queue: QueueView | None = Field(description="Of one that waits or runs, where it alone is read; not in lists")
     state: ReconstructionState
     desired_state: DesiredJobState
@@ -269,6 +270,7 @@ class ReconstructionView(BaseModel):
             simulated=row.simulated,
             parameters=(job.result or {}).get("parameters") or row.parameters,
             priority=job.priority,
+            turn=job.turn,
             queue=QueueView.of(queue),
             state=job.state,
             desired_state=job.desired_state,

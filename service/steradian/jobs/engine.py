@@ -33,6 +33,7 @@ from steradian.jobs.ledger import JobLedger
 from steradian.jobs.liveness import claim, watch_others
 from steradian.jobs.model import Died, JobRequest, JobStatus, QueueUnavailable
 from steradian.jobs.runner import POLL, JobRunner
+from steradian.jobs.turns import place
 from steradian.progress import Progress
 from steradian.settings import Settings
 from steradian.storage.advisory import TIMEOUTS
@@ -110,7 +111,7 @@ class JobQueue:
                 "queue_name": self._queue_of(session, row),
                 "workflow_id": row.id,
                 "app_version": APPLICATION_VERSION,
-                "priority": row.priority + 1,
+                "priority": place(row),
                 "serialization_type": WorkflowSerializationFormat.PORTABLE,
             },
             row.id,
@@ -148,12 +149,12 @@ class JobQueue:
     def set_priority(self, job_id: str, priority: int, revision: int | None = None, who: str = "local") -> JobStatus:
         """Move a waiting job in the queue; see :meth:`JobLedger.set_priority`."""
         move = text(
-            f"UPDATE {_engine_table(self._database)} SET priority = :priority"  # noqa: S608 - one of two names
+            f"UPDATE {_engine_table(self._database)} SET priority = :place"  # noqa: S608 - one of two names
             " WHERE workflow_uuid = :job AND status IN ('ENQUEUED', 'DELAYED')"
         )
         with self._database.write() as session:
-            self.ledger.set_priority(session, job_id, priority, revision, who)
-            session.execute(move, {"job": job_id, "priority": priority + 1})
+            row = self.ledger.set_priority(session, job_id, priority, revision, who)
+            session.execute(move, {"job": job_id, "place": place(row)})
         return self.status(job_id)
 
     def wait(

@@ -7,14 +7,14 @@ import math
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from statistics import median
+from statistics import fmean, median
 from typing import Any, Final
 
 from sqlalchemy import func, select, tuple_
 from sqlalchemy.orm import Session
 
 from steradian.jobs.kinds import FOLLOWING
-from steradian.jobs.ledger import WAITS_FOR_SCAN
+from steradian.jobs.turns import ORDER, WAITS_FOR_SCAN
 from steradian.storage.states import ReconstructionState
 from steradian.storage.tables import JobRow
 
@@ -59,18 +59,47 @@ def forecast(session: Session, job_id: str, workers: int, now: datetime) -> Fore
     waiting = [JobRow.state == _R.QUEUED, ~WAITS_FOR_SCAN]
     if session.scalar(select(JobRow.id).where(JobRow.id == job_id, *waiting)) is None:
         return Forecast()
-    earlier = [*waiting, tuple_(JobRow.priority, JobRow.sequence) < (row.priority, row.sequence)]
+    earlier = [*waiting, tuple_(*ORDER) < (row.priority, row.turn, row.sequence)]
     ahead = session.scalar(select(func.count()).select_from(JobRow).where(*earlier)) or 0
     if ahead >= FARTHEST:
         return Forecast(ahead + 1)
     running = session.scalars(select(JobRow).where(JobRow.state == _R.RUNNING)).all()
     ends = [_in_future(pace.end_of(one), now) for one in running]
-    before = session.scalars(select(JobRow).where(*earlier).order_by(JobRow.priority, JobRow.sequence)).all()
+    before = session.scalars(select(JobRow).where(*earlier).order_by(*ORDER)).all()
     lasting = [pace.seconds(one) for one in (*before, row)]
     known, taking = [end for end in ends if end], [seconds for seconds in lasting if seconds is not None]
     if not workers or len(known) < workers or len(known) < len(ends) or len(taking) < len(lasting):
         return Forecast(ahead + 1)
     return Forecast(ahead + 1, _last_end(known, taking))
+
+
+@dataclass(frozen=True)
+class Backlog:
+    """What waits for a worker: the figures to scale workers on.
+
+    Attributes
+    ----------
+    seconds
+        How long one worker would take for all of it; jobs of a sort of which too few have been done count as the mean
+        of the others, all of them 0 where nothing can be said of any.
+    oldest
+        Seconds for which the job that has waited longest has waited; 0 when none waits.
+    """
+
+    seconds: float
+    oldest: float
+
+
+def backlog(session: Session, now: datetime) -> Backlog:
+    """Tell how much work waits, of :data:`FARTHEST` jobs in detail."""
+    waits = [JobRow.state == _R.QUEUED, ~WAITS_FOR_SCAN]
+    count, oldest = session.execute(select(func.count(), func.min(JobRow.created)).where(*waits)).one()
+    if not count:
+        return Backlog(0.0, 0.0)
+    pace = _Pace(session)
+    first = session.scalars(select(JobRow).where(*waits).order_by(*ORDER).limit(FARTHEST))
+    known = [seconds for seconds in map(pace.seconds, first) if seconds is not None]
+    return Backlog(count * fmean(known) if known else 0.0, max(0.0, (now - oldest).total_seconds()))
 
 
 def _last_end(free: list[datetime], lasting: list[float]) -> datetime:

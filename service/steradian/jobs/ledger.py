@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable
 from typing import Any
 
-from sqlalchemy import ColumnElement, exists, func, select, update
+from sqlalchemy import ColumnElement, func, select, update
 from sqlalchemy.orm import Session
 
 from steradian.errors import Conflict, NotFound, Superseded
@@ -22,6 +22,7 @@ from steradian.jobs.model import (
     Outcome,
     Succeeded,
 )
+from steradian.jobs.turns import WAITS_FOR_SCAN, next_turn
 from steradian.logs import caused_by, request_id
 from steradian.storage.events import record
 from steradian.storage.repository import Repository
@@ -30,18 +31,14 @@ from steradian.storage.states import (
     BatchState,
     DesiredJobState,
     ReconstructionState,
-    ScanState,
     check_job_transition,
     is_terminal,
 )
-from steradian.storage.tables import JobRow, ScanRow
+from steradian.storage.tables import JobRow
 
 _R = ReconstructionState
 _log = logging.getLogger(__name__)
 _UNFINISHED = [state for state in _R if not is_terminal(state)]
-WAITS_FOR_SCAN = JobRow.kind.in_(FOLLOWING) & exists().where(
-    ScanRow.id == JobRow.scan_id, ScanRow.state == ScanState.QUEUED
-)
 
 
 class JobLedger(Repository[JobRow]):
@@ -62,7 +59,9 @@ class JobLedger(Repository[JobRow]):
             scan_id=request.payload.get("scan_id"),
             batch_id=request.batch_id,
             request_id=request_id.get() or None,
+            owner=request.principal,
             priority=request.priority,
+            turn=next_turn(session, request.principal),
             timeout=request.timeout,
             promised=request.promised,
             state=_R.QUEUED,
@@ -215,7 +214,7 @@ class JobLedger(Repository[JobRow]):
 
     def set_priority(
         self, session: Session, job_id: str, priority: int, revision: int | None = None, who: str = "local"
-    ) -> None:
+    ) -> JobRow:
         """Note another priority, and tell of it; with ``revision``, only if the job has not changed since.
 
         Raises
@@ -231,6 +230,7 @@ class JobLedger(Repository[JobRow]):
         if row.priority != priority:
             row.priority = priority
             record(session, self.clock(), resource_of(row.kind), row.id, self._event(row, who, "moved in the queue"))
+        return row
 
     def report(self, job_id: str, fence: int, stage: str, done: int, total: int) -> None:
         """Note how far a start has come; raises :class:`Superseded` like :meth:`settle`.
@@ -336,6 +336,7 @@ def to_status(row: JobRow) -> JobStatus:
         reason=row.reason,
         revision=row.revision,
         priority=row.priority,
+        turn=row.turn,
         attempt=row.attempt,
         attempts=row.attempts,
         history=row.history,

@@ -41,7 +41,8 @@ class JobRequest:
     payload
         What that program reads, plain JSON.
     priority
-        0 to :data:`LOWEST_PRIORITY`; smaller ones run first, equal ones in the order of submission.
+        0 to :data:`LOWEST_PRIORITY`; smaller ones run first, and among equal ones those who asked take turns
+        (:mod:`steradian.jobs.turns`).
     timeout
         Seconds after which it has failed; ``None``: the service's limit.
     principal
@@ -74,6 +75,8 @@ class JobStatus:
         What a person wants of it and why.
     revision
         Grows with every change.
+    priority, turn
+        Smaller priorities run first, and among equal ones smaller turns.
     attempt
         1 for the first start, 0 before it; a start that was put back does not count.
     attempts, history
@@ -96,6 +99,7 @@ class JobStatus:
     reason: str | None = None
     revision: int = 0
     priority: int = DEFAULT_PRIORITY
+    turn: int = 0
     attempt: int = 0
     attempts: list[dict[str, Any]] = field(default_factory=list)
     history: list[dict[str, Any]] = field(default_factory=list)

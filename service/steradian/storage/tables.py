@@ -100,7 +100,8 @@ class JobRow(Table):
     The queue's engine decides who runs a job and when; this row is what everybody else reads. ``fence`` counts its
     starts, also those that were put back: what an earlier start than the newest has to say is refused. ``promised`` is
     how many bytes it may write; ``scan_id`` repeats the payload's, for lists; ``request_id`` is that of
-    the HTTP request that asked for it, if one did.
+    the HTTP request that asked for it, if one did; ``owner`` is who asked, and ``turn`` whose turn it is among those
+    of equal priority.
     """
 
     __tablename__ = "jobs"
@@ -112,7 +113,9 @@ class JobRow(Table):
     scan_id: Mapped[str | None] = mapped_column(String(40), index=True)
     batch_id: Mapped[str | None] = mapped_column(String(40), index=True)
     request_id: Mapped[str | None] = mapped_column(String(64))
+    owner: Mapped[str] = mapped_column(Text, default="", server_default="")
     priority: Mapped[int]
+    turn: Mapped[int] = mapped_column(default=0, server_default="0")
     timeout: Mapped[float | None]
     promised: Mapped[int] = mapped_column(BigInteger, default=0, server_default="0")
     state: Mapped[ReconstructionState] = mapped_column(Name(ReconstructionState), index=True)

@@ -1,5 +1,6 @@
 """Where a job stands in the queue and when it will be over, as far as past jobs tell."""
 
+import re
 from datetime import UTC, datetime, timedelta
 
 import httpx
@@ -72,6 +73,10 @@ def place(http, job_id):
     return http.get(f"/jobs/{job_id}").json()["queue"]
 
 
+def figure(server, name):
+    return float(re.search(rf"^{name} (\S+)$", httpx.get(f"{server.url}/metrics", timeout=250).text, re.M)[1])
+
+
 def test_the_position_is_by_priority_and_then_by_age(http, jobs):
     first, second, urgent, third = jobs(), jobs(), jobs(), jobs()
     http.patch(f"/jobs/{urgent}", json={"priority": 1})
@@ -88,7 +93,7 @@ def test_the_position_is_by_priority_and_then_by_age(http, jobs):
     assert listed[second]["queue"] is None, "a list does not work it out"
 
 
-def test_the_end_is_told_from_what_such_jobs_took(http, jobs, ledger, clock):
+def test_the_end_is_told_from_what_such_jobs_took(server, http, jobs, ledger, clock):
     """Two workers, jobs of 10 s each: the fourth in line ends 20 s after the first two have begun."""
     for seconds in (9, 10, 11, 50):
         job = jobs()
@@ -109,6 +114,8 @@ def test_the_end_is_told_from_what_such_jobs_took(http, jobs, ledger, clock):
     # 10.5 s is the median; the second began 4 s after the first
     assert [ends(job) for job in (*running, third, fourth, fifth)] == [10.5, 14.5, 21, 25, 31.5]
     assert [place(http, job)["position"] for job in (*running, third)] == [None, None, 1]
+    assert figure(server, "steradian_jobs_waiting_work_seconds") == 3 * 10.5
+    assert 0 < figure(server, "steradian_jobs_waiting_longest_seconds") < 600
 
 
 def test_a_job_may_end_while_the_end_is_worked_out(server, jobs, ledger):

@@ -5,24 +5,24 @@
 
 const LOWEST = 1000;
 
-/** As they will begin: smaller priorities first, equal ones as they were asked for. @template {Waiting} T @param {T[]} asked oldest first @returns {T[]} */
+/** As they will begin: smaller priorities first, equal ones in their turns. @template {Waiting} T @param {T[]} asked in their turns @returns {T[]} */
 export function inOrder(asked) {
   return [...asked].sort((one, other) => one.priority - other.priority);
 }
 
 /**
  * Priorities that bring a job to a place; others change only where no number is left between them, and keep their order.
- * @param {Waiting[]} asked all that wait, oldest first
+ * @param {Waiting[]} asked all that wait, in their turns
  * @param {string} id @param {number} place among them
  * @returns {Waiting[] | null} those that change, in their new order; null: all numbers are taken
  */
 export function toPlace(asked, id, place) {
-  const age = new Map(asked.map((one, n) => [one.id, n]));
+  const turn = new Map(asked.map((one, n) => [one.id, n]));
   const row = inOrder(asked).map((one) => ({ id: one.id, priority: one.priority }));
   const [moved] = row.splice(row.findIndex((one) => one.id === id), 1);
   row.splice(place, 0, moved);
   /** By how much the later one of two must be greater. @param {Waiting} one @param {Waiting} later */
-  const step = (one, later) => (Number(age.get(one.id)) < Number(age.get(later.id)) ? 0 : 1);
+  const step = (one, later) => (Number(turn.get(one.id)) < Number(turn.get(later.id)) ? 0 : 1);
   const low = place > 0 ? row[place - 1].priority + step(row[place - 1], moved) : 0;
   const high = place < row.length - 1 ? row[place + 1].priority - step(moved, row[place + 1]) : LOWEST;
   moved.priority = Math.min(Math.max(moved.priority, low), high);

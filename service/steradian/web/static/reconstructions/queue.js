@@ -68,8 +68,8 @@ function show() {
 /** Whether a job has a place in the queue, and waits for no scan. @param {any} one */
 const isWaiting = (one) => one.state === "queued" && one.queue?.position !== null;
 
-/** What has a place in the queue, oldest first: the service lists the newest first. */
-const waiting = () => items.filter(isWaiting).reverse();
+/** What has a place in the queue, in its turns, equal ones by age: the service lists the newest first. */
+const waiting = () => items.filter(isWaiting).reverse().sort((one, other) => one.turn - other.turn);
 
 /** @param {any} one */
 function row(one) {

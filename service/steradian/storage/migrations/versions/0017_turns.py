@@ -1,0 +1,15 @@
+"""Those whose jobs wait take turns."""
+
+from __future__ import annotations
+
+import sqlalchemy as sa
+from alembic import op
+
+revision = "0017"
+down_revision = "0016"
+
+
+def upgrade() -> None:
+    """Add the columns; what waits already stays ahead, in the order of asking."""
+    op.add_column("jobs", sa.Column("owner", sa.Text(), nullable=False, server_default=""))
+    op.add_column("jobs", sa.Column("turn", sa.Integer(), nullable=False, server_default="0"))
