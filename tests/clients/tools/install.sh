@@ -1,5 +1,6 @@
 #!/bin/sh
-# Install what others make of docs/openapi.json: a linter, a comparison, generators of clients. install.sh [FOLDER]
+# Install what others make of docs/openapi.json and container/kubernetes.yaml: linters, a comparison, generators of clients.
+# install.sh [FOLDER]
 # Nothing of the project needs them but its tests, which find them in .tools or where STERADIAN_TOOLS says.
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
