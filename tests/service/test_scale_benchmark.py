@@ -17,6 +17,9 @@ def test_nodes_serve_what_one_service_serves(tmp_path, postgres, seaweed):
         assert (total["server_errors"], total["alines_lost"], total["scan"]) == (0, 0, "complete")
         assert {row["route"] for row in rows if row["case"] == "route" and row["where"] == where} > set(WEIGHTS)
     assert [row["workers"] for row in rows if row["case"] == "jobs"] == [1, 1, 3]
+    (came,) = [row for row in rows if row["case"] == "arrivals"]
+    assert came["low_s"] <= came["modelled_s"] <= came["high_s"]
+    assert all(row["store_gb_per_day"] > 0 and 0 < row["event_lock"] for row in rows if row["case"] == "scanners")
     page = tmp_path / "scale.md"
     page.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n")
     write_page(page, rows)

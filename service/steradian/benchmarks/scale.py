@@ -8,10 +8,13 @@ import secrets
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
+from statistics import median
 from typing import Any
 
+from steradian.benchmarks.arrivals import JOBS, by_chance, scanners
 from steradian.benchmarks.load import furnish
 from steradian.benchmarks.mixed import mixed
 from steradian.benchmarks.service import (
@@ -24,11 +27,17 @@ from steradian.benchmarks.service import (
 from steradian.benchmarks.throughput import through_service
 from steradian.progress import Progress
 from steradian.settings import Settings
+from steradian.storage.database import Database, metadata_url
+from steradian.storage.events import EventLog, record
 
 ALONE, NODES = "one service", "two API nodes"
 WORKERS = 3
+WARMING = 2
+"""Jobs of each worker before those that are timed: it then has its kernels and the scan."""
 POINTS, SAMPLES, MODES = 1605, 1024, 226
 """Of the jobs that are timed: the paper's yarn."""
+EVENTS = 200
+"""Written one after the other, to see how long one holds the lock that puts them in order."""
 Row = dict[str, Any]
 
 
@@ -50,16 +59,18 @@ def scale(
     seconds, clients, streams
         For how long mixed clients ask and event streams listen, and how many; see :mod:`steradian.benchmarks.mixed`.
     jobs
-        Reconstructions that each number of workers makes.
+        Reconstructions that each number of workers makes; twice as many come by chance.
 
     Returns
     -------
     list of dict
         Rows of *route*, *total* and *memory*, as of the load, and of *jobs*: ``jobs_per_second``, ``cpu_s_per_job`` (of
         the service's own processes; database and store are other people's) and ``share``: of the jobs a second that
-        all processors could make of what one costs one worker. ``where`` tells them apart.
+        all processors could make of what one costs one worker. ``where`` tells them apart. Then *arrivals* and
+        *scanners*, of :mod:`steradian.benchmarks.arrivals`.
     """
-    stages = [f"{ALONE}: jobs", f"{ALONE}: clients", "nodes: jobs", "nodes: clients", f"nodes: {WORKERS} workers"]
+    stages = [f"{ALONE}: jobs", f"{ALONE}: clients", "nodes: jobs", "nodes: jobs by chance", "nodes: clients"]
+    stages.append(f"nodes: {WORKERS} workers")
 
     def at(stage: int) -> None:
         if progress is not None:
@@ -72,20 +83,49 @@ def scale(
         with running_service(alone) as service:
             scan = make_scan(service, count=POINTS, samples=SAMPLES)
             rows.append(_jobs("folder, 1 worker", service, scan, jobs, 1, service.processor_seconds))
+            held = service.ask("/storage")["used_bytes"]
             at(1)
             rows += _clients(ALONE, [service], seconds, clients, streams)
         at(2)
-        with _nodes(Path(folder), shared) as (apis, used, add_worker):
+        with (
+            _nodes(Path(folder), shared) as (apis, used, add_worker),
+            closing(Database(metadata_url(apis[0].settings))) as database,
+        ):
             add_worker()
+            log = EventLog(database)
+            unscanned = log.bounds().last
             scan = make_scan(apis[0], count=POINTS, samples=SAMPLES)
-            rows.append(_jobs("store, 1 worker", apis[0], scan, jobs, 1, used))
+            scanned = log.bounds().last
+            rows.append(timed := _jobs("store, 1 worker", apis[0], scan, jobs, 1, used))
+            done = log.bounds().last
             at(3)
-            rows += _clients(NODES, apis, seconds, clients, streams)
+            rows.append(came := by_chance(apis[0], scan, MODES, jobs=2 * jobs, lasts=timed["seconds_per_job"]))
             at(4)
+            rows += (met := _clients(NODES, apis, seconds, clients, streams))
+            many = scanners(
+                came["lasting_s"],
+                api_cpu_s=1e-3 * next(row["api_cpu_ms_per_request"] for row in met if row["case"] == "total"),
+                scan_bytes=held["scans"],
+                volume_bytes=held["reconstructions"] / (jobs + WARMING),
+                events=scanned - unscanned + JOBS * (done - scanned) / (jobs + WARMING),
+                event_s=_event_seconds(database),
+            )
+            at(5)
             for _ in range(WORKERS - 1):
                 add_worker()
             rows.append(_jobs(f"store, {WORKERS} workers", apis[0], scan, jobs, WORKERS, used))
-    return _with_shares(rows)
+    return [*_with_shares(rows), *many]
+
+
+def _event_seconds(database: Database) -> float:
+    """Time the transaction that writes one event."""
+    took = []
+    for number in range(EVENTS):
+        begun = time.perf_counter()
+        with database.write() as session:
+            record(session, datetime.now(UTC), "scanner", "benchmark", {"number": number})
+        took.append(time.perf_counter() - begun)
+    return median(took)
 
 
 @contextmanager
@@ -118,7 +158,7 @@ def _clients(where: str, services: Sequence[RunningService], seconds: float, cli
 
 
 def _jobs(where: str, service: RunningService, scan: str, jobs: int, workers: int, used: Callable[[], float]) -> Row:
-    through_service(service, scan, 2 * workers, MODES)  # every worker has its kernels and the scan
+    through_service(service, scan, WARMING * workers, MODES)
     begun, before = time.monotonic(), used()
     through_service(service, scan, jobs, MODES)
     took = time.monotonic() - begun

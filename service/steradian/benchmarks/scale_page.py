@@ -21,6 +21,9 @@ def write_page(page: Path, rows: list[Row]) -> None:
 def tables(rows: list[Row]) -> str:
     """Write the rows as markdown: the jobs, then the clients of each."""
     parts = [_jobs([row for row in rows if row["case"] == "jobs"])]
+    parts += [_arrivals(row) for row in rows if row["case"] == "arrivals"]
+    if many := [row for row in rows if row["case"] == "scanners"]:
+        parts.append(_scanners(many))
     for where in dict.fromkeys(row["where"] for row in rows if row["case"] == "total"):
         of = {case: [row for row in rows if (row["case"], row["where"]) == (case, where)] for case in _CLIENTS}
         parts += [
@@ -45,4 +48,22 @@ def _jobs(rows: list[Row]) -> str:
         figures = [f"{row['jobs_per_second']:.2f}", f"{row['seconds_per_job']:.2f}", beyond]
         figures += [f"{row['cpu_s_per_job']:.2f}", f"{row['share']:.2f}"]
         lines.append("| " + " | ".join([row["where"], *figures]) + " |")
+    return "\n".join(lines)
+
+
+def _arrivals(row: Row) -> str:
+    between = f"{row['low_s']:.2f} to {row['high_s']:.2f}"
+    waits = f"{row['waited_s']:.2f} s in the mean; the model says {row['modelled_s']:.2f} s ({between})"
+    return f"{row['jobs']} jobs that came by chance, one worker busy for {row['busy']:.0%} of the time, waited {waits}."
+
+
+def _scanners(rows: list[Row]) -> str:
+    lines = [
+        "| scanners | jobs/s | workers | processors for requests | TB a day | event lock held |",
+        "|--:|--:|--:|--:|--:|--:|",
+    ]
+    for row in rows:
+        figures = [f"{row['jobs_per_second']:.3f}", f"{row['workers']}", f"{row['api_processors']:.2f}"]
+        figures += [f"{1e-3 * row['store_gb_per_day']:.3f}", f"{row['event_lock']:.1%}"]
+        lines.append(f"| {row['scanners']:,} | " + " | ".join(figures) + " |")
     return "\n".join(lines)

@@ -32,10 +32,10 @@ def scale(
     shared = {"database_url": database, "store": store, "store_endpoint": store_endpoint}
     with progress_bar() as progress:
         rows = measure(shared, seconds=seconds, clients=clients, jobs=jobs, progress=progress)
-    for kind in ("jobs", "total", "route", "memory"):
+    for kind in ("jobs", "arrivals", "scanners", "total", "route", "memory"):
         chosen = [row for row in rows if row["case"] == kind]
         named = dict.fromkeys(key for row in chosen for key in row)
-        publish(kind, chosen, None, [name for name in named if name not in {"over_time", "statuses"}])
+        publish(kind, chosen, None, [name for name in named if name not in {"over_time", "statuses", "lasting_s"}])
     if page is not None:
         write_page(page, rows)
     write("scale", rows, json_file)
