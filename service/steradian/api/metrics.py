@@ -67,12 +67,11 @@ class _Present(Collector):
             yield family
         with services.ledger.database.read() as session:
             waiting = backlog(session, services.ledger.clock())
-        yield GaugeMetricFamily(
-            "steradian_jobs_waiting_work_seconds", "What one worker would take for all jobs that wait", waiting.seconds
-        )
-        yield GaugeMetricFamily(
-            "steradian_jobs_waiting_longest_seconds", "How long the job has waited that waits longest", waiting.oldest
-        )
+        if waiting.seconds is not None:
+            told = "What one worker would take for all jobs that wait; absent where no past job tells"
+            yield GaugeMetricFamily("steradian_jobs_waiting_work_seconds", told, waiting.seconds)
+        told = "How long ago the oldest job that waits was asked for"
+        yield GaugeMetricFamily("steradian_jobs_waiting_oldest_seconds", told, waiting.oldest)
         alive = GaugeMetricFamily(
             "steradian_process_alive", "Whether a process shows signs of life", labels=["process"]
         )

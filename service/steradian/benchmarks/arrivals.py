@@ -58,7 +58,8 @@ def by_chance(service: RunningService, scan_id: str, modes: int, *, jobs: int, l
     -------
     dict
         ``waited_s`` is the mean of all; ``modelled_s`` the mean, and with ``low_s`` and ``high_s`` nineteen in twenty,
-        of what the model finds for the same moments, each time with the measured service times in another order.
+        of what the model finds for the same moments, each time with the measured service times in another order; who
+        finds the worker idle waits as the median of those did.
     """
     chance = np.random.default_rng(seed)
     gaps = chance.exponential(lasts / BUSY, jobs)
@@ -73,10 +74,12 @@ def by_chance(service: RunningService, scan_id: str, modes: int, *, jobs: int, l
         for name in ("created", "started", "ended")
     )
     # what lies between the end of one and the start of the next that waits for it holds the worker too
-    waited = created[1:] < ended[:-1]
-    between = float(np.median((started[1:] - ended[:-1])[waited])) if waited.any() else 0.0
+    waited = np.concatenate([[False], created[1:] < ended[:-1]])
+    between = float(np.median((started[1:] - ended[:-1])[waited[1:]])) if waited.any() else 0.0
+    pickup = float(np.median((started - created)[~waited]))  # a worker without work looks for it now and then
     lasting = ended - started + between
-    means = [waiting_times(created - created[0], chance.permutation(lasting), 1).mean() for _ in range(DRAWN)]
+    drawn = (waiting_times(created - created[0], chance.permutation(lasting), 1) for _ in range(DRAWN))
+    means = [np.where(waits > 0, waits, pickup).mean() for waits in drawn]
     return {
         "case": "arrivals",
         "jobs": jobs,
@@ -89,7 +92,7 @@ def by_chance(service: RunningService, scan_id: str, modes: int, *, jobs: int, l
     }
 
 
-def workers_for(rate: float, lasting: Sequence[float], seed: int = 1) -> int:
+def workers_for(rate: float, lasting: Sequence[float], together: int = JOBS, seed: int = 1) -> int:
     """Tell the smallest number of workers with which nineteen of twenty jobs wait at most :data:`PATIENCE`.
 
     Parameters
@@ -98,10 +101,12 @@ def workers_for(rate: float, lasting: Sequence[float], seed: int = 1) -> int:
         Jobs a second, coming by chance.
     lasting
         Service times from which those of the model are drawn.
+    together
+        How many come at once.
     """
     chance = np.random.default_rng(seed)
     jobs = 20_000
-    arrivals = np.cumsum(chance.exponential(1 / rate, jobs))
+    arrivals = np.repeat(np.cumsum(chance.exponential(together / rate, jobs // together)), together)
     services = chance.choice(np.asarray(lasting, float), jobs)
     workers = max(1, int(rate * np.mean(lasting)))
     while np.quantile(waiting_times(arrivals, services, workers)[jobs // 10 :], 0.95) > PATIENCE:

@@ -25,7 +25,7 @@ def tables(rows: list[Row]) -> str:
     if many := [row for row in rows if row["case"] == "scanners"]:
         parts.append(_scanners(many))
     for where in dict.fromkeys(row["where"] for row in rows if row["case"] == "total"):
-        of = {case: [row for row in rows if (row["case"], row["where"]) == (case, where)] for case in _CLIENTS}
+        of = {case: [row for row in rows if row["case"] == case and row["where"] == where] for case in _CLIENTS}
         parts += [
             f"### Clients of {where}",
             total_line(of["total"][0]),

@@ -36,6 +36,6 @@ def scale(
         chosen = [row for row in rows if row["case"] == kind]
         named = dict.fromkeys(key for row in chosen for key in row)
         publish(kind, chosen, None, [name for name in named if name not in {"over_time", "statuses", "lasting_s"}])
+    write("scale", rows, json_file)
     if page is not None:
         write_page(page, rows)
-    write("scale", rows, json_file)

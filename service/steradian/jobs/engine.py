@@ -33,7 +33,7 @@ from steradian.jobs.ledger import JobLedger
 from steradian.jobs.liveness import claim, watch_others
 from steradian.jobs.model import Died, JobRequest, JobStatus, QueueUnavailable
 from steradian.jobs.runner import POLL, JobRunner
-from steradian.jobs.turns import place
+from steradian.jobs.turns import place, renumber
 from steradian.progress import Progress
 from steradian.settings import Settings
 from steradian.storage.advisory import TIMEOUTS
@@ -275,6 +275,7 @@ def prepare(settings: Settings) -> str:
         with database.migrating():
             DBOS.migrate(queue_url(settings))
         with database.write() as session:
+            renumber(session, _engine_table(database))
             database.note(session, ENGINE, engine_version())
     finally:
         database.close()

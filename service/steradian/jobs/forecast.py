@@ -80,13 +80,13 @@ class Backlog:
     Attributes
     ----------
     seconds
-        How long one worker would take for all of it; jobs of a sort of which too few have been done count as the mean
-        of the others, all of them 0 where nothing can be said of any.
+        How long one worker would take for all of it, extrapolated from the first that wait; jobs of a sort of which too
+        few have been done count as the mean of the others. ``None`` where nothing can be said of any.
     oldest
-        Seconds for which the job that has waited longest has waited; 0 when none waits.
+        Seconds since the oldest job that waits was asked for; 0 when none waits.
     """
 
-    seconds: float
+    seconds: float | None
     oldest: float
 
 
@@ -99,7 +99,7 @@ def backlog(session: Session, now: datetime) -> Backlog:
     pace = _Pace(session)
     first = session.scalars(select(JobRow).where(*waits).order_by(*ORDER).limit(FARTHEST))
     known = [seconds for seconds in map(pace.seconds, first) if seconds is not None]
-    return Backlog(count * fmean(known) if known else 0.0, max(0.0, (now - oldest).total_seconds()))
+    return Backlog(count * fmean(known) if known else None, max(0.0, (now - oldest).total_seconds()))
 
 
 def _last_end(free: list[datetime], lasting: list[float]) -> datetime:

@@ -61,7 +61,7 @@ class JobLedger(Repository[JobRow]):
             request_id=request_id.get() or None,
             owner=request.principal,
             priority=request.priority,
-            turn=next_turn(session, request.principal),
+            turn=next_turn(session, request.principal, request.priority),
             timeout=request.timeout,
             promised=request.promised,
             state=_R.QUEUED,

@@ -1,19 +1,21 @@
 """Whose turn it is: among jobs of equal priority, those who asked take turns, however many jobs each has queued.
 
 A job's turn is the start tag of start-time fair queueing (Goyal, Vin and Cheng, 1996) with jobs of equal length: one
-more than the newest of whoever asked for it, but not before the turn that is served now. It stays for as long as the
-job waits, also when its priority is changed. One who asks alone is served in the order of asking; nobody gains by not
-having asked for a while.
+more than the newest of whoever asked for it, but not before the first that waits. Each priority has turns of its own; a
+job that is moved to another one keeps the turn that it has. One who asks alone is served in the order of asking; nobody
+gains by not having asked for a while.
 """
 
 from __future__ import annotations
 
 from typing import Final
 
-from sqlalchemy import exists, func, select
+from sqlalchemy import exists, func, select, text
 from sqlalchemy.orm import Session
 
 from steradian.jobs.kinds import FOLLOWING
+from steradian.storage.database import take_turns
+from steradian.storage.events import ORDER_LOCK
 from steradian.storage.states import ReconstructionState, ScanState
 from steradian.storage.tables import JobRow, ScanRow
 
@@ -27,19 +29,37 @@ TURNS: Final = 1 << 21
 _WAITING, _RUNNING = ReconstructionState.QUEUED, ReconstructionState.RUNNING
 
 
-def next_turn(session: Session, owner: str) -> int:
-    """Tell the turn of one more job that somebody asks for; it is later than that of any other of theirs."""
+def next_turn(session: Session, owner: str, priority: int) -> int:
+    """Tell the turn of one more job that somebody asks for; it is later than that of any other of theirs.
+
+    Nobody else takes one before this transaction ends. Jobs that follow a scan count with nobody: most are done where
+    the scanner is, whatever else waits.
+    """
+    take_turns(session, ORDER_LOCK)
     turn, state = JobRow.turn, JobRow.state
     query = select(
+        func.min(turn).filter(state == _WAITING),
         func.max(turn).filter(state == _RUNNING),
-        func.min(turn).filter(state == _WAITING, ~WAITS_FOR_SCAN),
         func.max(turn).filter(JobRow.owner == owner),
-    ).where(state.in_([_WAITING, _RUNNING]))
-    served, first, own = session.execute(query).one()
-    now = next((turn for turn in (served, first) if turn is not None), 0)
+    ).where(state.in_([_WAITING, _RUNNING]), JobRow.priority == priority, JobRow.kind.not_in(FOLLOWING))
+    first, served, own = session.execute(query).one()
+    now = next((turn for turn in (first, served) if turn is not None), 0)
     return min(TURNS - 1, now if own is None else max(now, own + 1))
 
 
 def place(row: JobRow) -> int:
     """Tell a job's place as the engine counts: from 1, smaller ones first, equal ones by age."""
     return row.priority * TURNS + row.turn + 1
+
+
+def renumber(session: Session, engine_table: str) -> None:
+    """Give what waits the places of today's counting, which an earlier version or an old backup knew not.
+
+    Parameters
+    ----------
+    engine_table
+        The engine's table of jobs, beside the ledger's.
+    """
+    ours = f"SELECT priority * {TURNS} + turn + 1 FROM jobs WHERE id = {engine_table}.workflow_uuid"  # noqa: S608 - ours
+    waits = f"status IN ('ENQUEUED', 'DELAYED') AND priority <> ({ours})"
+    session.execute(text(f"UPDATE {engine_table} SET priority = ({ours}) WHERE {waits}"))  # noqa: S608

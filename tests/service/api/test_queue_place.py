@@ -115,7 +115,7 @@ def test_the_end_is_told_from_what_such_jobs_took(server, http, jobs, ledger, cl
     assert [ends(job) for job in (*running, third, fourth, fifth)] == [10.5, 14.5, 21, 25, 31.5]
     assert [place(http, job)["position"] for job in (*running, third)] == [None, None, 1]
     assert figure(server, "steradian_jobs_waiting_work_seconds") == 3 * 10.5
-    assert 0 < figure(server, "steradian_jobs_waiting_longest_seconds") < 600
+    assert 0 < figure(server, "steradian_jobs_waiting_oldest_seconds") < 600
 
 
 def test_a_job_may_end_while_the_end_is_worked_out(server, jobs, ledger):

@@ -41,7 +41,8 @@ def test_workers_are_as_few_as_let_nobody_wait_long(monkeypatch):
         return erlang_c(load, workers) * np.exp(-(workers - load) * 5.0 / 4.0)
 
     enough = next(workers for workers in range(13, 40) if late(workers) <= 0.05)
-    assert workers_for(3.0, lasting) == enough
+    assert workers_for(3.0, lasting, together=1) == enough
+    assert workers_for(3.0, lasting, together=4) > enough
 
 
 def test_what_ten_times_the_scanners_ask_for_is_ten_times_as_much_but_workers_share_the_waiting():

@@ -1,14 +1,18 @@
 """Nobody waits for all that another one has queued."""
 
 from collections import Counter
+from contextlib import closing
 from datetime import UTC, datetime
+from itertools import combinations, count
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sqlalchemy import select
+from sqlalchemy import select, text
 
+from steradian.jobs.engine import JobQueue
 from steradian.jobs.forecast import forecast
+from steradian.jobs.kinds import LIVE
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import JobRequest, Succeeded
 from steradian.jobs.turns import ORDER, place
@@ -18,6 +22,7 @@ from steradian.storage.paths import DataDirectory
 from steradian.storage.states import ReconstructionState
 from steradian.storage.tables import JobRow
 
+NUMBERS = count()
 WAITING = select(JobRow).where(JobRow.state == ReconstructionState.QUEUED)
 
 
@@ -39,33 +44,41 @@ def finish(ledger, job_id):
 @settings(max_examples=12, deadline=None)
 @given(st.data())
 def test_who_has_jobs_waiting_is_served_as_often_as_any_other_who_has(ledger, data):
-    """Start-time fair queueing: while two have jobs waiting, one begins at most two more than the other."""
-    names = ("anna", "ben", "carla")
-    begun, together, running, number = Counter(), {}, [], Counter()
+    """Start-time fair queueing: of two who have jobs of one priority waiting, neither is served much more often."""
+    _do_all(ledger)  # what an example that was broken off has left
+    owners, priorities = ("anna", "ben", "carla"), (10, 100)
+    begun, together, running = Counter(), {}, []
     workers = data.draw(st.integers(1, 3))
     for _ in range(60):
-        waiting = Counter(row.owner for row in _waiting(ledger))
-        for pair in (pair for one in names for other in names if (pair := (one, other)) and one < other):
-            if waiting[pair[0]] and waiting[pair[1]]:
-                since = together.setdefault(pair, begun.copy())
-                ahead = (begun[pair[0]] - since[pair[0]]) - (begun[pair[1]] - since[pair[1]])
-                assert abs(ahead) <= 1 + workers, (pair, ahead)
+        waiting = Counter((row.owner, row.priority) for row in _waiting(ledger))
+        for one, other, priority in ((*pair, priority) for pair in combinations(owners, 2) for priority in priorities):
+            both = (one, priority), (other, priority)
+            if all(waiting[each] for each in both):
+                since = together.setdefault(both, begun.copy())
+                ahead = [begun[each] - since[each] for each in both]
+                assert abs(ahead[0] - ahead[1]) <= 1 + workers, (both, ahead)
             else:
-                together.pop(pair, None)
-        who = data.draw(st.sampled_from((*names, "anna", "anna", None, None, None)))
+                together.pop(both, None)
+        who = data.draw(st.sampled_from((*owners, "anna", "anna", None, None, None)))
         if who is not None:
-            number[who] += 1
-            with ledger.database.write() as session:
-                ledger.add(session, JobRequest(f"{who}-{id(data)}-{number[who]}", "echo", {}, principal=who))
+            _ask(ledger, who, data.draw(st.sampled_from((10, 100, 100))))
         elif len(running) == workers:
             finish(ledger, running.pop(data.draw(st.integers(0, workers - 1))))
         elif row := next(iter(_waiting(ledger)), None):
             running.append(ledger.start(row.id, "worker").id)
-            begun[row.owner] += 1
-    for job_id in (*running, *(row.id for row in _waiting(ledger))):
-        if ledger.get(job_id).state is ReconstructionState.QUEUED:
-            ledger.start(job_id, "worker")
-        finish(ledger, job_id)
+            begun[row.owner, row.priority] += 1
+
+
+def _ask(ledger, who, priority=100, kind="echo"):
+    with ledger.database.write() as session:
+        return ledger.add(session, JobRequest(f"{who}-{next(NUMBERS)}", kind, {}, priority, principal=who)).id
+
+
+def _do_all(ledger):
+    for row in ledger.unfinished():
+        if row.state is ReconstructionState.QUEUED:
+            ledger.start(row.id, "worker")
+        finish(ledger, row.id)
 
 
 def _waiting(ledger):
@@ -76,14 +89,46 @@ def _waiting(ledger):
 
 
 def test_one_alone_is_served_in_the_order_of_asking(ledger):
-    asked = [f"alone-{number}" for number in range(30)]
-    for name in asked:
-        with ledger.database.write() as session:
-            ledger.add(session, JobRequest(name, "echo", {}, principal="anna"))
+    _do_all(ledger)
+    asked = [_ask(ledger, "anna") for _ in range(30)]
     assert [row.id for row in _waiting(ledger)] == asked
-    for name in asked:
-        ledger.start(name, "worker")
-        finish(ledger, name)
+
+
+@pytest.mark.parametrize("why", ["a job in the background", "a job that was moved ahead", "a live image", "nothing"])
+def test_what_else_one_has_is_nobodys_gain_or_loss(ledger, why):
+    """Anna has a batch waiting; whatever else of hers waits or runs, Ben's job has at most one of it before it."""
+    _do_all(ledger)
+    batch = [_ask(ledger, "anna") for _ in range(20)]
+    if why == "a job in the background":
+        for _ in range(20):
+            _ask(ledger, "ben", 1000)
+    elif why == "a job that was moved ahead":
+        with ledger.database.write() as session:
+            ledger.set_priority(session, batch[-1], 10)
+        ledger.start(batch.pop(), "worker")
+    elif why == "a live image":
+        ledger.start(_ask(ledger, "anna", kind=LIVE), "worker")
+    asked = _ask(ledger, "ben")
+    assert [row.id for row in _waiting(ledger)].index(asked) <= 1
+
+
+@pytest.mark.parametrize("store", ["embedded", "postgres"])
+def test_what_waited_before_there_were_turns_keeps_its_order(store, tmp_path, request):
+    """The engine's numbers of an earlier version, the priority and one, are made anew when the service starts."""
+    url = request.getfixturevalue("postgres").database() if store == "postgres" else None
+    made = Settings.create(data=tmp_path, database_url=url)
+    table = "dbos.workflow_status" if url else "workflow_status"
+    with closing(JobQueue(made)) as queue:
+        for name, priority in (("late", 1000), ("usual", 100), ("early", 1)):
+            queue.submit(JobRequest(name, "echo", {}, priority))
+        with queue.ledger.database.write() as session:
+            session.execute(text(f"UPDATE {table} SET priority = 1001 WHERE workflow_uuid = 'late'"))  # noqa: S608
+    with closing(JobQueue(made)) as queue:
+        queue.submit(JobRequest("new", "echo", {}, 100, principal="ben"))
+        with queue.ledger.database.read() as session:
+            engine = f"SELECT workflow_uuid FROM {table} ORDER BY priority, created_at"  # noqa: S608
+            order = session.scalars(text(engine)).all()
+    assert order == ["early", "usual", "new", "late"]
 
 
 def test_the_worker_takes_them_in_turns_and_their_places_say_so(bench):

@@ -10,6 +10,6 @@ down_revision = "0016"
 
 
 def upgrade() -> None:
-    """Add the columns; what waits already stays ahead, in the order of asking."""
+    """Add the columns; what waits already stays ahead of its equals, in the order of asking."""
     op.add_column("jobs", sa.Column("owner", sa.Text(), nullable=False, server_default=""))
     op.add_column("jobs", sa.Column("turn", sa.Integer(), nullable=False, server_default="0"))

@@ -37,7 +37,7 @@ async function load() {
   try {
     const [page, known] = await Promise.all([api.get("/reconstructions?limit=100"), namesOfScans()]);
     names = known;
-    const open = page.items.filter((/** @type {any} */ one) => !isOver(one)).slice(-LOOKED_UP);
+    const open = soonest(page.items.filter((/** @type {any} */ one) => !isOver(one))).slice(0, LOOKED_UP);
     const looked = await Promise.all(open.map((/** @type {any} */ one) => api.get(`/reconstructions/${one.id}`).catch(() => one)));
     if (mine !== loads || moves || isHeld) return; // older than what is shown, or not to be shown now
     const by = new Map(looked.map((one) => [one.id, one]));
@@ -64,6 +64,9 @@ function show() {
   if (focused) /** @type {HTMLElement | null} */ (panel.querySelector(`[data-key="${CSS.escape(focused)}"]`))?.focus();
   showChosen();
 }
+
+/** What is not over, in the order in which it will be. @param {any[]} open newest first @returns {any[]} */
+const soonest = (open) => [...open].reverse().sort((one, other) => Number(one.state === "queued") - Number(other.state === "queued") || one.priority - other.priority || one.turn - other.turn);
 
 /** Whether a job has a place in the queue, and waits for no scan. @param {any} one */
 const isWaiting = (one) => one.state === "queued" && one.queue?.position !== null;
