@@ -63,7 +63,10 @@ def test_growth_is_that_of_a_line_of_least_squares_after_the_first_quarter():
 
 
 def test_memory_is_told_for_each_process_over_time(tmp_path):
-    """One that takes 4 MiB again and again grows, the one above it, which waits for it, hardly does."""
+    """One that takes 4 MiB again and again grows, the one above it, which waits for it, hardly does.
+
+    It may shrink: systems take pages from whoever does not use them.
+    """
     grow, start = tmp_path / "steradian.api.py", tmp_path / "start.py"
     grow.write_text(
         "import time\nheld = []\nwhile len(held) < 60:\n    held.append(bytearray(b'1' * 2**22)); time.sleep(0.05)\n"
@@ -81,7 +84,7 @@ def test_memory_is_told_for_each_process_over_time(tmp_path):
     asyncio.run(follow())
     found = {row["process"]: row for row in watch.rows()}
     assert found["api"]["most_mib"] > 200
-    assert abs(found["supervisor"]["mib_per_minute"]) < 0.1 * found["api"]["mib_per_minute"]
+    assert found["supervisor"]["mib_per_minute"] < 0.1 * found["api"]["mib_per_minute"]
     assert len(found["api"]["over_time"]) > 10
 
 

@@ -107,7 +107,11 @@ class Window:
             fitted = np.polynomial.chebyshev.chebfit(y, exact, degree)
             if np.abs(np.polynomial.chebyshev.chebval(y, fitted).T - exact).max() < accuracy or degree == 23:
                 break
-        return np.stack([np.polynomial.chebyshev.cheb2poly(fitted[:, t]) for t in range(self.width)])
+        powers = np.zeros((self.width, degree + 1))
+        for tap, series in zip(powers, fitted.T, strict=True):
+            found = np.polynomial.chebyshev.cheb2poly(series)  # shorter where the last coefficients are 0
+            tap[: len(found)] = found
+        return powers
 
 
 @lru_cache(maxsize=256)
