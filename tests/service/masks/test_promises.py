@@ -110,3 +110,11 @@ def test_any_mask_can_be_drawn(mask, tmp_path):
     draw_mask(mask, tmp_path / "mask.png")
     assert (tmp_path / "mask.png").read_bytes()[:4] == b"\x89PNG"
     assert [path.name for path in tmp_path.iterdir()] == ["mask.png"]
+
+
+def test_a_wide_ball_is_sampled_as_finely_as_it_needs():
+    """Its image is that of samples four times as close, and not of the tens of thousands that a small ball needs."""
+    mask, place = equi_steradian_mask(0.05, 0.03, 60), (0.0, 0.0, 0.03)
+    found, finer = (point_spread(mask, place, width=7e-3, sampling_interval=each) for each in (None, 7e-8))
+    assert (found.lateral, found.axial) == pytest.approx((finer.lateral, finer.axial), rel=0.01)
+    assert len(found.z) < 400
