@@ -66,7 +66,7 @@ def test_every_answer_is_as_documented(server, existing, operations, name):
             case.path_parameters |= {key: existing[key] for key in case.path_parameters if key in existing}
         answer = case.call(base_url=server.url, timeout=250)
         # what takes more than a processor's two minutes is refused as documented, with a 503
-        too_much = answer.status_code == 503 and answer.json()["code"] == "too-expensive"
+        too_much = answer.status_code == 503 and answer.json().get("code") == "too-expensive"
         wanted = [each for each in checked if not (too_much and each == "not_a_server_error")]
         case.validate_response(answer, checks=CHECKS.get_by_names(wanted))
 
