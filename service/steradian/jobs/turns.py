@@ -30,7 +30,7 @@ _WAITING, _RUNNING = ReconstructionState.QUEUED, ReconstructionState.RUNNING
 
 
 def next_turn(session: Session, owner: str, priority: int) -> int:
-    """Tell the turn of one more job that somebody asks for; it is later than that of any other of theirs.
+    """Tell the turn of one more job that somebody asks for; it is later than any other of theirs at that priority.
 
     Nobody else takes one before this transaction ends. Jobs that follow a scan count with nobody: most are done where
     the scanner is, whatever else waits.
