@@ -22,6 +22,7 @@ from fabry_perot.simulator.parts import (
 )
 from fabry_perot.simulator.phantoms import Balls
 from fabry_perot.simulator.recorder import Recorder
+from fabry_perot.simulator.shot_log import ShotLog
 
 LOG = 200_000
 """Shots remembered."""
@@ -90,7 +91,7 @@ class PhantomInstrument(Apparatus):
         self._rates = {"clock_rate": clock_rate, "line_rate": line_rate}
         self.epoch = 0
         """Simulator time at which the device booted, in µs."""
-        self.log: deque[tuple[int, int]] = deque(maxlen=LOG)
+        self.log = ShotLog(LOG)
         """Simulator time (µs) and point of the last shots: the truth that no reboot and no line can change."""
         self._before = 0
         self._points: list[int] = []
