@@ -35,8 +35,12 @@ class Connection:
     _writer: asyncio.StreamWriter | None = field(default=None, repr=False)
 
     async def ask(self, path: str, body: bytes | None = None, method: str = "GET", **headers: str) -> Answer:
-        """Send a request and read the whole answer."""
-        begun = time.perf_counter()
+        """Send a request and read the whole answer.
+
+        One on a kept connection that ends without a word is sent again on a new one: the service may have ended it, as
+        nothing was asked any more, while the request was on its way (RFC 9112, 9.3.1).
+        """
+        begun, was_kept, status = time.perf_counter(), self._reader is not None, 0
         try:
             async with asyncio.timeout(PATIENCE):
                 reader, writer = await self._open()
@@ -44,8 +48,11 @@ class Connection:
                 await writer.drain()
                 status, fields = await read_head(reader)
                 content = await _read_body(reader, fields) if status not in {204, 304} else b""
-        except (OSError, TimeoutError, asyncio.IncompleteReadError):
+        except (OSError, TimeoutError, asyncio.IncompleteReadError) as error:
             self.close()
+            is_silent = isinstance(error, ConnectionError) or getattr(error, "partial", None) == b""
+            if was_kept and is_silent and not status:
+                return await self.ask(path, body, method, **headers)
             return Answer(0, b"", time.perf_counter() - begun)
         if fields.get("connection") == "close":
             self.close()
