@@ -30,21 +30,39 @@ def test_nodes_serve_what_one_service_serves(tmp_path, postgres, seaweed):
 def test_a_share_is_of_what_the_processors_could_do_with_what_a_job_costs_one_worker(monkeypatch):
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     about = {"case": "jobs", "jobs": 10}
-    folder = {"where": "folder, 1 worker", "workers": 1, "seconds_per_job": 1.0, "cpu_s_per_job": 1.5}
-    store = {"where": "store, 1 worker", "workers": 1, "seconds_per_job": 1.25, "cpu_s_per_job": 1.6}
-    three = {"where": "store, 3 workers", "workers": 3, "seconds_per_job": 0.9, "cpu_s_per_job": 1.7}
+    folder = {
+        "where": "folder, 1 worker",
+        "workers": 1,
+        "seconds_per_job": 1.0,
+        "cpu_s_per_job": 1.5,
+        "machine_s_per_job": 1.5,
+    }
+    store = {
+        "where": "store, 1 worker",
+        "workers": 1,
+        "seconds_per_job": 1.25,
+        "cpu_s_per_job": 1.2,
+        "machine_s_per_job": 1.6,
+    }
+    three = {
+        "where": "store, 3 workers",
+        "workers": 3,
+        "seconds_per_job": 0.9,
+        "cpu_s_per_job": 1.3,
+        "machine_s_per_job": 1.7,
+    }
     rows = [about | row | {"jobs_per_second": 1 / row["seconds_per_job"]} for row in (folder, store, three)]
     shown = tables(_with_shares(rows)).splitlines()[2:]
     # two processors make 2 / 1.6 = 1.25 jobs a second of 1.6 s each; three workers make 1 / 0.9 = 1.11 of them
     assert shown == [
-        "| folder, 1 worker | 1.00 | 1.00 | +0.00 | 1.50 | 0.80 |",
-        "| store, 1 worker | 0.80 | 1.25 | +0.25 | 1.60 | 0.64 |",
-        "| store, 3 workers | 1.11 | 0.90 |  | 1.70 | 0.89 |",
+        "| folder, 1 worker | 1.00 | 1.00 | +0.00 | 1.50 | 1.50 | 0.75 |",
+        "| store, 1 worker | 0.80 | 1.25 | +0.25 | 1.20 | 1.60 | 0.64 |",
+        "| store, 3 workers | 1.11 | 0.90 |  | 1.30 | 1.70 | 0.89 |",
     ]
 
 
 def test_every_kind_of_row_has_its_place_on_the_page():
-    spent = {"seconds_per_job": 2.0, "jobs_per_second": 0.5, "cpu_s_per_job": 1.0}
+    spent = {"seconds_per_job": 2.0, "jobs_per_second": 0.5, "cpu_s_per_job": 1.0, "machine_s_per_job": 1.5}
     jobs = [{"case": "jobs", "jobs": 9, "workers": 1, "where": where} | spent for where in ("folder", "store")]
     came = {
         "case": "arrivals",

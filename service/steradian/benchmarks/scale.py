@@ -19,6 +19,7 @@ from steradian.benchmarks.load import furnish
 from steradian.benchmarks.mixed import mixed
 from steradian.benchmarks.service import (
     RunningService,
+    busy_seconds,
     make_scan,
     processor_seconds,
     running_service,
@@ -65,9 +66,9 @@ def scale(
     -------
     list of dict
         Rows of *route*, *total* and *memory*, as of the load, and of *jobs*: ``jobs_per_second``, ``cpu_s_per_job`` (of
-        the service's own processes; database and store are other people's) and ``share``: of the jobs a second that
-        all processors could make of what one costs one worker. ``where`` tells them apart. Then *arrivals* and
-        *scanners*, of :mod:`steradian.benchmarks.arrivals`.
+        the service's own processes), ``machine_s_per_job`` (of all on this machine, database and store too) and
+        ``share``: of the jobs a second that all processors could make of what one costs the machine with one worker.
+        ``where`` tells them apart. Then *arrivals* and *scanners*, of :mod:`steradian.benchmarks.arrivals`.
     """
     stages = [f"{ALONE}: jobs", f"{ALONE}: clients", "nodes: jobs", "nodes: jobs by chance", "nodes: clients"]
     stages.append(f"nodes: {WORKERS} workers")
@@ -159,10 +160,10 @@ def _clients(where: str, services: Sequence[RunningService], seconds: float, cli
 
 def _jobs(where: str, service: RunningService, scan: str, jobs: int, workers: int, used: Callable[[], float]) -> Row:
     through_service(service, scan, WARMING * workers, MODES)
-    begun, before = time.monotonic(), used()
+    begun, before, busy = time.monotonic(), used(), busy_seconds()
     through_service(service, scan, jobs, MODES)
     took = time.monotonic() - begun
-    spent = (used() - before) / jobs
+    spent, of_all = (used() - before) / jobs, (busy_seconds() - busy) / jobs
     return {
         "case": "jobs",
         "where": where,
@@ -171,14 +172,16 @@ def _jobs(where: str, service: RunningService, scan: str, jobs: int, workers: in
         "seconds_per_job": took / jobs,
         "jobs_per_second": jobs / took,
         "cpu_s_per_job": spent,
+        "machine_s_per_job": of_all,
     }
 
 
 def _with_shares(rows: list[Row]) -> list[Row]:
-    """Compare jobs with what all processors could do; the store's cost with the folder's."""
+    """Compare jobs with what all processors could do of them, and the store's cost with the folder's."""
     timed = [row for row in rows if row["case"] == "jobs"]
     folder, store = timed[:2]
     for row in timed:
-        row["share"] = row["jobs_per_second"] * store["cpu_s_per_job"] / (os.cpu_count() or 1)
+        alone = folder if row is folder else store
+        row["share"] = row["jobs_per_second"] * alone["machine_s_per_job"] / (os.cpu_count() or 1)
         row["over_folder_s"] = row["seconds_per_job"] - folder["seconds_per_job"] if row["workers"] == 1 else None
     return rows

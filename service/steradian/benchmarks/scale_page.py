@@ -40,13 +40,14 @@ _CLIENTS = ("total", "memory", "route")
 
 def _jobs(rows: list[Row]) -> str:
     lines = [
-        "| jobs on | jobs/s | s a job | beyond the folder (s) | processor s a job | of what the processors allow |",
-        "|---|--:|--:|--:|--:|--:|",
+        "| jobs on | jobs/s | s a job | beyond the folder (s) | processor s a job | with store and database |"
+        " of what the processors allow |",
+        "|---|--:|--:|--:|--:|--:|--:|",
     ]
     for row in rows:
         beyond = "" if row["over_folder_s"] is None else f"{row['over_folder_s']:+.2f}"
         figures = [f"{row['jobs_per_second']:.2f}", f"{row['seconds_per_job']:.2f}", beyond]
-        figures += [f"{row['cpu_s_per_job']:.2f}", f"{row['share']:.2f}"]
+        figures += [f"{row[name]:.2f}" for name in ("cpu_s_per_job", "machine_s_per_job", "share")]
         lines.append("| " + " | ".join([row["where"], *figures]) + " |")
     return "\n".join(lines)
 

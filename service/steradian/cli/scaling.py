@@ -24,7 +24,7 @@ def scale(
     """Compare one service with nodes on this machine: many clients, one worker and three, folder and store.
 
     Keys of the store come from AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY. 'share' is of the jobs a second that all
-    processors could make; database and store, which they share, are not counted.
+    processors could make at what one costs all of the machine, database and store too, with one worker.
     """
     from steradian.benchmarks.scale import scale as measure
     from steradian.benchmarks.scale_page import write_page
