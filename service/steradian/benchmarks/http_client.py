@@ -37,7 +37,7 @@ class Connection:
     async def ask(self, path: str, body: bytes | None = None, method: str = "GET", **headers: str) -> Answer:
         """Send a request and read the whole answer.
 
-        One on a kept connection that ends without a word is sent again on a new one: the service may have ended it, as
+        A GET on a kept connection that ends without a word is sent again on a new one: the service may have ended it, as
         nothing was asked any more, while the request was on its way (RFC 9112, 9.3.1).
         """
         begun, was_kept, status = time.perf_counter(), self._reader is not None, 0
@@ -51,8 +51,9 @@ class Connection:
         except (OSError, TimeoutError, asyncio.IncompleteReadError) as error:
             self.close()
             is_silent = isinstance(error, ConnectionError) or getattr(error, "partial", None) == b""
-            if was_kept and is_silent and not status:
-                return await self.ask(path, body, method, **headers)
+            if method == "GET" and was_kept and is_silent and not status:
+                again = await self.ask(path, body, method, **headers)
+                return Answer(again.status, again.body, time.perf_counter() - begun)
             return Answer(0, b"", time.perf_counter() - begun)
         if fields.get("connection") == "close":
             self.close()
