@@ -37,8 +37,8 @@ class Connection:
     async def ask(self, path: str, body: bytes | None = None, method: str = "GET", **headers: str) -> Answer:
         """Send a request and read the whole answer.
 
-        A GET on a kept connection that ends without a word is sent again on a new one: the service may have ended it, as
-        nothing was asked any more, while the request was on its way (RFC 9112, 9.3.1).
+        A GET on a kept connection that ends without a word is sent again on a new one: the service may have ended it,
+        as nothing was asked any more, while the request was on its way (RFC 9112, 9.3.1).
         """
         begun, was_kept, status = time.perf_counter(), self._reader is not None, 0
         try:

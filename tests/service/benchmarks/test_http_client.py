@@ -1,6 +1,7 @@
 """The benchmarks' client: what it does when a connection ends."""
 
 import asyncio
+from contextlib import suppress
 
 import pytest
 
@@ -9,53 +10,50 @@ from steradian.benchmarks.http_client import Connection
 ANSWER = b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\n\r\nok"
 
 
+def statuses_from(replies, asked):
+    """Ask a server once for each method in ``asked``; ``replies`` are its answers, of which a short one is its last.
+
+    Returns the statuses, and how many connections it was asked over.
+    """
+    replies, tasks = list(replies), []
+
+    async def serve(reader, writer):
+        tasks.append(asyncio.current_task())
+        with suppress(asyncio.IncompleteReadError):
+            reply = ANSWER
+            while reply == ANSWER and await reader.readuntil(b"\r\n\r\n"):
+                reply = replies.pop(0)
+                writer.write(reply)
+        writer.close()
+        await writer.wait_closed()
+
+    async def talk():
+        async with await asyncio.start_server(serve, "127.0.0.1", 0) as server:
+            client = Connection(f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}")
+            found = [(await client.ask("/", method=method)).status for method in asked]
+            client.close()
+            await asyncio.gather(*tasks)
+            return found
+
+    return asyncio.run(talk()), len(tasks)
+
+
 @pytest.mark.parametrize(
-    ("second", "statuses", "connections"),
+    ("last", "expected"),
     [
-        (b"", [200, 200], 2),  # ended while the request was on its way: sent again
-        (ANSWER[:20], [200, 0], 1),  # an answer that breaks off is none
-        (ANSWER[:-2], [200, 0], 1),
+        (b"", ([200, 200], 2)),  # ended while the request was on its way: sent again
+        (ANSWER[:20], ([200, 0], 1)),  # an answer that breaks off is none
+        (ANSWER[:-2], ([200, 0], 1)),
     ],
     ids=["ended", "in the head", "in the body"],
 )
-def test_a_request_is_sent_again_only_where_a_kept_connection_ended_without_a_word(second, statuses, connections):
-    seen = []
-
-    async def serve(reader, writer):
-        seen.append(0)
-        while await reader.readuntil(b"\r\n\r\n"):
-            seen[-1] += 1
-            is_last = len(seen) == 1 and seen[0] == 2
-            writer.write(second if is_last else ANSWER)
-            await writer.drain()
-            if is_last:
-                return writer.close()
-        return None
-
-    async def talk():
-        async with await asyncio.start_server(serve, "127.0.0.1", 0) as server:
-            port = server.sockets[0].getsockname()[1]
-            client = Connection(f"http://127.0.0.1:{port}")
-            answers = [await client.ask("/") for _ in range(2)]
-            client.close()
-            return [answer.status for answer in answers]
-
-    assert asyncio.run(talk()) == statuses
-    assert len(seen) == connections
+def test_a_request_is_sent_again_where_a_kept_connection_ended_without_a_word(last, expected):
+    assert statuses_from([ANSWER, last, ANSWER], ["GET", "GET"]) == expected
 
 
 def test_a_service_that_only_hangs_up_is_asked_once():
-    asked = []
+    assert statuses_from([b"", ANSWER], ["GET"]) == ([0], 1)
 
-    async def serve(reader, writer):
-        await reader.readuntil(b"\r\n\r\n")
-        asked.append(True)
-        writer.close()
 
-    async def talk():
-        async with await asyncio.start_server(serve, "127.0.0.1", 0) as server:
-            port = server.sockets[0].getsockname()[1]
-            return (await Connection(f"http://127.0.0.1:{port}").ask("/")).status
-
-    assert asyncio.run(talk()) == 0
-    assert len(asked) == 1
+def test_what_would_change_something_is_never_sent_twice():
+    assert statuses_from([ANSWER, b"", ANSWER], ["GET", "POST"]) == ([200, 0], 1)
