@@ -1,4 +1,4 @@
-"""The next job is looked for at once when one has just ended."""
+"""The next job is looked for at once when one has just ended, and not while one is at work."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ from steradian.jobs.runner import JobRunner
 
 HURRIED_POLL: Final = 0.01
 """Seconds between two looks at the queue just after a job's end."""
+BUSY_POLL: Final = 1.0
+"""Seconds between two looks while a job is at work: a worker has one at a time, and a look costs it 5 ms."""
 
 
 def hurried(event: threading.Event, runner: JobRunner, poll: float) -> Callable[[float | None], bool]:
-    """Make a wait for ``event`` that ends early after a job's end, so that the next one is looked for at once.
+    """Make a wait for ``event`` that lasts while a job is at work and ends with it, so that the next begins at once.
 
     The engine looks at the queue every ``poll`` seconds and waits between two looks for the event that says when to
     stop; longer waits are left as they are.
@@ -23,6 +25,9 @@ def hurried(event: threading.Event, runner: JobRunner, poll: float) -> Callable[
     def wait(timeout: float | None = None) -> bool:
         if timeout is None or timeout > 2 * poll:
             return plain(timeout)
+        if not runner.idle.is_set():
+            runner.idle.wait(BUSY_POLL)
+            return event.is_set()
         if runner.is_hurried:
             return plain(min(HURRIED_POLL, timeout))
         if runner.ended.wait(timeout):

@@ -4,12 +4,13 @@ import threading
 
 import pytest
 
-from steradian.jobs.hurrying import HURRIED_POLL, hurried
+from steradian.jobs.hurrying import BUSY_POLL, HURRIED_POLL, hurried
 
 
 class Runner:
     def __init__(self, *, is_hurried):
-        self.is_hurried, self.ended = is_hurried, threading.Event()
+        self.is_hurried, self.ended, self.idle = is_hurried, threading.Event(), threading.Event()
+        self.idle.set()
 
 
 class Event:
@@ -45,3 +46,34 @@ def test_a_wait_under_way_ends_with_the_job():
     assert hurried(event, runner, 30.0)(30.0) is False, "it does not take thirty seconds"
     assert not runner.ended.is_set()
     assert event.waits == []
+
+
+class Busy:
+    """Is not idle; notes for how long that was waited for."""
+
+    def __init__(self):
+        self.waits = []
+
+    def is_set(self):
+        return False
+
+    def wait(self, timeout=None):
+        self.waits.append(timeout)
+        return False
+
+
+def test_while_a_job_is_at_work_its_end_is_waited_for_and_the_queue_is_left_alone():
+    runner, event = Runner(is_hurried=False), Event()
+    runner.idle = Busy()
+    for _ in range(2):  # the queue of jobs and the engine's own; both are woken by what stays set
+        assert hurried(event, runner, 0.1)(0.1) is False
+    assert runner.idle.waits == [BUSY_POLL] * 2
+    assert event.waits == []
+
+
+@pytest.mark.parametrize("timeout", [None, 1.0])
+def test_other_waits_of_the_engine_are_left_alone_while_a_job_is_at_work(timeout):
+    runner, event = Runner(is_hurried=False), Event()
+    runner.idle = Busy()
+    hurried(event, runner, 0.1)(timeout)
+    assert event.waits == [timeout]
