@@ -10,7 +10,7 @@ from typing import overload
 class ShotLog(Sequence[tuple[int, int]]):
     """Time (simulator's, µs) and point of each of the last shots, oldest first.
 
-    A list of pairs would take seven times as much, and grow for as long as the first scan lasts.
+    A list of pairs would take six times as much, and grow for as long as the first scan lasts.
 
     Parameters
     ----------
