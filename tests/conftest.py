@@ -1,6 +1,7 @@
 """What holds for a whole run: the order of the files, and that started programs keep their bytecode."""
 
 import os
+import sys
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -25,6 +26,12 @@ def pytest_configure(config):
         os.environ["NUMBA_ENABLE_CUDASIM"] = "1"
     if hasattr(config.option, "loadscopereorder"):  # of pytest-xdist: by the number of tests, which says little here
         config.option.loadscopereorder = False
+
+
+def pytest_sessionfinish():
+    """Write the covered lines: pytest-xdist kills a worker that takes 10 s to end, and they are lost with it."""
+    if "coverage" in sys.modules and (counting := sys.modules["coverage"].Coverage.current()):
+        counting.save()
 
 
 def pytest_ignore_collect(collection_path, config):
