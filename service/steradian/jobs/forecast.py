@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from statistics import fmean, median
@@ -146,10 +146,18 @@ class _Pace:
             for payload, promised, attempts in self._session.execute(
                 query.order_by(JobRow.sequence.desc()).limit(PAST)
             ):
-                begun, ended = (datetime.fromisoformat(attempts[-1][name]) for name in ("started", "ended"))
-                found.setdefault(_sort(payload, promised), []).append((ended - begun).total_seconds())
+                if (seconds := _lasted(attempts)) is not None:
+                    found.setdefault(_sort(payload, promised), []).append(seconds)
             self._past[kind] = found
         return self._past[kind]
+
+
+def _lasted(attempts: Sequence[Mapping[str, Any]]) -> float | None:
+    """Tell how long the last attempt took, in seconds; ``None`` where that was not noted, as by an earlier version."""
+    last = attempts[-1] if attempts else {}
+    if not (last.get("started") and last.get("ended")):
+        return None
+    return (datetime.fromisoformat(last["ended"]) - datetime.fromisoformat(last["started"])).total_seconds()
 
 
 def _sort(payload: Mapping[str, Any], promised: int) -> Hashable:

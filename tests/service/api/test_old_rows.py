@@ -1,5 +1,6 @@
 """What an earlier version noted is shown by this one, as far as it goes, and never as a failure."""
 
+import httpx
 import pytest
 from sqlalchemy import update
 
@@ -44,6 +45,33 @@ def test_a_job_that_ended_under_an_earlier_version_is_shown(server, http, scan_w
     assert job in [one["id"] for one in http.get("/jobs").json()["items"]]
     assert job in [one["id"] for one in http.get("/reconstructions").json()["items"]]
     assert http.get(f"/reconstructions/{job}").status_code == 200
+
+
+@pytest.mark.parametrize(
+    "attempts",
+    [
+        [],
+        [{"number": 1, "worker": "w", "started": "2025-01-01T00:00:00+00:00"}],
+        [{"number": 1, "worker": "w", "started": "2025-01-01T00:00:00+00:00", "ended": None}],
+    ],
+    ids=["none", "without its end", "not ended"],
+)
+def test_a_job_whose_time_was_not_noted_is_no_measure_of_others_and_hides_none(
+    server, http, scan_with_alines, attempts
+):
+    job, ledger = scan_with_alines["reconstruction"]["id"], JobLedger(server.database)
+    ledger.start(job, "w")
+    ledger.settle(job, 1, Succeeded({"shape": [1, 2, 3]}), "w")
+    with server.database.write() as session:
+        session.execute(update(JobRow).where(JobRow.id == job).values(attempts=attempts))
+    about = {"scan_id": scan_with_alines["scan"]["id"], "parameters": {"modes": 40}}
+    waiting = http.post("/reconstructions", json=about).json()["id"]
+    shown = http.get(f"/jobs/{waiting}")
+    assert shown.status_code == 200, shown.text
+    assert shown.json()["queue"]["position"] >= 1
+    figures = httpx.get(f"{server.url}/metrics", timeout=250)
+    assert figures.status_code == 200, figures.text
+    assert "steradian_jobs_waiting_oldest_seconds" in figures.text
 
 
 def test_plans_and_scans_of_an_earlier_version_are_shown(server, http, mask, scan):
