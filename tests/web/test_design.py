@@ -19,6 +19,12 @@ def ready(page):
     return page
 
 
+AT_REST = """(thing) => new Promise((done) => { let before = null; const look = () => {
+  const { x, y, width, height } = thing.getBoundingClientRect(), now = [x, y, width, height].join();
+  if (now === before) done(); else { before = now; setTimeout(look, 500); } }; look(); })"""
+"""The layout moves for as long as what is beside a thing comes."""
+
+
 def figure(page, name):
     return page.locator("dl.figures div", has=page.get_by_text(name, exact=True)).locator("dd").inner_text()
 
@@ -58,6 +64,7 @@ def test_what_is_wrong_stands_beside_its_field(service, open_page):
 def test_the_point_goes_where_it_is_dragged(service, open_page):
     page = ready(open_page(service, f"/design{SMALL}"))
     canvas = page.locator("section.plane canvas")
+    canvas.evaluate(AT_REST)
     box = canvas.bounding_box()
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     per = 13.56 * 1.04 / (min(box["width"], box["height"]) - 52)  # mm of a pixel: the frame is drawn 26 pixels inside

@@ -11,7 +11,7 @@ LOOK_AGAIN = "import('/static/live.js').then(({ live }) => live._tell('again', n
 
 def slow(service, **labels):
     """A scan of minutes that has begun."""
-    plan = service.plan(pulse_rate=1, averages=10)
+    plan = service.plan(pulse_rate=1, averages=60)
     scan = start(service, plan, labels)
     until(lambda: service.get(f"/scans/{scan}").json()["progress"]["done"] >= 2)
     return scan
