@@ -70,7 +70,8 @@ def test_the_point_goes_where_it_is_dragged(service, open_page):
     page.mouse.move(x - 40, y + 25)
     page.mouse.down()
     page.mouse.move(x, y, steps=4)
-    canvas.evaluate(AT_REST)  # what is beside it has another height for another design
+    ready(page)  # what is beside it has another height for another design
+    canvas.evaluate(AT_REST)
     box = canvas.bounding_box()
     page.mouse.up()
     per = 13.56 * 1.04 / (min(box["width"], box["height"]) - 52)  # mm of a pixel: the frame is drawn 26 pixels inside

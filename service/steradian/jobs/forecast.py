@@ -153,7 +153,7 @@ class _Pace:
 
 
 def _lasted(attempts: Sequence[Mapping[str, Any]]) -> float | None:
-    """Tell how long the last attempt took, in seconds; ``None`` where that was not noted, as by an earlier version."""
+    """Tell how long the last attempt took, in seconds; ``None`` where that was not noted."""
     last = attempts[-1] if attempts else {}
     if not (last.get("started") and last.get("ended")):
         return None
