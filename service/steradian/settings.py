@@ -84,6 +84,15 @@ class Settings(BaseSettings):
         pattern=r"^[A-Za-z0-9._-]{1,100}$",
         description="Name of this host's workers; each host on one database needs its own",
     )
+    worker_memory_bytes: int | None = Field(
+        default=None,
+        ge=2**20,
+        description="Memory that a worker here claims to have; none: the machine's or the container's (bytes)",
+    )
+    await_workers: bool = Field(
+        default=False,
+        description="Whether jobs are taken that no worker of the last hour can do: one that can is started for them",
+    )
     drain_seconds: float = Field(
         default=0.0, ge=0, le=86_400, description="How long a worker that is to end may finish its job (s)"
     )

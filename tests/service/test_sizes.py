@@ -21,6 +21,7 @@ LONGER = {
     "steradian/runtime/supervisor",
     "steradian/scans/importing/untrusted",
     "steradian/scans/session",
+    "steradian/storage/tables",
     "steradian_client/models",
 }
 REASONS = Path(__file__).parents[2] / "docs" / "adr" / "0009-rooms.md"

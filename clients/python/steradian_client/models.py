@@ -155,10 +155,14 @@ class PointSpread(Answer):
 
 
 class Place(Answer):
-    """Where a job stands that is not over: its place among those that wait, and when it should be over."""
+    """Where a job stands that is not over: its place among those that wait, and when it should be over.
+
+    ``awaited`` says which worker it waits for, where none that is present can do it.
+    """
 
     position: int | None
     expected_end: datetime | None
+    awaited: str | None = None
 
 
 class Work(Answer):

@@ -16,7 +16,7 @@ from starlette.concurrency import run_in_threadpool
 from steradian.api.choices import BatchStates, OfScan
 from steradian.api.dependencies import Before, Limit, OptionalKey, ServicesNeeded, Who, link_next, replay
 from steradian.api.identifiers import BATCH_ID
-from steradian.api.job_checks import check_parts, check_reconstruction, frames_of, room_of
+from steradian.api.job_checks import check_parts, check_reconstruction, cost_of, frames_of
 from steradian.api.reconstructions import JobWish, note_reconstruction
 from steradian.api.reports import ReportView
 from steradian.api.security import V1, GuardedRoute
@@ -25,7 +25,7 @@ from steradian.api.views import BASE, Listing
 from steradian.errors import Conflict, InvalidInput
 from steradian.jobs.ledger import to_status
 from steradian.jobs.model import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobStatus
-from steradian.jobs.requests import Identifier, ReconstructionRequest, Through
+from steradian.jobs.requests import Identifier, ReconstructionRequest, Required, Through
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.storage import filters
 from steradian.storage.dependence import hold_needs
@@ -60,6 +60,7 @@ class BatchRequest(Value):
     parameters: dict[str, Any] = Field(default_factory=dict, description="What all jobs have in common")
     points: Literal["nearest", "exact"] = Field(default="nearest", description="Of masks that are looked through")
     priority: int = Field(default=DEFAULT_PRIORITY, ge=0, le=LOWEST_PRIORITY, description="Smaller ones run first")
+    requires: Required = Field(default=Required(), description="What the worker of each job must have")
 
     def whole(self, excitation: list[float]) -> dict[str, list[Any]]:
         """Return what varies, ``each`` spelled out; ``excitation`` is the wavelength of each frame of the scan."""
@@ -87,7 +88,8 @@ class BatchRequest(Value):
         beside = _Beside.create(**{name: chosen.pop(name) for name in _BESIDE if name in chosen})
         parameters = ReconstructionParameters.create(**self.parameters | chosen)
         through = None if beside.mask_id is None else Through(mask_id=beside.mask_id, points=self.points)
-        about: dict[str, Any] = {"through": through, "frame": beside.frame, "priority": self.priority}
+        about: dict[str, Any] = {"through": through, "frame": beside.frame}
+        about |= {"priority": self.priority, "requires": self.requires}
         return ReconstructionRequest.create(scan_id=self.scan_id, parameters=parameters, **about)
 
 
@@ -152,12 +154,12 @@ async def create_batch(services: ServicesNeeded, who: Who, wanted: BatchRequest,
     """Queue a reconstruction for every combination of values; all are queued or none is."""
 
     def make(session: Session) -> Answer:
-        services.require_room(session, sum(rooms), f"the batch of {len(rooms)} volumes", measured)
+        services.require_room(session, sum(cost.disk for cost in costs), f"the batch of {len(costs)} volumes", measured)
         hold_needs(session, *(one.model_dump(mode="json") for one in chosen))
         batch = services.batches.add(session, scan, vary, wanted.parameters, who.name)
         noted = [
-            note_reconstruction(services, session, scan, one, who, room, batch)
-            for one, room in zip(chosen, rooms, strict=True)
+            note_reconstruction(services, session, scan, one, who, cost, batch)
+            for one, cost in zip(chosen, costs, strict=True)
         ]
         members = [row for row, _ in noted]
         view = BatchView.of(batch, members, {row.id: to_status(job) for row, job in noted})
@@ -171,7 +173,7 @@ async def create_batch(services: ServicesNeeded, who: Who, wanted: BatchRequest,
         scan = await run_in_threadpool(check_reconstruction, services, chosen[0])
         for one in chosen:
             await run_in_threadpool(check_parts, services, scan, one)
-        rooms = await run_in_threadpool(lambda: [room_of(services, scan, one) for one in chosen])
+        costs = await run_in_threadpool(lambda: [cost_of(services, scan, one) for one in chosen])
         measured = await run_in_threadpool(services.measure)
         answer = await run_in_threadpool(services.answers.once, key, make)
     return replay(answer)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from steradian.api.problems import NotReady
 from steradian.api.services import Services
@@ -24,6 +24,13 @@ from steradian.storage.states import SETTLED_SCAN_STATES, ReconstructionState
 from steradian.storage.tables import ScanRow
 
 
+class Cost(NamedTuple):
+    """What a job takes: bytes of disk at most, and bytes of memory at least; 0 where that is not known beforehand."""
+
+    disk: int
+    memory: int = 0
+
+
 def check_reconstruction(services: Services, wanted: ReconstructionRequest) -> ScanRow:
     """Refuse what cannot work: a scan still running (unless it is to be followed) or empty, a volume too large.
 
@@ -42,14 +49,15 @@ def check_reconstruction(services: Services, wanted: ReconstructionRequest) -> S
     return scan
 
 
-def room_of(services: Services, scan: ScanRow, wanted: ReconstructionRequest) -> int:
-    """Return how many bytes a reconstruction may write.
+def cost_of(services: Services, scan: ScanRow, wanted: ReconstructionRequest) -> Cost:
+    """Return what a reconstruction takes.
 
     It leaves its values, their coarser copies and three projections (float32); one that follows a scan holds the last
     image beside the one that it writes.
     """
     across, deep = _shape(services, scan, wanted.parameters)
-    return stored_bytes((across, across, deep)) * (2 if wanted.follow else 1)
+    disk = stored_bytes((across, across, deep)) * (2 if wanted.follow else 1)
+    return Cost(disk, _least_memory(across, deep, wanted.parameters))
 
 
 def check_parts(services: Services, scan: ScanRow, wanted: ReconstructionRequest) -> None:
@@ -64,8 +72,8 @@ def check_parts(services: Services, scan: ScanRow, wanted: ReconstructionRequest
             raise InvalidInput("through.mask_id", mask_id, f"a mask of the scan's aperture, {aperture:g} m")
 
 
-def check_work(services: Services, wanted: WorkRequest) -> int:
-    """Refuse what cannot work of what is no reconstruction; return how many bytes it will write, about.
+def check_work(services: Services, wanted: WorkRequest) -> Cost:
+    """Refuse what cannot work of what is no reconstruction; return what it takes, about.
 
     Raises
     ------
@@ -74,20 +82,22 @@ def check_work(services: Services, wanted: WorkRequest) -> int:
     """
     match wanted:
         case SoundSpeedRequest():
-            _check_size(services, _measured(services, wanted.scan_id), wanted.parameters)
+            scan = _measured(services, wanted.scan_id)
+            _check_size(services, scan, wanted.parameters)
+            return Cost(0, _least_memory(*_shape(services, scan, wanted.parameters), wanted.parameters))
         case QualityRequest():
             _check_pair(services, wanted)
         case ExportRequest(scan_id=str(scan_id)):
             scan, found = _measured(services, scan_id), services.arrays.stat(scan_name(scan_id))
-            return scan_bytes(services.plans.get(scan.plan_id)) if found is None else found.size
+            return Cost(scan_bytes(services.plans.get(scan.plan_id)) if found is None else found.size)
         case ExportRequest(reconstruction_id=str(reconstruction_id)):
-            return existing_volume(services, reconstruction_id, "reconstruction_id")
+            return Cost(existing_volume(services, reconstruction_id, "reconstruction_id"))
         case ImportRequest():
             uploads = [wanted.upload_id] + ([] if wanted.companion_id is None else [wanted.companion_id])
-            return sum(_size(services, upload_name(identifier), "upload", identifier) for identifier in uploads)
+            return Cost(sum(_size(services, upload_name(identifier), "upload", identifier) for identifier in uploads))
         case _:
             raise AssertionError(f"no check of {wanted!r}")
-    return 0
+    return Cost(0)
 
 
 def frames_of(plan: dict[str, Any]) -> list[float]:
@@ -145,6 +155,12 @@ def _shape(services: Services, scan: ScanRow, parameters: ReconstructionParamete
     modes = parameters.modes or max(2, round(services.masks.get(scan.mask_id).aperture / DEFAULT_SPACING))
     samples: int = services.plans.get(scan.plan_id).parameters["samples"]
     return modes * parameters.upsampling, samples * parameters.upsampling
+
+
+def _least_memory(across: int, deep: int, parameters: ReconstructionParameters) -> int:
+    """Return the bytes of the image alone (float32), where it is known beforehand how deep it becomes."""
+    is_whole = parameters.depth_range is None and parameters.depth_step is None and parameters.highest_frequency is None
+    return 4 * across**2 * deep if is_whole else 0
 
 
 def _measured(services: Services, scan_id: str) -> ScanRow:

@@ -7,8 +7,9 @@ from typing import Any, Self
 
 from pydantic import BaseModel, Field
 
+from steradian.api.queue_views import QueueView, RequirementsView
 from steradian.api.reports import HistoryView, Result, result_of
-from steradian.api.views import BASE, ErrorView, ProgressView, QueueView, RequestId
+from steradian.api.views import BASE, ErrorView, ProgressView, RequestId
 from steradian.jobs.forecast import Forecast
 from steradian.jobs.kinds import resource_of
 from steradian.jobs.model import JobStatus
@@ -23,6 +24,7 @@ class JobView(BaseModel):
     asked: dict[str, Any] = Field(description="What was asked for", examples=[{"format": "nifti"}])
     priority: int = Field(description="Smaller ones run first; among equal ones those who asked take turns")
     turn: int = Field(description="Among jobs of equal priority, smaller turns run first, equal ones by age")
+    requires: RequirementsView
     queue: QueueView | None = Field(description="Of one that waits or runs, where it alone is read; not in lists")
     state: ReconstructionState
     desired_state: DesiredJobState
@@ -50,6 +52,7 @@ class JobView(BaseModel):
             asked=dict(job.payload),
             priority=job.priority,
             turn=job.turn,
+            requires=RequirementsView.of(job.requires),
             queue=QueueView.of(queue),
             state=job.state,
             desired_state=job.desired_state,

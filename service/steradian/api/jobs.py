@@ -70,15 +70,16 @@ async def queue_job(
     """Check what is wanted, note it, hand it to the queue and, where the client waits, wait."""
 
     def make(session: Session) -> Answer:
-        services.require_room(session, room, f"the {wanted.kind}", measured)
-        row = services.submit(session, job_of(new_id("j"), wanted, principal=who.name, promised=room))
+        services.require_room(session, cost.disk, f"the {wanted.kind}", measured)
+        about: dict[str, Any] = {"principal": who.name, "promised": cost.disk, "memory": cost.memory}
+        row = services.submit(session, job_of(new_id("j"), wanted, **about))
         session.flush()
         view = JobView.of(to_status(row))
         return Answer(202, view.links["self"], view.model_dump_json())
 
     answer = await run_in_threadpool(services.answers.kept, key)
     if answer is None:
-        room = await run_in_threadpool(check_work, services, wanted)
+        cost = await run_in_threadpool(check_work, services, wanted)
         measured = await run_in_threadpool(services.measure)
         answer = await run_in_threadpool(services.answers.once, key, make)
     identifier = answer.location.rpartition("/")[2]

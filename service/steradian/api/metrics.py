@@ -13,6 +13,7 @@ from prometheus_client.registry import Collector
 from steradian import __version__
 from steradian.api.security import GuardedRoute
 from steradian.api.services import Services
+from steradian.jobs.capabilities import count_unmet, workers
 from steradian.jobs.forecast import backlog
 from steradian.runtime.heartbeat import gpu_of, is_alive
 from steradian.storage.states import ReconstructionState, ScanState
@@ -66,12 +67,21 @@ class _Present(Collector):
                 family.add_metric([str(state)], counts.get(str(state), 0))
             yield family
         with services.ledger.database.read() as session:
-            waiting = backlog(session, services.ledger.clock())
+            waiting = backlog(session, now := services.ledger.clock())
+            present = workers(session, now)
+            unmet = count_unmet(session, list(present.values()))
         if waiting.seconds is not None:
             told = "What one worker would take for all jobs that wait; absent where no past job tells"
             yield GaugeMetricFamily("steradian_jobs_waiting_work_seconds", told, waiting.seconds)
         told = "How long ago the oldest job that waits was asked for"
         yield GaugeMetricFamily("steradian_jobs_waiting_oldest_seconds", told, waiting.oldest)
+        told = "Jobs that wait and that no worker which is present can do"
+        yield GaugeMetricFamily("steradian_jobs_waiting_unmet", told, unmet)
+        told, labels = "What each worker has that was heard of lately", ["worker", "memory", "cores", "gpu"]
+        family = GaugeMetricFamily("steradian_worker", told, labels=labels)
+        for name, has in present.items():
+            family.add_metric([name, str(has.memory or ""), str(has.cores), has.gpu or ""], 1)
+        yield family
         alive = GaugeMetricFamily(
             "steradian_process_alive", "Whether a process shows signs of life", labels=["process"]
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
@@ -13,7 +13,7 @@ from steradian.api.choices import JobStates, OfBatch, OfScan, ThroughMask, Volum
 from steradian.api.conditions import ChangeConditionsNeeded, ConditionsNeeded, etag_of
 from steradian.api.dependencies import Before, Limit, OptionalKey, ServicesNeeded, Wait, Who, link_next, replay
 from steradian.api.identifiers import RECONSTRUCTION_ID
-from steradian.api.job_checks import check_reconstruction, room_of
+from steradian.api.job_checks import Cost, check_reconstruction, cost_of
 from steradian.api.reports import AttemptView
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
@@ -75,16 +75,16 @@ async def create_reconstruction(
     """
 
     def make(session: Session) -> Answer:
-        services.require_room(session, room, "the volume", measured)
+        services.require_room(session, cost.disk, "the volume", measured)
         hold_needs(session, wanted.model_dump(mode="json"))
-        row, job = note_reconstruction(services, session, scan, wanted, who, room)
+        row, job = note_reconstruction(services, session, scan, wanted, who, cost)
         view = ReconstructionView.of(row, to_status(job))
         return Answer(202, view.links["self"], view.model_dump_json())
 
     answer = await run_in_threadpool(services.answers.kept, key)
     if answer is None:
         scan = await run_in_threadpool(check_reconstruction, services, wanted)
-        room = await run_in_threadpool(room_of, services, scan, wanted)
+        cost = await run_in_threadpool(cost_of, services, scan, wanted)
         measured = await run_in_threadpool(services.measure)
         answer = await run_in_threadpool(services.answers.once, key, make)
     identifier = answer.location.rpartition("/")[2]
@@ -174,11 +174,12 @@ def note_reconstruction(
     scan: ScanRow,
     wanted: ReconstructionRequest,
     who: Principal,
-    room: int,
+    cost: Cost,
     batch: BatchRow | None = None,
 ) -> tuple[ReconstructionRow, JobRow]:
-    """Note a reconstruction and its job of at most ``room`` bytes, in the transaction that holds what it needs."""
+    """Note a reconstruction and its job, in the transaction that holds what it needs."""
     row = services.reconstructions.add(session, scan, wanted.parameters.model_dump(mode="json"), batch)
-    job = services.submit(session, job_of(row.id, wanted, principal=who.name, batch_id=row.batch_id, promised=room))
+    about: dict[str, Any] = {"principal": who.name, "batch_id": row.batch_id, "promised": cost.disk}
+    job = services.submit(session, job_of(row.id, wanted, memory=cost.memory, **about))
     session.flush()
     return row, job

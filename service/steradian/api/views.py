@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Generic, Self, TypeAlias, Type
 
 from pydantic import BaseModel, Field
 
+from steradian.api.queue_views import QueueView, RequirementsView
 from steradian.api.reports import HistoryView, PreviewView, ReportView, SummaryView
 from steradian.jobs.forecast import Forecast
 from steradian.jobs.kinds import LIVE
@@ -45,21 +46,6 @@ class ErrorView(BaseModel):
 
     code: str
     detail: str
-
-
-class QueueView(BaseModel):
-    """Where a job stands that is not over."""
-
-    position: int | None = Field(description="1: the next that begins; null when it runs, or waits for its scan")
-    expected_end: datetime | None = Field(
-        description="From what such jobs took lately; null when that cannot be said: too few were done, no worker is"
-        " at work, or one takes longer than it should"
-    )
-
-    @classmethod
-    def of(cls, seen: Forecast | None) -> Self | None:
-        """Show a forecast."""
-        return None if seen is None else cls(position=seen.position, expected_end=seen.expected_end)
 
 
 class MaskView(BaseModel):
@@ -233,6 +219,7 @@ class ReconstructionView(BaseModel):
     parameters: dict[str, Any] = Field(description="As asked for; when it has succeeded, as they took effect")
     priority: int = Field(description="Smaller ones run first; among equal ones those who asked take turns")
     turn: int = Field(description="Among jobs of equal priority, smaller turns run first, equal ones by age")
+    requires: RequirementsView
     queue: QueueView | None = Field(description="Of one that waits or runs, where it alone is read; not in lists")
     state: ReconstructionState
     desired_state: DesiredJobState
@@ -271,6 +258,7 @@ class ReconstructionView(BaseModel):
             parameters=(job.result or {}).get("parameters") or row.parameters,
             priority=job.priority,
             turn=job.turn,
+            requires=RequirementsView.of(job.requires),
             queue=QueueView.of(queue),
             state=job.state,
             desired_state=job.desired_state,

@@ -19,11 +19,13 @@ from typing import Final
 from dbos import DBOS, DBOSClient, DBOSConfig, WorkflowSerializationFormat
 from dbos import error as engine_errors
 from dbos._dbos import _get_dbos_instance
-from sqlalchemy import make_url, select, text
+from dbos._sys_db import SystemDatabase
+from sqlalchemy import ColumnElement, column, make_url, select, text
 from sqlalchemy.orm import Session
 from ulid import ULID
 
 from steradian.errors import NotFound, Superseded
+from steradian.jobs.capabilities import Capabilities, Notice, unmet
 from steradian.jobs.heap import keep_libraries
 from steradian.jobs.hurrying import hurried
 from steradian.jobs.joining import ENGINE, engine_version, join
@@ -287,7 +289,9 @@ def new_job_id() -> str:
     return f"j{str(ULID()).lower()}"
 
 
-def run_worker(settings: Settings, slot: int, commands: Mapping[str, Sequence[str]]) -> None:
+def run_worker(
+    settings: Settings, slot: int, commands: Mapping[str, Sequence[str]], has: Capabilities | None = None
+) -> None:
     """Be a worker until SIGTERM or SIGINT: take jobs one at a time and run each in a child process.
 
     Parameters
@@ -296,6 +300,8 @@ def run_worker(settings: Settings, slot: int, commands: Mapping[str, Sequence[st
         Number of this worker, from 0; no two running workers of one name may share it.
     commands
         The program that runs each kind of job.
+    has
+        What it has: jobs that require more are left to others; ``None``: this machine's memory and no GPU.
 
     Raises
     ------
@@ -323,6 +329,9 @@ def run_worker(settings: Settings, slot: int, commands: Mapping[str, Sequence[st
         "use_listen_notify": False,
         "run_migrations": False,
     }
+    has = has or Capabilities.of_this_machine(settings, None)
+    Notice(database, name, has).put_up()
+    SystemDatabase._claim_gate = _gate(has)  # type: ignore[method-assign]  # private, so the minor version is pinned
     DBOS(config=config)
     logging.getLogger("dbos").addFilter(_is_no_cancellation)
     _register(runner)
@@ -339,13 +348,22 @@ def run_worker(settings: Settings, slot: int, commands: Mapping[str, Sequence[st
     elif slot == 0:
         _adopt_orphans(settings)
     keep_libraries()
-    _log.info("%s waits for jobs", name)
+    _log.info("%s waits for jobs; it has %s", name, has)
     while not runner.stopping.wait(POLL):
         pass  # a signal that another thread received is handled when this one wakes
     if not runner.idle.wait(settings.drain_seconds + PUT_BACK_PATIENCE):
         _log.error("%s could not put its job back in time; the next start of a worker does", name)
     logging.shutdown()
     os._exit(0)  # whatever the engine's threads do
+
+
+def _gate(has: Capabilities) -> Callable[..., list[ColumnElement[bool]]]:
+    """Make the conditions of a claim that the engine adds to its own: jobs that this worker cannot do are passed over.
+
+    They stay where they are in the queue, and the next that it can do is taken.
+    """
+    too_much = select(JobRow.id).where(JobRow.id == column("workflow_uuid"), unmet(has)).exists()
+    return lambda *_: [~too_much]
 
 
 def _queue_at(scanner_id: str) -> str:

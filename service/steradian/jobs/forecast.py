@@ -36,10 +36,13 @@ class Forecast:
     expected_end
         ``None`` when it cannot be said: too few such jobs have been done, no worker is busy, or one takes longer than
         it should.
+    awaited
+        The worker that it waits for, in words, where none that is present can do it.
     """
 
     position: int | None = None
     expected_end: datetime | None = None
+    awaited: str | None = None
 
 
 def forecast(session: Session, job_id: str, workers: int, now: datetime) -> Forecast | None:

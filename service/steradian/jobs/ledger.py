@@ -20,6 +20,7 @@ from steradian.jobs.model import (
     JobRequest,
     JobStatus,
     Outcome,
+    Requirements,
     Succeeded,
 )
 from steradian.jobs.turns import WAITS_FOR_SCAN, next_turn
@@ -64,6 +65,9 @@ class JobLedger(Repository[JobRow]):
             turn=next_turn(session, request.principal, request.priority),
             timeout=request.timeout,
             promised=request.promised,
+            requires_memory=request.requires.memory,
+            requires_cores=request.requires.cores,
+            requires_gpu=request.requires.gpu,
             state=_R.QUEUED,
             fence=0,
             desired_state=DesiredJobState.SUCCEEDED,
@@ -337,6 +341,7 @@ def to_status(row: JobRow) -> JobStatus:
         revision=row.revision,
         priority=row.priority,
         turn=row.turn,
+        requires=Requirements(row.requires_memory, row.requires_cores, row.requires_gpu),
         attempt=row.attempt,
         attempts=row.attempts,
         history=row.history,

@@ -29,6 +29,29 @@ class QueueUnavailable(SteradianError):
 
 
 @dataclass(frozen=True)
+class Requirements:
+    """What a job requires of its worker.
+
+    Attributes
+    ----------
+    memory
+        Bytes.
+    cores
+        Threads that a job of the worker may use.
+    gpu
+        Whether it has to be done on a GPU.
+    """
+
+    memory: int = 0
+    cores: int = 0
+    gpu: bool = False
+
+    def __str__(self) -> str:
+        named = {"memory": f"{self.memory} bytes of memory", "cores": f"{self.cores} cores", "gpu": "a GPU"}
+        return " and ".join(text for name, text in named.items() if getattr(self, name)) or "nothing"
+
+
+@dataclass(frozen=True)
 class JobRequest:
     """A job to queue.
 
@@ -51,6 +74,8 @@ class JobRequest:
         The batch it belongs to.
     promised
         Bytes of the disk that it may write.
+    requires
+        What its worker must have.
     """
 
     id: str
@@ -61,6 +86,7 @@ class JobRequest:
     principal: str = "local"
     batch_id: str | None = None
     promised: int = 0
+    requires: Requirements = Requirements()
 
 
 @dataclass(frozen=True)
@@ -77,6 +103,8 @@ class JobStatus:
         Grows with every change.
     priority, turn
         Smaller priorities run first, and among equal ones smaller turns.
+    requires
+        What its worker must have.
     attempt
         1 for the first start, 0 before it; a start that was put back does not count.
     attempts, history
@@ -100,6 +128,7 @@ class JobStatus:
     revision: int = 0
     priority: int = DEFAULT_PRIORITY
     turn: int = 0
+    requires: Requirements = Requirements()
     attempt: int = 0
     attempts: list[dict[str, Any]] = field(default_factory=list)
     history: list[dict[str, Any]] = field(default_factory=list)

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, Self, TypeAlias
 from pydantic import ConfigDict, Field, StringConstraints, model_validator
 
 from steradian.errors import InvalidInput
-from steradian.jobs.model import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobRequest
+from steradian.jobs.model import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobRequest, Requirements
 from steradian.ranges import LENGTH, SOUND_SPEED
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.validation import Value, quantity
@@ -50,11 +50,19 @@ RECONSTRUCTION_EXAMPLES: list[Any] = [
 ]
 
 
+class Required(Value):
+    """What a job's worker must have, beside what the job itself tells: room for its volume, and the GPU it asks for."""
+
+    memory: int | None = Field(default=None, ge=1, le=2**50, description="Memory of the worker, at least (bytes)")
+    cores: int | None = Field(default=None, ge=1, le=4096, description="Threads that its jobs may use, at least")
+
+
 class Request(Value):
-    """What can be said of any job: when and for how long."""
+    """What can be said of any job: when, for how long and where."""
 
     priority: int = Field(default=DEFAULT_PRIORITY, ge=0, le=LOWEST_PRIORITY, description="Smaller ones run first")
     timeout: float | None = Field(default=None, gt=0, le=30 * 86_400, description="Longest it may run (s)")
+    requires: Required = Field(default=Required(), description="What the worker must have that does it")
 
 
 class Through(Value):
@@ -187,7 +195,23 @@ def job_of(
     principal: str = "local",
     batch_id: str | None = None,
     promised: int = 0,
+    memory: int = 0,
 ) -> JobRequest:
-    """Make a job of a request."""
+    """Make a job of a request; ``memory`` is what it needs at least, whatever it says itself (bytes)."""
     payload = request.model_dump(mode="json")
-    return JobRequest(job_id, request.kind, payload, request.priority, request.timeout, principal, batch_id, promised)
+    parameters = getattr(request, "parameters", None)
+    return JobRequest(
+        job_id,
+        request.kind,
+        payload,
+        request.priority,
+        request.timeout,
+        principal,
+        batch_id,
+        promised,
+        Requirements(
+            memory=max(memory, request.requires.memory or 0),
+            cores=request.requires.cores or 0,
+            gpu=parameters is not None and parameters.device == "gpu",
+        ),
+    )

@@ -35,9 +35,11 @@ def main(slot: int) -> None:
         _log.info("reconstructs on %s", gpu or "the processor")
         if gpu is not None:
             sign.tell_gpu(gpu)
+        from steradian.jobs.capabilities import Capabilities
         from steradian.jobs.engine import run_worker
 
-        run_worker(settings, slot, dict.fromkeys(KINDS, CHILD))
+        has = Capabilities.of_this_machine(settings, gpu)
+        run_worker(settings, slot, dict.fromkeys(KINDS, CHILD), has)
 
 
 if __name__ == "__main__":

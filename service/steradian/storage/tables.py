@@ -101,7 +101,7 @@ class JobRow(Table):
     starts, also those that were put back: what an earlier start than the newest has to say is refused. ``promised`` is
     how many bytes it may write; ``scan_id`` repeats the payload's, for lists; ``request_id`` is that of
     the HTTP request that asked for it, if one did; ``owner`` is who asked, and ``turn`` whose turn it is among those
-    of equal priority.
+    of equal priority. ``requires_…`` is what its worker must have.
     """
 
     __tablename__ = "jobs"
@@ -118,6 +118,9 @@ class JobRow(Table):
     turn: Mapped[int] = mapped_column(default=0, server_default="0")
     timeout: Mapped[float | None]
     promised: Mapped[int] = mapped_column(BigInteger, default=0, server_default="0")
+    requires_memory: Mapped[int] = mapped_column(BigInteger, default=0, server_default="0")
+    requires_cores: Mapped[int] = mapped_column(default=0, server_default="0")
+    requires_gpu: Mapped[bool] = mapped_column(default=False, server_default=false())
     state: Mapped[ReconstructionState] = mapped_column(Name(ReconstructionState), index=True)
     desired_state: Mapped[DesiredJobState] = mapped_column(Name(DesiredJobState))
     reason: Mapped[str | None] = mapped_column(Text)
@@ -198,6 +201,17 @@ class ScannerRow(Table):
     follows: Mapped[bool] = mapped_column(default=False, server_default=false())
     retired: Mapped[datetime | None]
     __mapper_args__ = {"version_id_col": revision}  # noqa: RUF012 - so the base class has it
+
+
+class WorkerRow(Table):
+    """What a worker has, by its own word, and when it said so last."""
+
+    __tablename__ = "workers"
+    name: Mapped[str] = mapped_column(String(140), primary_key=True)
+    memory: Mapped[int | None] = mapped_column(BigInteger)
+    cores: Mapped[int]
+    gpu: Mapped[str | None] = mapped_column(Text)
+    seen: Mapped[datetime]
 
 
 class RemovalRow(Table):

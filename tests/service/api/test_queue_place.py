@@ -138,8 +138,8 @@ def test_what_is_overdue_has_no_expected_end(http, jobs, ledger, clock):
     late, other, waiting = jobs(), jobs(), jobs()
     ledger.start(late, "w")
     ledger.start(other, "w")
-    assert place(http, late) == {"position": None, "expected_end": None}
-    assert place(http, waiting) == {"position": 1, "expected_end": None}
+    assert place(http, late) == {"position": None, "expected_end": None, "awaited": None}
+    assert place(http, waiting) == {"position": 1, "expected_end": None, "awaited": None}
 
 
 def test_what_waits_for_its_scan_has_no_place(http, jobs):
@@ -147,7 +147,11 @@ def test_what_waits_for_its_scan_has_no_place(http, jobs):
     plan = http.get("/plans").json()["items"][0]["id"]
     scan = make_scan(http, plan).json()["id"]
     live = http.post("/reconstructions", json={"scan_id": scan, "follow": True, "parameters": {"modes": 8}}).json()
-    assert place(http, live["id"]) == {"position": None, "expected_end": None}
+    assert place(http, live["id"]) == {"position": None, "expected_end": None, "awaited": None}
     after = jobs()
     assert [place(http, job)["position"] for job in (before, after)] == [1, 2]
-    assert http.get(f"/reconstructions/{live['id']}").json()["queue"] == {"position": None, "expected_end": None}
+    assert http.get(f"/reconstructions/{live['id']}").json()["queue"] == {
+        "position": None,
+        "expected_end": None,
+        "awaited": None,
+    }

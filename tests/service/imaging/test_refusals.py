@@ -14,8 +14,8 @@ import pytest
 from steradian.errors import InvalidInput
 from steradian.imaging import Correction, ElasticFilm, Iterative, ReconstructionPlan, Window, kaiser_bessel, reconstruct
 from steradian.imaging.iterative import reconstruct_iteratively
-from steradian.imaging.memory import available, room_of_groups
 from steradian.imaging.operators import ForwardOperator
+from steradian.machine import available, room_of_groups
 from steradian.masks import equi_steradian_mask, equiangular_mask
 
 MASK = equi_steradian_mask(13.56e-3, 3.6e-3, 100)

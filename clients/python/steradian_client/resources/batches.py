@@ -27,6 +27,7 @@ class Batches(Working[World, Batch]):
         each: Literal["wavelength", "frame"] | None = None,
         priority: int | None = None,
         points: Literal["nearest", "exact"] | None = None,
+        requires: Mapping[str, int] | None = None,
         idempotency_key: str | None = None,
         **parameters: Any,
     ) -> Batch:
@@ -42,11 +43,14 @@ class Batches(Working[World, Batch]):
             Smaller ones run first.
         points
             Of masks that are looked through.
+        requires
+            What each job's worker must have: ``{"memory": bytes, "cores": threads}``, either or both.
         parameters
             What all have in common.
         """
         values = {name: list(several) for name, several in (vary or {}).items()}
-        body = given(scan_id=scan_id, vary=values, each=each, priority=priority, points=points, parameters=parameters)
+        named = given(each=each, priority=priority, points=points, requires=requires)
+        body = {"scan_id": scan_id, "vary": values, "parameters": parameters, **named}
         return await self._session.ask(Batch, routes.CREATE_BATCH, json=body, key=idempotency_key)
 
     @operation

@@ -34,6 +34,7 @@ class Reconstructions(Working[World, Reconstruction]):
         through: Mapping[str, Any] | None = None,
         frame: int | None = None,
         timeout: float | None = None,
+        requires: Mapping[str, int] | None = None,
         idempotency_key: str | None = None,
         **parameters: Any,
     ) -> Reconstruction:
@@ -51,14 +52,15 @@ class Reconstructions(Working[World, Reconstruction]):
             Which frame of a scan that has several.
         timeout
             Longest that it may run (s).
+        requires
+            What its worker must have: ``{"memory": bytes, "cores": threads}``, either or both.
         idempotency_key
             Repeating the call with the same key finds what the first call made; ``None`` makes a new key.
         parameters
             Such as modes, upsampling, method, sound_speed (m/s), tolerance.
         """
-        named = given(
-            priority=priority, follow=follow, interval=interval, through=through, frame=frame, timeout=timeout
-        )
+        named = given(priority=priority, follow=follow, interval=interval, through=through, frame=frame)
+        named = {**named, **given(timeout=timeout, requires=requires)}
         body = {"scan_id": scan_id, "parameters": parameters, **named}
         return await self._session.ask(Reconstruction, routes.CREATE_RECONSTRUCTION, json=body, key=idempotency_key)
 

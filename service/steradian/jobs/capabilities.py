@@ -1,0 +1,155 @@
+"""What workers are able to do, what a job requires, and who may take which.
+
+A job says what it requires: memory and cores if it states them, memory at least for its volume, a GPU if it insists on
+one. A worker notes what it has in the database every few seconds and takes jobs whose requirements it meets, in the
+common order; those that it cannot do are passed over and wait for another worker.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from typing import Final
+
+from sqlalchemy import ColumnElement, delete, false, func, or_, select
+from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.orm import Session
+
+from steradian.errors import InvalidInput
+from steradian.jobs.model import Requirements
+from steradian.machine import installed
+from steradian.settings import Settings
+from steradian.storage.database import Database
+from steradian.storage.repository import Clock, utc_now
+from steradian.storage.states import ReconstructionState
+from steradian.storage.tables import JobRow, WorkerRow
+
+TELL_EVERY: Final = 10.0
+"""Seconds between two notes of what a worker has."""
+PRESENT_FOR: Final = timedelta(seconds=40)
+"""A worker that has noted nothing for so long counts as gone."""
+KNOWN_FOR: Final = timedelta(hours=1)
+"""A worker that was here so lately may come back, as after a restart."""
+FORGOTTEN_AFTER: Final = timedelta(days=1)
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Capabilities:
+    """What a worker has.
+
+    Attributes
+    ----------
+    memory
+        Bytes of its machine or container, or what its setting allows; ``None`` where the system does not say.
+    cores
+        Threads that a job may use.
+    gpu
+        Name of the GPU, if it uses one.
+    """
+
+    memory: int | None
+    cores: int
+    gpu: str | None = None
+
+    @classmethod
+    def of_this_machine(cls, settings: Settings, gpu: str | None) -> Capabilities:
+        """Look what a worker of these settings has here."""
+        return cls(settings.worker_memory_bytes or installed(), settings.threads_per_job, gpu)
+
+    def meet(self, wanted: Requirements) -> bool:
+        """Whether a job that requires this can be done."""
+        has_room = self.memory is None or wanted.memory <= self.memory
+        return has_room and wanted.cores <= self.cores and (self.gpu is not None or not wanted.gpu)
+
+    def __str__(self) -> str:
+        memory = "memory of unknown size" if self.memory is None else f"{self.memory} bytes of memory"
+        return f"{memory}, {self.cores} {'core' if self.cores == 1 else 'cores'}, {self.gpu or 'no GPU'}"
+
+
+def unmet(has: Capabilities) -> ColumnElement[bool]:
+    """Make the condition on the table of jobs that is true of those which such a worker cannot do."""
+    without_gpu = JobRow.requires_gpu if has.gpu is None else false()
+    too_large = false() if has.memory is None else JobRow.requires_memory > has.memory
+    return or_(too_large, JobRow.requires_cores > has.cores, without_gpu)
+
+
+def workers(session: Session, now: datetime, within: timedelta = PRESENT_FOR) -> dict[str, Capabilities]:
+    """Tell what the workers have that were heard of within that time, by their names."""
+    rows = session.scalars(select(WorkerRow).where(WorkerRow.seen > now - within).order_by(WorkerRow.name))
+    return {row.name: Capabilities(row.memory, row.cores, row.gpu) for row in rows}
+
+
+def check_met(session: Session, now: datetime, wanted: Requirements) -> None:
+    """Refuse what no worker has that was here lately; where there was none, nothing is known.
+
+    Raises
+    ------
+    InvalidInput
+        Naming the first requirement that none of them meets.
+    """
+    known = list(workers(session, now, KNOWN_FOR).values())
+    if not known or any(has.meet(wanted) for has in known):
+        return
+    about = {
+        "requires.memory": (Requirements(memory=wanted.memory), wanted.memory),
+        "requires.cores": (Requirements(cores=wanted.cores), wanted.cores),
+        "parameters.device": (Requirements(gpu=wanted.gpu), "gpu"),
+    }
+    for field, (one, value) in about.items():
+        if not any(has.meet(one) for has in known):
+            raise InvalidInput(field, value, f"what one of the workers has: {_listed(known)}")
+    raise InvalidInput("requires", str(wanted), f"what one of the workers has at once: {_listed(known)}")
+
+
+def count_unmet(session: Session, present: Sequence[Capabilities]) -> int:
+    """Count the jobs that wait and that none of these workers can do."""
+    query = select(func.count()).where(JobRow.state == ReconstructionState.QUEUED, *map(unmet, present))
+    return session.scalar(query) or 0
+
+
+def awaited(session: Session, wanted: Requirements, now: datetime) -> str | None:
+    """Say what worker a waiting job waits for; ``None`` where one that is present can do it, or none is."""
+    present = list(workers(session, now).values())
+    if not present or any(has.meet(wanted) for has in present):
+        return None
+    return f"a worker with {wanted}; present: {_listed(present)}"
+
+
+class Notice:
+    """A worker's note of what it has, kept fresh by a thread of its own."""
+
+    def __init__(self, database: Database, name: str, has: Capabilities, clock: Clock = utc_now) -> None:
+        self._database, self._name, self._has, self._clock = database, name, has, clock
+
+    def put_up(self) -> None:
+        """Write it now, if the database takes it, and then again and again for as long as the process lives."""
+        self._try()
+        threading.Thread(target=self._keep, daemon=True, name="notice").start()
+
+    def write(self) -> None:
+        """Write it, and drop those that are old."""
+        now = self._clock()
+        has = self._has
+        row = WorkerRow(name=self._name, memory=has.memory, cores=has.cores, gpu=has.gpu, seen=now)
+        with self._database.write() as session:
+            session.execute(delete(WorkerRow).where(WorkerRow.seen < now - FORGOTTEN_AFTER))
+            session.merge(row)
+
+    def _try(self) -> None:
+        try:
+            self.write()
+        except SQLAlchemyError as error:  # the next one comes soon
+            _log.debug("what this worker has is not noted: %s", error)
+
+    def _keep(self) -> None:
+        pause = threading.Event()
+        while not pause.wait(TELL_EVERY):
+            self._try()
+
+
+def _listed(known: Sequence[Capabilities]) -> str:
+    return "; ".join(sorted({str(has) for has in known}))

@@ -1,0 +1,104 @@
+"""The memory of this machine: what it has, and what of it is free."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path, PurePosixPath
+
+_MINE, _GROUPS = Path("/proc/self/cgroup"), Path("/sys/fs/cgroup")
+
+
+def installed() -> int | None:
+    """Bytes of memory that this process could have if it were alone; None where the system does not say.
+
+    What the machine has, or the limit of a control group (container, batch system) where that is less.
+    """
+    machine = _figure("MemTotal:") or _physical()
+    limits = [limit for limit, _, _ in _limits(_MINE, _GROUPS)]
+    rooms = [room for room in (machine, *limits) if room is not None]
+    return min(rooms) if rooms else None
+
+
+def available() -> int | None:
+    """Bytes that this process may still take without swapping; None where the system does not say.
+
+    The least of what the machine has to spare, what the control groups of this process are still allowed (containers,
+    batch systems), and the limit of its address space (``ulimit -v``).
+    """
+    rooms = [room for room in (_of_machine(), *room_of_groups(_MINE, _GROUPS), _of_address_space()) if room is not None]
+    return max(0, min(rooms)) if rooms else None
+
+
+def room_of_groups(mine: Path, groups: Path) -> Iterator[int]:
+    """Room in the control groups of a process, told by the file ``mine``, and in those around them; version 2 or 1."""
+    for limit, taken, statistics in _limits(mine, groups):
+        if taken is not None:
+            yield limit - taken + _cached(statistics)
+
+
+def _of_machine() -> int | None:
+    available = _figure("MemAvailable:")
+    return _physical() if available is None else available  # all there is, where the system tells no more
+
+
+def _figure(name: str) -> int | None:
+    for line in _lines(Path("/proc/meminfo")):
+        if line.startswith(name):
+            return 1024 * int(line.split()[1])
+    return None
+
+
+def _physical() -> int | None:
+    try:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, OSError, ValueError):  # Windows
+        return None
+
+
+def _limits(mine: Path, groups: Path) -> Iterator[tuple[int, int | None, Path]]:
+    """Find each group's limit, what it has taken of that, and its file of statistics."""
+    for line in _lines(mine):
+        _, controllers, path = line.split(":", 2)
+        if controllers == "":
+            root, most, used = groups, "memory.max", "memory.current"
+        elif "memory" in controllers.split(","):
+            root, most, used = groups / "memory", "memory.limit_in_bytes", "memory.usage_in_bytes"
+        else:
+            continue
+        inner = PurePosixPath(path.lstrip("/"))
+        for group in (inner, *inner.parents):  # within a container the path may be the host's: then only the root is
+            limit, taken = (_number(root / group / name) for name in (most, used))
+            if limit is not None:
+                yield limit, taken, root / group / "memory.stat"
+
+
+def _cached(statistics: Path) -> int:
+    """Bytes of files, given back when they are needed."""
+    known = dict(line.split(maxsplit=1) for line in _lines(statistics))
+    # version 1 tells of the group alone, and with "total_" of those within it as well
+    return sum(int(known.get(f"total_{kind}", known.get(kind, 0))) for kind in ("inactive_file", "active_file"))
+
+
+def _of_address_space() -> int | None:
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    pages = _lines(Path("/proc/self/statm"))
+    if limit == resource.RLIM_INFINITY or not pages:
+        return None
+    return limit - int(pages[0].split()[0]) * resource.getpagesize()
+
+
+def _number(path: Path) -> int | None:
+    lines = _lines(path)
+    return int(lines[0]) if lines and lines[0].isdigit() else None
+
+
+def _lines(path: Path) -> list[str]:
+    try:
+        return path.read_text().splitlines()
+    except OSError:
+        return []

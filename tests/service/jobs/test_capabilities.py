@@ -1,0 +1,182 @@
+"""A job is done by a worker that has what it requires; others pass it over."""
+
+import subprocess
+import sys
+from contextlib import closing
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+
+from steradian.errors import InvalidInput
+from steradian.jobs.capabilities import Capabilities, Notice, awaited, check_met, count_unmet, workers
+from steradian.jobs.ledger import JobLedger
+from steradian.jobs.model import JobRequest, Requirements
+from steradian.machine import installed
+from steradian.settings import Settings
+from steradian.storage.database import Database, metadata_url
+from steradian.storage.paths import DataDirectory
+from steradian.storage.states import ReconstructionState
+from support.waiting import until
+
+GIB = 2**30
+NOW = datetime(2026, 1, 1, tzinfo=UTC)
+WORKER = """
+import sys
+from steradian.settings import Settings
+from steradian.jobs.capabilities import Capabilities
+from steradian.jobs.engine import run_worker
+_, slot, memory, cores, gpu, job = sys.argv
+has = Capabilities(int(memory), int(cores), gpu or None)
+run_worker(Settings.create(), int(slot), {"echo": [sys.executable, job]}, has)
+"""
+
+
+class Workers:
+    """Worker processes on one queue, each with what it is told to have."""
+
+    def __init__(self, bench):
+        self.bench, self.processes = bench, []
+
+    def start(self, memory, cores=1, gpu=""):
+        job = str(Path(__file__).with_name("echo_job.py"))
+        words = [str(len(self.processes)), str(memory), str(cores), gpu, job]
+        command = [sys.executable, "-c", WORKER, *words]
+        self.processes.append(subprocess.Popen(command, env=self.bench.settings.environment()))
+
+    def submit(self, name, **requires):
+        payload = {"do": "succeed", "answer": 1, "diary": str(self.bench.settings.data / name)}
+        return self.bench.queue.submit(JobRequest(name, "echo", payload, requires=Requirements(**requires)))
+
+    def done_by(self, name):
+        until(lambda: self.bench.queue.status(name).is_over)
+        job = self.bench.queue.status(name)
+        assert job.state is ReconstructionState.SUCCEEDED, job.error
+        return job.attempts[-1]["worker"]
+
+    def close(self):
+        for process in self.processes:
+            process.terminate()
+        for process in self.processes:
+            process.wait(250)
+        self.bench.close()
+
+
+@pytest.fixture(params=["embedded", "postgres"])
+def crew(request, tmp_path, make_bench):
+    url = request.getfixturevalue("postgres").database() if request.param == "postgres" else None
+    crew = Workers(make_bench(tmp_path, database_url=url, workers=3))
+    yield crew
+    crew.close()
+
+
+@pytest.mark.long
+def test_a_job_waits_for_a_worker_that_has_what_it_requires_and_those_behind_it_do_not(crew):
+    crew.submit("large", memory=4 * GIB)
+    crew.submit("wide", cores=8)
+    crew.submit("on-gpu", gpu=True)
+    crew.submit("small", memory=GIB, cores=1)
+    crew.start(memory=2 * GIB)
+    assert crew.done_by("small") == "worker-0"
+    crew.submit("another")
+    assert crew.done_by("another") == "worker-0"
+    waiting = ("large", "wide", "on-gpu")
+    assert [crew.bench.queue.status(name).state for name in waiting] == [ReconstructionState.QUEUED] * 3
+    assert not any(crew.bench.starts(name) for name in waiting)
+
+    crew.start(memory=4 * GIB, cores=8)
+    assert [crew.done_by(name) for name in ("large", "wide")] == ["worker-1"] * 2
+    crew.start(memory=GIB, gpu="a card")
+    assert crew.done_by("on-gpu") == "worker-2"
+    assert len(crew.bench.starts("on-gpu")) == 1
+
+
+@pytest.fixture
+def ledger(tmp_path):
+    """A ledger without an engine, at a time of its own."""
+    settings = Settings.create(data=tmp_path)
+    DataDirectory(settings.data).create()
+    with closing(Database(metadata_url(settings))) as database:
+        database.migrate()
+        yield JobLedger(database, lambda: NOW)
+
+
+def note(ledger, name, *has, ago=timedelta()):
+    Notice(ledger.database, name, Capabilities(*has), lambda: NOW - ago).write()
+
+
+@pytest.mark.parametrize(
+    ("wanted", "field"),
+    [
+        (Requirements(memory=GIB, cores=4), None),
+        (Requirements(memory=8 * GIB, cores=1), None),
+        (Requirements(gpu=True), None),
+        (Requirements(memory=9 * GIB), "requires.memory"),
+        (Requirements(cores=5), "requires.cores"),
+        (Requirements(memory=8 * GIB, cores=4), "requires"),  # each of the two has a worker, not both at once
+        (Requirements(cores=2, gpu=True), "requires"),
+    ],
+)
+def test_what_no_worker_has_is_refused_with_what_they_have(ledger, wanted, field):
+    note(ledger, "many-0", 2 * GIB, 4)
+    note(ledger, "large-0", 8 * GIB, 1, "a card")
+    with ledger.database.read() as session:
+        if field is None:
+            return check_met(session, NOW, wanted)
+        with pytest.raises(InvalidInput) as refused:
+            check_met(session, NOW, wanted)
+    assert refused.value.field == field
+    for has in ("2147483648 bytes of memory, 4 cores, no GPU", "8589934592 bytes of memory, 1 core, a card"):
+        assert has in str(refused.value)
+    return None
+
+
+def test_a_gpu_that_no_worker_has_is_refused_by_the_parameter_that_asks_for_it(ledger):
+    note(ledger, "worker-0", None, 4)
+    with (
+        ledger.database.read() as session,
+        pytest.raises(InvalidInput, match=r"parameters\.device.*gpu.*memory of unknown size, 4 cores, no GPU"),
+    ):
+        check_met(session, NOW, Requirements(gpu=True))
+
+
+def test_where_no_worker_was_here_lately_nothing_is_refused(ledger):
+    with ledger.database.read() as session:
+        check_met(session, NOW, Requirements(memory=2**49, gpu=True))
+    note(ledger, "worker-0", GIB, 1, ago=timedelta(hours=2))
+    with ledger.database.read() as session:
+        check_met(session, NOW, Requirements(memory=2**49, gpu=True))
+        assert workers(session, NOW) == {}
+
+
+def test_a_waiting_job_says_what_worker_it_waits_for_once_the_one_that_could_is_gone(ledger):
+    wanted = Requirements(memory=4 * GIB, gpu=True)
+    with ledger.database.write() as session:
+        ledger.add(session, JobRequest("j1", "echo", {}, requires=wanted))
+        ledger.add(session, JobRequest("j2", "echo", {}))
+    note(ledger, "small-0", GIB, 2)
+    note(ledger, "large-0", 8 * GIB, 2, "a card")
+    assert ledger.status("j1").requires == wanted
+    with ledger.database.read() as session:
+        present = workers(session, NOW)
+        assert set(present) == {"small-0", "large-0"}
+        assert awaited(session, wanted, NOW) is None
+        assert count_unmet(session, list(present.values())) == 0
+
+    note(ledger, "large-0", 8 * GIB, 2, "a card", ago=timedelta(minutes=5))
+    with ledger.database.read() as session:
+        said = awaited(session, wanted, NOW)
+        assert said == (
+            "a worker with 4294967296 bytes of memory and a GPU; present: 1073741824 bytes of memory, 2 cores, no GPU"
+        )
+        assert count_unmet(session, list(workers(session, NOW).values())) == 1
+        assert awaited(session, Requirements(), NOW) is None
+
+
+def test_a_worker_has_the_machine_s_memory_unless_it_is_told_otherwise(tmp_path):
+    told = Settings.create(data=tmp_path, worker_memory_bytes=3 * GIB)
+    assert Capabilities.of_this_machine(told, "a card") == Capabilities(3 * GIB, told.threads_per_job, "a card")
+    there = next(line for line in Path("/proc/meminfo").read_text().splitlines() if line.startswith("MemTotal:"))
+    found = Capabilities.of_this_machine(Settings.create(data=tmp_path), None).memory
+    assert found == installed()
+    assert 0 < found <= 1024 * int(there.split()[1])
