@@ -1,4 +1,4 @@
-"""The memory of this machine: what it has, and what of it is free."""
+"""The memory and processors of this machine that this process may use."""
 
 from __future__ import annotations
 
@@ -30,6 +30,21 @@ def available() -> int | None:
     return max(0, min(rooms)) if rooms else None
 
 
+def cores(mine: Path = _MINE, groups: Path = _GROUPS) -> int:
+    """Processors that this process may use, at least one: those it is bound to, or what its control groups allow."""
+    try:
+        found: float = len(os.sched_getaffinity(0))
+    except AttributeError:  # not on macOS or Windows
+        found = os.cpu_count() or 1
+    for group in _of_process(mine, groups, "cpu"):
+        quota, _, period = "".join(_lines(group / "cpu.max")).partition(" ")
+        if not quota.isdigit():  # version 1, or no limit
+            quota, period = ("".join(_lines(group / f"cpu.cfs_{name}_us")) for name in ("quota", "period"))
+        if quota.isdigit() and period.isdigit():
+            found = min(found, int(quota) / int(period))
+    return max(1, int(found))
+
+
 def room_of_groups(mine: Path, groups: Path) -> Iterator[int]:
     """Room in the control groups of a process, told by the file ``mine``, and in those around them; version 2 or 1."""
     for limit, taken, statistics in _limits(mine, groups):
@@ -57,20 +72,23 @@ def _physical() -> int | None:
 
 
 def _limits(mine: Path, groups: Path) -> Iterator[tuple[int, int | None, Path]]:
-    """Find each group's limit, what it has taken of that, and its file of statistics."""
+    """Find each group's limit of memory, what it has taken of that, and its file of statistics; version 2 or 1."""
+    for group in _of_process(mine, groups, "memory"):
+        for most, used in (("memory.max", "memory.current"), ("memory.limit_in_bytes", "memory.usage_in_bytes")):
+            limit, taken = _number(group / most), _number(group / used)
+            if limit is not None:
+                yield limit, taken, group / "memory.stat"
+
+
+def _of_process(mine: Path, groups: Path, controller: str) -> Iterator[Path]:
+    """Find the control groups of a process, told by the file ``mine``, and those around them, inner ones first."""
     for line in _lines(mine):
         _, controllers, path = line.split(":", 2)
-        if controllers == "":
-            root, most, used = groups, "memory.max", "memory.current"
-        elif "memory" in controllers.split(","):
-            root, most, used = groups / "memory", "memory.limit_in_bytes", "memory.usage_in_bytes"
-        else:
-            continue
-        inner = PurePosixPath(path.lstrip("/"))
-        for group in (inner, *inner.parents):  # within a container the path may be the host's: then only the root is
-            limit, taken = (_number(root / group / name) for name in (most, used))
-            if limit is not None:
-                yield limit, taken, root / group / "memory.stat"
+        if controllers == "" or controller in controllers.split(","):
+            root = groups / controller if controllers else groups
+            inner = PurePosixPath(path.lstrip("/"))
+            # within a container the path may be the host's: then only the root is there
+            yield from (root / group for group in (inner, *inner.parents))
 
 
 def _cached(statistics: Path) -> int:

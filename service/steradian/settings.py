@@ -10,6 +10,7 @@ from pydantic import Field, ValidationError
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from steradian.errors import InvalidInput
+from steradian.machine import cores
 from steradian.validation import invalid_input
 
 PREFIX = "STERADIAN_"
@@ -194,7 +195,7 @@ class Settings(BaseSettings):
     @property
     def threads_per_job(self) -> int:
         """Threads a reconstruction may use, so that all workers together fill the machine once."""
-        return max(1, (os.cpu_count() or 1) // max(1, self.workers))
+        return max(1, cores() // max(1, self.workers))
 
     def environment(self, *, keys: bool = True) -> dict[str, str]:
         """Variables from which a child process reads these same settings; without ``keys`` no :data:`SECRETS`."""

@@ -57,7 +57,7 @@ def cost_of(services: Services, scan: ScanRow, wanted: ReconstructionRequest) ->
     """
     across, deep = _shape(services, scan, wanted.parameters)
     disk = stored_bytes((across, across, deep)) * (2 if wanted.follow else 1)
-    return Cost(disk, _least_memory(across, deep, wanted.parameters))
+    return Cost(disk, _least_memory(across, deep // wanted.parameters.upsampling, wanted.parameters))
 
 
 def check_parts(services: Services, scan: ScanRow, wanted: ReconstructionRequest) -> None:
@@ -82,9 +82,7 @@ def check_work(services: Services, wanted: WorkRequest) -> Cost:
     """
     match wanted:
         case SoundSpeedRequest():
-            scan = _measured(services, wanted.scan_id)
-            _check_size(services, scan, wanted.parameters)
-            return Cost(0, _least_memory(*_shape(services, scan, wanted.parameters), wanted.parameters))
+            _check_size(services, _measured(services, wanted.scan_id), wanted.parameters)
         case QualityRequest():
             _check_pair(services, wanted)
         case ExportRequest(scan_id=str(scan_id)):
@@ -158,7 +156,7 @@ def _shape(services: Services, scan: ScanRow, parameters: ReconstructionParamete
 
 
 def _least_memory(across: int, deep: int, parameters: ReconstructionParameters) -> int:
-    """Return the bytes of the image alone (float32), where it is known beforehand how deep it becomes."""
+    """Return the bytes of the image alone (float32), where it is known beforehand how many voxels deep it becomes."""
     is_whole = parameters.depth_range is None and parameters.depth_step is None and parameters.highest_frequency is None
     return 4 * across**2 * deep if is_whole else 0
 

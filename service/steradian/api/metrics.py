@@ -67,9 +67,8 @@ class _Present(Collector):
                 family.add_metric([str(state)], counts.get(str(state), 0))
             yield family
         with services.ledger.database.read() as session:
-            waiting = backlog(session, now := services.ledger.clock())
-            present = workers(session, now)
-            unmet = count_unmet(session, list(present.values()))
+            present = workers(session, now := services.ledger.clock())
+            waiting, unmet = backlog(session, now, present), count_unmet(session, present)
         if waiting.seconds is not None:
             told = "What one worker would take for all jobs that wait; absent where no past job tells"
             yield GaugeMetricFamily("steradian_jobs_waiting_work_seconds", told, waiting.seconds)

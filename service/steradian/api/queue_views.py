@@ -28,7 +28,9 @@ class RequirementsView(BaseModel):
 class QueueView(BaseModel):
     """Where a job stands that is not over."""
 
-    position: int | None = Field(description="1: the next that begins; null when it runs, or waits for its scan")
+    position: int | None = Field(
+        description="1: the next that begins; null when it runs, or waits for its scan or for another worker"
+    )
     expected_end: datetime | None = Field(
         description="From what such jobs took lately; null when that cannot be said: too few were done, no worker is"
         " at work, or one takes longer than it should"

@@ -21,7 +21,7 @@ from steradian.api.nodes import Nodes
 from steradian.api.shot_looks import ShotLooks
 from steradian.api.tidying import tidy
 from steradian.api.workshop import Workshop
-from steradian.jobs.capabilities import awaited, check_met
+from steradian.jobs.capabilities import check_met
 from steradian.jobs.forecast import Forecast, forecast
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import JobRequest, JobStatus, QueueUnavailable
@@ -44,7 +44,7 @@ from steradian.storage.reconstructions import BatchRepository, ReconstructionRep
 from steradian.storage.repository import Clock, utc_now
 from steradian.storage.scanners import ScannerRepository
 from steradian.storage.scans import ScanRepository
-from steradian.storage.states import ReconstructionState, is_terminal
+from steradian.storage.states import is_terminal
 from steradian.storage.tables import JobRow
 from steradian.storage.usage import usage
 
@@ -231,7 +231,7 @@ class Services:
         """
         hold_needs(session, request.payload)
         if not self.settings.await_workers:
-            check_met(session, self.clock(), request.requires)
+            check_met(session, self.clock(), request.kind, request.requires)
         return self.queue.add(session, request) if self.queue_is_open else self.ledger.add(session, request)
 
     def forecast(self, job: JobStatus) -> Forecast | None:
@@ -239,11 +239,7 @@ class Services:
         if job.is_over:
             return None
         with self.database.read() as session:
-            found = forecast(session, job.id, self.settings.workers, self.clock())
-            if found is None or job.state is not ReconstructionState.QUEUED:
-                return found
-            wanted = awaited(session, job.requires, self.clock())
-        return found if wanted is None else replace(found, expected_end=None, awaited=wanted)
+            return forecast(session, job.id, self.settings.workers, self.clock())
 
     def cancel(self, job_id: str, who: str, reason: str | None) -> JobStatus:
         """Cancel a job that waits or runs; see :meth:`JobQueue.cancel`."""

@@ -9,16 +9,17 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
 from typing import Final
 
-from sqlalchemy import ColumnElement, delete, false, func, or_, select
+from sqlalchemy import ColumnElement, delete, false, func, not_, or_, select
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
 from steradian.errors import InvalidInput
+from steradian.jobs.kinds import FOLLOWING
 from steradian.jobs.model import Requirements
 from steradian.machine import installed
 from steradian.settings import Settings
@@ -29,7 +30,7 @@ from steradian.storage.tables import JobRow, WorkerRow
 
 TELL_EVERY: Final = 10.0
 """Seconds between two notes of what a worker has."""
-PRESENT_FOR: Final = timedelta(seconds=40)
+PRESENT_FOR: Final = timedelta(minutes=2)
 """A worker that has noted nothing for so long counts as gone."""
 KNOWN_FOR: Final = timedelta(hours=1)
 """A worker that was here so lately may come back, as after a restart."""
@@ -49,16 +50,20 @@ class Capabilities:
         Threads that a job may use.
     gpu
         Name of the GPU, if it uses one.
+    scanner_id
+        The scanner whose growing images are all that it makes; ``None``: it does everybody's jobs.
     """
 
     memory: int | None
     cores: int
     gpu: str | None = None
+    scanner_id: str | None = None
 
     @classmethod
     def of_this_machine(cls, settings: Settings, gpu: str | None) -> Capabilities:
         """Look what a worker of these settings has here."""
-        return cls(settings.worker_memory_bytes or installed(), settings.threads_per_job, gpu)
+        memory = settings.worker_memory_bytes or installed()
+        return cls(memory, settings.threads_per_job, gpu, settings.scanner_id if settings.follows else None)
 
     def meet(self, wanted: Requirements) -> bool:
         """Whether a job that requires this can be done."""
@@ -78,12 +83,21 @@ def unmet(has: Capabilities) -> ColumnElement[bool]:
 
 
 def workers(session: Session, now: datetime, within: timedelta = PRESENT_FOR) -> dict[str, Capabilities]:
-    """Tell what the workers have that were heard of within that time, by their names."""
-    rows = session.scalars(select(WorkerRow).where(WorkerRow.seen > now - within).order_by(WorkerRow.name))
-    return {row.name: Capabilities(row.memory, row.cores, row.gpu) for row in rows}
+    """Tell what the workers have that were heard of within that time, by their names.
+
+    Hosts' clocks need not agree to the second; one that is minutes ahead or behind is not believed.
+    """
+    heard = WorkerRow.seen.between(now - within, now + PRESENT_FOR)
+    rows = session.scalars(select(WorkerRow).where(heard).order_by(WorkerRow.name))
+    return {row.name: Capabilities(row.memory, row.cores, row.gpu, row.scanner_id) for row in rows}
 
 
-def check_met(session: Session, now: datetime, wanted: Requirements) -> None:
+def who_does(kind: str, known: Mapping[str, Capabilities]) -> list[Capabilities]:
+    """Choose the workers that do jobs of a kind: those of a scanner's node make growing images only."""
+    return [has for has in known.values() if has.scanner_id is None or kind in FOLLOWING]
+
+
+def check_met(session: Session, now: datetime, kind: str, wanted: Requirements) -> None:
     """Refuse what no worker has that was here lately; where there was none, nothing is known.
 
     Raises
@@ -91,7 +105,7 @@ def check_met(session: Session, now: datetime, wanted: Requirements) -> None:
     InvalidInput
         Naming the first requirement that none of them meets.
     """
-    known = list(workers(session, now, KNOWN_FOR).values())
+    known = who_does(kind, workers(session, now, KNOWN_FOR))
     if not known or any(has.meet(wanted) for has in known):
         return
     about = {
@@ -105,15 +119,22 @@ def check_met(session: Session, now: datetime, wanted: Requirements) -> None:
     raise InvalidInput("requires", str(wanted), f"what one of the workers has at once: {_listed(known)}")
 
 
-def count_unmet(session: Session, present: Sequence[Capabilities]) -> int:
-    """Count the jobs that wait and that none of these workers can do."""
-    query = select(func.count()).where(JobRow.state == ReconstructionState.QUEUED, *map(unmet, present))
-    return session.scalar(query) or 0
+def doable(present: Sequence[Capabilities]) -> ColumnElement[bool]:
+    """Make the condition on the table of jobs that is true of those which one of these workers can do."""
+    return or_(*(not_(unmet(has)) for has in present)) if present else false()
 
 
-def awaited(session: Session, wanted: Requirements, now: datetime) -> str | None:
-    """Say what worker a waiting job waits for; ``None`` where one that is present can do it, or none is."""
-    present = list(workers(session, now).values())
+def count_unmet(session: Session, present: Mapping[str, Capabilities]) -> int:
+    """Count the jobs that wait and that none of these can do; with none, nothing can be said of any."""
+    if not (able := who_does("", present)):
+        return 0
+    waits = [JobRow.state == ReconstructionState.QUEUED, JobRow.kind.not_in(FOLLOWING), not_(doable(able))]
+    return session.scalar(select(func.count()).where(*waits)) or 0
+
+
+def awaited(kind: str, wanted: Requirements, known: Mapping[str, Capabilities]) -> str | None:
+    """Say what worker a waiting job waits for; ``None`` where one of these can do it, or there is none."""
+    present = who_does(kind, known)
     if not present or any(has.meet(wanted) for has in present):
         return None
     return f"a worker with {wanted}; present: {_listed(present)}"
@@ -133,8 +154,7 @@ class Notice:
     def write(self) -> None:
         """Write it, and drop those that are old."""
         now = self._clock()
-        has = self._has
-        row = WorkerRow(name=self._name, memory=has.memory, cores=has.cores, gpu=has.gpu, seen=now)
+        row = WorkerRow(name=self._name, seen=now, **asdict(self._has))
         with self._database.write() as session:
             session.execute(delete(WorkerRow).where(WorkerRow.seen < now - FORGOTTEN_AFTER))
             session.merge(row)

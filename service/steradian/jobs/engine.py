@@ -25,7 +25,7 @@ from sqlalchemy.orm import Session
 from ulid import ULID
 
 from steradian.errors import NotFound, Superseded
-from steradian.jobs.capabilities import Capabilities, Notice, unmet
+from steradian.jobs.capabilities import Capabilities, Notice, unmet, workers
 from steradian.jobs.heap import keep_libraries
 from steradian.jobs.hurrying import hurried
 from steradian.jobs.joining import ENGINE, engine_version, join
@@ -33,7 +33,7 @@ from steradian.jobs.keeping import JobKeeper
 from steradian.jobs.kinds import FOLLOWING
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.liveness import claim, watch_others
-from steradian.jobs.model import Died, JobRequest, JobStatus, QueueUnavailable
+from steradian.jobs.model import Died, JobRequest, JobStatus, QueueUnavailable, requirements_of
 from steradian.jobs.runner import POLL, JobRunner
 from steradian.jobs.turns import place, renumber
 from steradian.progress import Progress
@@ -42,6 +42,7 @@ from steradian.storage.advisory import TIMEOUTS
 from steradian.storage.belonging import bind
 from steradian.storage.database import Database, metadata_url
 from steradian.storage.paths import DataDirectory
+from steradian.storage.repository import utc_now
 from steradian.storage.scanners import PRESENT
 from steradian.storage.states import ReconstructionState, is_terminal
 from steradian.storage.subseconds import with_subseconds
@@ -120,12 +121,14 @@ class JobQueue:
         )
 
     def _queue_of(self, session: Session, row: JobRow) -> str:
-        """Name the queue of a job: what follows a scan is best done where the scan's file grows."""
+        """Name the queue of a job: what follows a scan is best done where its file grows, if a worker there can."""
         if row.kind not in FOLLOWING:
             return QUEUE
         scan = (ScanRow.scanner_id == ScannerRow.id) & (ScanRow.id == row.scan_id) & ScanRow.ended.is_(None)
         scanner = session.scalar(select(ScannerRow.id).join(ScanRow, scan).where(ScannerRow.follows, PRESENT))
-        return QUEUE if scanner is None else _queue_at(scanner)
+        there = [has for has in workers(session, utc_now()).values() if has.scanner_id == scanner]
+        is_too_much = bool(there) and not any(has.meet(requirements_of(row)) for has in there)
+        return QUEUE if scanner is None or is_too_much else _queue_at(scanner)
 
     def status(self, job_id: str) -> JobStatus:
         """Tell how a job stands; raises :class:`NotFound`."""

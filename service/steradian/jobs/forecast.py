@@ -10,10 +10,12 @@ from datetime import datetime, timedelta
 from statistics import fmean, median
 from typing import Any, Final
 
-from sqlalchemy import func, select, tuple_
+from sqlalchemy import ColumnElement, func, select, tuple_
 from sqlalchemy.orm import Session
 
+from steradian.jobs import capabilities
 from steradian.jobs.kinds import FOLLOWING
+from steradian.jobs.model import requirements_of
 from steradian.jobs.turns import ORDER, WAITS_FOR_SCAN
 from steradian.storage.states import ReconstructionState
 from steradian.storage.tables import JobRow
@@ -32,7 +34,7 @@ class Forecast:
     Attributes
     ----------
     position
-        1 for the next that begins; ``None`` when it runs, or waits for its scan.
+        1 for the next that begins; ``None`` when it runs, or waits for its scan or for another worker.
     expected_end
         ``None`` when it cannot be said: too few such jobs have been done, no worker is busy, or one takes longer than
         it should.
@@ -62,6 +64,10 @@ def forecast(session: Session, job_id: str, workers: int, now: datetime) -> Fore
     waiting = [JobRow.state == _R.QUEUED, ~WAITS_FOR_SCAN]
     if session.scalar(select(JobRow.id).where(JobRow.id == job_id, *waiting)) is None:
         return Forecast()
+    present = capabilities.workers(session, now)
+    if said := capabilities.awaited(row.kind, requirements_of(row), present):
+        return Forecast(awaited=said)
+    waiting += _passed_over(present)
     earlier = [*waiting, tuple_(*ORDER) < (row.priority, row.turn, row.sequence)]
     ahead = session.scalar(select(func.count()).select_from(JobRow).where(*earlier)) or 0
     if ahead >= FARTHEST:
@@ -93,9 +99,9 @@ class Backlog:
     oldest: float
 
 
-def backlog(session: Session, now: datetime) -> Backlog:
-    """Tell how much work waits, of :data:`FARTHEST` jobs in detail."""
-    waits = [JobRow.state == _R.QUEUED, ~WAITS_FOR_SCAN]
+def backlog(session: Session, now: datetime, present: Mapping[str, capabilities.Capabilities]) -> Backlog:
+    """Tell how much work waits for the workers that are present, of :data:`FARTHEST` jobs in detail."""
+    waits = [JobRow.state == _R.QUEUED, ~WAITS_FOR_SCAN, *_passed_over(present)]
     count, oldest = session.execute(select(func.count(), func.min(JobRow.created)).where(*waits)).one()
     if not count:
         return Backlog(0.0, 0.0)
@@ -103,6 +109,12 @@ def backlog(session: Session, now: datetime) -> Backlog:
     first = session.scalars(select(JobRow).where(*waits).order_by(*ORDER).limit(FARTHEST))
     known = [seconds for seconds in map(pace.seconds, first) if seconds is not None]
     return Backlog(count * fmean(known) if known else None, max(0.0, (now - oldest).total_seconds()))
+
+
+def _passed_over(present: Mapping[str, capabilities.Capabilities]) -> list[ColumnElement[bool]]:
+    """Leave out the jobs that no present worker can do: they hold up nobody."""
+    able = list(present.values())
+    return [capabilities.doable(able)] if able else []
 
 
 def _last_end(free: list[datetime], lasting: list[float]) -> datetime:

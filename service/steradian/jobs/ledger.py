@@ -20,8 +20,8 @@ from steradian.jobs.model import (
     JobRequest,
     JobStatus,
     Outcome,
-    Requirements,
     Succeeded,
+    requirements_of,
 )
 from steradian.jobs.turns import WAITS_FOR_SCAN, next_turn
 from steradian.logs import caused_by, request_id
@@ -341,7 +341,7 @@ def to_status(row: JobRow) -> JobStatus:
         revision=row.revision,
         priority=row.priority,
         turn=row.turn,
-        requires=Requirements(row.requires_memory, row.requires_cores, row.requires_gpu),
+        requires=requirements_of(row),
         attempt=row.attempt,
         attempts=row.attempts,
         history=row.history,

@@ -13,6 +13,8 @@ from steradian.storage.states import DesiredJobState, ReconstructionState, is_te
 if TYPE_CHECKING:
     from sqlalchemy.orm import Session
 
+    from steradian.storage.tables import JobRow
+
 MAX_ATTEMPTS = 3
 """How often a job is started when its process or its worker dies; an error it reports itself is final at once."""
 
@@ -49,6 +51,11 @@ class Requirements:
     def __str__(self) -> str:
         named = {"memory": f"{self.memory} bytes of memory", "cores": f"{self.cores} cores", "gpu": "a GPU"}
         return " and ".join(text for name, text in named.items() if getattr(self, name)) or "nothing"
+
+
+def requirements_of(row: JobRow) -> Requirements:
+    """Read what a job's row says that it requires."""
+    return Requirements(row.requires_memory, row.requires_cores, row.requires_gpu)
 
 
 @dataclass(frozen=True)

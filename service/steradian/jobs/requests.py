@@ -199,7 +199,8 @@ def job_of(
 ) -> JobRequest:
     """Make a job of a request; ``memory`` is what it needs at least, whatever it says itself (bytes)."""
     payload = request.model_dump(mode="json")
-    parameters = getattr(request, "parameters", None)
+    if request.requires == Required():
+        del payload["requires"]  # workers of before do not know it
     return JobRequest(
         job_id,
         request.kind,
@@ -212,6 +213,6 @@ def job_of(
         Requirements(
             memory=max(memory, request.requires.memory or 0),
             cores=request.requires.cores or 0,
-            gpu=parameters is not None and parameters.device == "gpu",
+            gpu=isinstance(request, ReconstructionRequest) and request.parameters.device == "gpu",
         ),
     )

@@ -204,13 +204,17 @@ class ScannerRow(Table):
 
 
 class WorkerRow(Table):
-    """What a worker has, by its own word, and when it said so last."""
+    """What a worker has, by its own word, and when it said so last.
+
+    ``scanner_id`` is the scanner's whose growing images are all that it makes; none: it does everybody's jobs.
+    """
 
     __tablename__ = "workers"
     name: Mapped[str] = mapped_column(String(140), primary_key=True)
     memory: Mapped[int | None] = mapped_column(BigInteger)
     cores: Mapped[int]
     gpu: Mapped[str | None] = mapped_column(Text)
+    scanner_id: Mapped[str | None] = mapped_column(String(40))
     seen: Mapped[datetime]
 
 

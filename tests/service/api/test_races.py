@@ -13,7 +13,7 @@ import pytest
 from sqlalchemy import select, text
 
 from steradian.api.app import create_app
-from steradian.api.job_checks import room_of
+from steradian.api.job_checks import cost_of
 from steradian.api.tidying import tidy
 from steradian.jobs.model import JobRequest, Succeeded
 from steradian.jobs.requests import ReconstructionRequest
@@ -282,7 +282,8 @@ def test_two_jobs_that_come_at_once_do_not_get_the_same_place_on_the_disk(bench,
     scan, services = bench.scan(), bench.services
     with services.database.read() as session:
         before = promised(session, services.data)
-    volume = room_of(services, services.scans.get(scan), ReconstructionRequest.create(scan_id=scan, parameters=SMALL))
+    wanted = ReconstructionRequest.create(scan_id=scan, parameters=SMALL)
+    volume = cost_of(services, services.scans.get(scan), wanted).disk
     quota = services.disk.used + before + volume * 3 // 2  # room for one of them, and for what the database writes
     monkeypatch.setattr(services, "disk", dataclasses.replace(services.disk, reserve=0, quota=quota))
     submit, both = services.submit, threading.Barrier(2)

@@ -104,6 +104,8 @@ def test_a_job_tells_what_it_requires_and_for_whom_it_waits(server, http, ask, n
 def test_a_volume_requires_memory_for_its_values_where_its_size_is_known(ask):
     whole = ask(parameters={"modes": 32}).json()
     assert whole["requires"] == {"memory": 4 * 32 * 32 * 256, "cores": 0, "gpu": False}
+    fine = ask(parameters={"modes": 32, "upsampling": 2}).json()
+    assert fine["requires"]["memory"] == 4 * 64 * 64 * 256, "finer across, not in depth"
     cut = ask(parameters={"modes": 32, "depth_range": [0.0, 1e-3]}).json()
     assert cut["requires"]["memory"] == 0
 

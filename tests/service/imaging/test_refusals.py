@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -15,7 +16,7 @@ from steradian.errors import InvalidInput
 from steradian.imaging import Correction, ElasticFilm, Iterative, ReconstructionPlan, Window, kaiser_bessel, reconstruct
 from steradian.imaging.iterative import reconstruct_iteratively
 from steradian.imaging.operators import ForwardOperator
-from steradian.machine import available, room_of_groups
+from steradian.machine import available, cores, room_of_groups
 from steradian.masks import equi_steradian_mask, equiangular_mask
 
 MASK = equi_steradian_mask(13.56e-3, 3.6e-3, 100)
@@ -254,3 +255,24 @@ def test_the_room_of_control_groups_is_read_as_the_kernel_writes_it(
         (tmp_path / "groups" / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / "groups" / name).write_text(content)
     assert list(room_of_groups(tmp_path / "mine", tmp_path / "groups")) == room
+
+
+@pytest.mark.parametrize(
+    ("told", "files", "most"),
+    [
+        ("0::/batch/job\n", {"batch/cpu.max": "100000 100000", "batch/job/cpu.max": "max 100000"}, 1),
+        ("0::/job\n", {"job/cpu.max": "50000 100000"}, 1),
+        ("3:cpu,cpuacct:/job\n", {"cpu/job/cpu.cfs_quota_us": "100000", "cpu/job/cpu.cfs_period_us": "100000"}, 1),
+        ("3:cpu:/job\n", {"cpu/job/cpu.cfs_quota_us": "-1", "cpu/job/cpu.cfs_period_us": "100000"}, None),
+        ("0::/\n", {}, None),
+    ],
+    ids=["version 2, outer", "less than one", "version 1", "version 1, no limit", "none"],
+)
+def test_the_processors_are_those_that_control_groups_allow(
+    tmp_path: Path, told: str, files: dict[str, str], most: int | None
+) -> None:
+    (tmp_path / "mine").write_text(told)
+    for name, content in files.items():
+        (tmp_path / "groups" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "groups" / name).write_text(content + "\n")
+    assert cores(tmp_path / "mine", tmp_path / "groups") == (most or len(os.sched_getaffinity(0)))

@@ -10,6 +10,8 @@ import pytest
 
 from steradian.errors import InvalidInput
 from steradian.jobs.capabilities import Capabilities, Notice, awaited, check_met, count_unmet, workers
+from steradian.jobs.forecast import backlog, forecast
+from steradian.jobs.kinds import LIVE
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import JobRequest, Requirements
 from steradian.machine import installed
@@ -122,9 +124,9 @@ def test_what_no_worker_has_is_refused_with_what_they_have(ledger, wanted, field
     note(ledger, "large-0", 8 * GIB, 1, "a card")
     with ledger.database.read() as session:
         if field is None:
-            return check_met(session, NOW, wanted)
+            return check_met(session, NOW, "reconstruction", wanted)
         with pytest.raises(InvalidInput) as refused:
-            check_met(session, NOW, wanted)
+            check_met(session, NOW, "reconstruction", wanted)
     assert refused.value.field == field
     for has in ("2147483648 bytes of memory, 4 cores, no GPU", "8589934592 bytes of memory, 1 core, a card"):
         assert has in str(refused.value)
@@ -137,15 +139,15 @@ def test_a_gpu_that_no_worker_has_is_refused_by_the_parameter_that_asks_for_it(l
         ledger.database.read() as session,
         pytest.raises(InvalidInput, match=r"parameters\.device.*gpu.*memory of unknown size, 4 cores, no GPU"),
     ):
-        check_met(session, NOW, Requirements(gpu=True))
+        check_met(session, NOW, "reconstruction", Requirements(gpu=True))
 
 
 def test_where_no_worker_was_here_lately_nothing_is_refused(ledger):
     with ledger.database.read() as session:
-        check_met(session, NOW, Requirements(memory=2**49, gpu=True))
+        check_met(session, NOW, "reconstruction", Requirements(memory=2**49, gpu=True))
     note(ledger, "worker-0", GIB, 1, ago=timedelta(hours=2))
     with ledger.database.read() as session:
-        check_met(session, NOW, Requirements(memory=2**49, gpu=True))
+        check_met(session, NOW, "reconstruction", Requirements(memory=2**49, gpu=True))
         assert workers(session, NOW) == {}
 
 
@@ -160,17 +162,43 @@ def test_a_waiting_job_says_what_worker_it_waits_for_once_the_one_that_could_is_
     with ledger.database.read() as session:
         present = workers(session, NOW)
         assert set(present) == {"small-0", "large-0"}
-        assert awaited(session, wanted, NOW) is None
-        assert count_unmet(session, list(present.values())) == 0
+        assert awaited("echo", wanted, present) is None
+        assert count_unmet(session, present) == 0
 
     note(ledger, "large-0", 8 * GIB, 2, "a card", ago=timedelta(minutes=5))
     with ledger.database.read() as session:
-        said = awaited(session, wanted, NOW)
+        present = workers(session, NOW)
+        said = awaited("echo", wanted, present)
         assert said == (
             "a worker with 4294967296 bytes of memory and a GPU; present: 1073741824 bytes of memory, 2 cores, no GPU"
         )
-        assert count_unmet(session, list(workers(session, NOW).values())) == 1
-        assert awaited(session, Requirements(), NOW) is None
+        assert count_unmet(session, present) == 1
+        assert awaited("echo", Requirements(), present) is None
+        first, second = (forecast(session, job, 2, NOW) for job in ("j1", "j2"))
+    assert (first.position, first.awaited) == (None, said)
+    assert second.position == 1, "what nobody here can do holds up nobody"
+    with ledger.database.read() as session:
+        assert backlog(session, NOW + timedelta(seconds=7), present).oldest == 7
+
+
+def test_a_worker_of_a_scanner_s_node_counts_for_images_that_grow_and_nothing_else(ledger):
+    note(ledger, "scanner-0-0", GIB, 2, "a card", "scanner-0")
+    wanted = Requirements(memory=2 * GIB)
+    with ledger.database.read() as session:
+        present = workers(session, NOW)
+        check_met(session, NOW, "reconstruction", wanted)  # of those who would do it nothing is known
+        assert awaited("reconstruction", wanted, present) is None
+        with pytest.raises(InvalidInput, match=r"requires\.memory"):
+            check_met(session, NOW, LIVE, wanted)
+        assert awaited(LIVE, wanted, present).startswith("a worker with 2147483648 bytes")
+        check_met(session, NOW, LIVE, Requirements(gpu=True))
+
+
+@pytest.mark.parametrize("ahead", [timedelta(minutes=-30), timedelta(minutes=30)])
+def test_a_worker_whose_clock_is_far_off_is_not_believed_to_be_present(ledger, ahead):
+    note(ledger, "worker-0", GIB, 1, ago=-ahead)
+    with ledger.database.read() as session:
+        assert workers(session, NOW) == {}
 
 
 def test_a_worker_has_the_machine_s_memory_unless_it_is_told_otherwise(tmp_path):

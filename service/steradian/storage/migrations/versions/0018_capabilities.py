@@ -17,6 +17,7 @@ def upgrade() -> None:
         sa.Column("memory", sa.BigInteger(), nullable=True),
         sa.Column("cores", sa.Integer(), nullable=False),
         sa.Column("gpu", sa.Text(), nullable=True),
+        sa.Column("scanner_id", sa.String(40), nullable=True),
         sa.Column("seen", sa.String(32), nullable=False),
     )
     for name, kind, default in (
