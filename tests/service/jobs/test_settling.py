@@ -3,8 +3,9 @@
 import pytest
 from sqlalchemy import text
 
+from steradian.jobs.capabilities import Capabilities, Notice
 from steradian.jobs.kinds import LIVE
-from steradian.jobs.model import JobRequest
+from steradian.jobs.model import JobRequest, Requirements
 from steradian.jobs.turns import TURNS
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
@@ -57,10 +58,14 @@ def test_a_priority_that_is_changed_while_a_job_is_given_to_the_engine_is_the_en
     assert found.scalar_one() // TURNS == 7
 
 
-def test_an_image_that_waits_for_a_scanner_s_own_workers_is_anybody_s_where_its_node_comes_back_without(idle):
+QUEUED_IN = "SELECT queue_name FROM workflow_status WHERE workflow_uuid = :job"
+
+
+@pytest.fixture
+def growing(idle):
+    """Queues an image that grows with a scan, whose scanner's node has workers."""
     ledger = idle.queue.ledger
-    scanner = ScannerRepository(ledger.database)
-    scanner.ensure(simulated=True, follows=True)
+    ScannerRepository(ledger.database).ensure(simulated=True, follows=True)
     mask = equi_steradian_mask(aperture=13.56e-3, depth=3.6e-3, count=60)
     plan = ScanPlan.create(mask=mask, samples=256)
     MaskRepository(ledger.database).put(mask)
@@ -68,11 +73,33 @@ def test_an_image_that_waits_for_a_scanner_s_own_workers_is_anybody_s_where_its_
     scan = scans.queue(PlanRepository(ledger.database).put(plan)[0], simulated=True)
     for state in (ScanState.ARMING, ScanState.RUNNING):
         scans.transition(scan.id, state, why="test")
-    idle.queue.submit(JobRequest("growing", LIVE, {"kind": LIVE, "scan_id": scan.id}))
-    queue = "SELECT queue_name FROM workflow_status WHERE workflow_uuid = 'growing'"
-    assert in_engine(idle, queue).scalar_one() == "jobs-scanner-0"
+
+    def queue(name, **requires):
+        payload = {"kind": LIVE, "scan_id": scan.id}
+        idle.queue.submit(JobRequest(name, LIVE, payload, requires=Requirements(**requires)))
+        return name
+
+    return queue
+
+
+def queue_of(bench, job):
+    with bench.queue.ledger.database.read() as session:
+        return session.execute(text(QUEUED_IN), {"job": job}).scalar_one()
+
+
+def test_an_image_that_waits_for_a_scanner_s_own_workers_is_anybody_s_where_its_node_comes_back_without(idle, growing):
+    job = growing("growing")
+    assert queue_of(idle, job) == "jobs-scanner-0"
     idle.queue.reconcile()
-    assert in_engine(idle, queue).scalar_one() == "jobs-scanner-0", "its node has workers"
-    scanner.ensure(simulated=True, follows=False)
+    assert queue_of(idle, job) == "jobs-scanner-0", "its node has workers"
+    ScannerRepository(idle.queue.ledger.database).ensure(simulated=True, follows=False)
     idle.queue.reconcile()
-    assert in_engine(idle, queue).scalar_one() == "jobs"
+    assert queue_of(idle, job) == "jobs"
+
+
+def test_an_image_that_a_scanner_s_own_workers_cannot_make_is_anybody_s(idle, growing):
+    database = idle.queue.ledger.database
+    Notice(database, "scanner-0-0", Capabilities(1000, 2, None, "scanner-0")).write()
+    Notice(database, "far-0", Capabilities(5000, 2)).write()
+    assert queue_of(idle, growing("small", memory=1000)) == "jobs-scanner-0"
+    assert queue_of(idle, growing("large", memory=1001)) == "jobs"
