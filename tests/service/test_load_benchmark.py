@@ -33,6 +33,7 @@ def test_nothing_is_lost_under_a_small_load(tmp_path):
     assert {row["process"] for row in kinds["memory"]} > {"api", "acquisition", "worker", "simulator", "supervisor"}
     assert (total["server_errors"], total["alines_lost"], total["scan"]) == (0, 0, "complete")
     assert total["events"] > 0
+    assert (total["events_lost"], total["events_again"]) == (0, 0)
     assert total["jobs_succeeded"] > 0
     assert {row["route"] for row in kinds["route"]} > set(WEIGHTS)
     met = {row["clients"]: row["met_with"] for row in kinds["rude"]}

@@ -76,7 +76,15 @@ def test_every_kind_of_row_has_its_place_on_the_page():
     many = scanners([2.0], api_cpu_s=0.01, scan_bytes=4e6, volume_bytes=2.4e8, events=20, event_s=0.005)
     met = {"case": "total", "where": NODES, "clients": 200, "streams": 20, "seconds": 60.0, "requests_per_second": 99.5}
     met |= {"api_cpu_ms_per_request": 3.0, "clients_cpu_ms_per_request": 0.5, "server_errors": 0, "statuses": {}}
-    met |= {"events": 7, "jobs_succeeded": 3, "alines": 10, "alines_lost": 0, "scan": "complete"}
+    met |= {
+        "events": 7,
+        "events_lost": 0,
+        "events_again": 0,
+        "jobs_succeeded": 3,
+        "alines": 10,
+        "alines_lost": 0,
+        "scan": "complete",
+    }
     page = tables([*_with_shares(jobs), came, met, *many])
     assert "40 jobs that came by chance, one worker busy for 71% of the time, waited 2.20 s in the mean" in page
     assert "the model says 2.10 s (1.90 to 2.40)" in page

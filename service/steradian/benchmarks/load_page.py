@@ -39,7 +39,8 @@ def total_line(row: Row) -> str:
         f" {row['api_cpu_ms_per_request']:.1f} ms of processor time a request in the API (its streams included) and"
         f" {row['clients_cpu_ms_per_request']:.1f} ms in the clients, on the same processors;"
         f" {row['alines'] - row['alines_lost']:,} of {row['alines']:,} A-lines, the scan {row['scan']};"
-        f" {row['jobs_succeeded']} jobs succeeded."
+        f" {row['jobs_succeeded']} jobs succeeded;"
+        f" the streams were told {row['events']:,} events, {row['events_lost']} lost, {row['events_again']} told again."
     )
 
 

@@ -13,7 +13,8 @@ from contextlib import suppress
 from itertools import cycle
 from typing import Any
 
-from steradian.benchmarks.http_client import Connection, connect, head, read_head
+from steradian.benchmarks.http_client import Connection
+from steradian.benchmarks.listening import compare, listening
 from steradian.benchmarks.memory import MemoryWatch
 from steradian.benchmarks.service import RunningService, api_process, finish, processor_seconds
 
@@ -58,24 +59,24 @@ async def mixed(
     over = asyncio.Event()
     times: dict[str, list[float]] = defaultdict(list)
     statuses: dict[int, int] = defaultdict(int)
-    events = [0]
     asked = cycle(services)
-    listening = [asyncio.create_task(_listen(next(asked), over, events)) for _ in range(streams)]
     memories = [MemoryWatch(each.pid, max(1.0, seconds / LOOKS)) for each in services]
-    watching = [asyncio.create_task(memory.watch(over)) for memory in memories]
-    working = asyncio.create_task(_jobs(service, things["scan"], over))
-    asking = [
-        asyncio.create_task(_ask(next(asked), things, scan, over, random.Random(SEED + number), times, statuses))  # noqa: S311
-        for number in range(clients)
-    ]
-    begun = time.monotonic()
-    await asyncio.sleep(seconds)
-    over.set()
-    await asyncio.gather(*asking, *listening, *watching)
-    took = time.monotonic() - begun
-    used, own = api_seconds() - used, time.process_time() - own
-    jobs = await working
-    view = await asyncio.to_thread(_settled, service, scan)
+    async with listening([each.url for each in services], streams) as listeners:
+        watching = [asyncio.create_task(memory.watch(over)) for memory in memories]
+        working = asyncio.create_task(_jobs(service, things["scan"], over))
+        asking = [
+            asyncio.create_task(_ask(next(asked), things, scan, over, random.Random(SEED + number), times, statuses))  # noqa: S311
+            for number in range(clients)
+        ]
+        begun = time.monotonic()
+        await asyncio.sleep(seconds)
+        over.set()
+        await asyncio.gather(*asking, *watching)
+        took = time.monotonic() - begun
+        used, own = api_seconds() - used, time.process_time() - own
+        jobs = await working
+        view = await asyncio.to_thread(_settled, service, scan)
+        told = await compare(listeners)
     answered = sum(len(found) for found in times.values())
     light = [value for name in LIGHT for value in times[name]]
     return [
@@ -91,7 +92,9 @@ async def mixed(
             "clients_cpu_ms_per_request": 1e3 * own / max(1, answered),
             "server_errors": sum(count for status, count in statuses.items() if status >= 500 or not status),
             "statuses": {str(status): count for status, count in sorted(statuses.items())},
-            "events": events[0],
+            "events": told.events,
+            "events_lost": told.lost,
+            "events_again": told.again,
             "jobs_succeeded": jobs,
             "alines": wanted,
             "alines_lost": wanted - view["summary"]["stored"],
@@ -160,23 +163,6 @@ def _request(name: str, things: dict[str, Any], scan: str, chance: random.Random
     }
     body = json.dumps({"mask_id": mask, "pulse_rate": chance.randint(10, 500)}).encode() if name == "preview" else None
     return paths.get(name, f"/{name}"), body
-
-
-async def _listen(service: RunningService, over: asyncio.Event, events: list[int]) -> None:
-    """Follow the event stream and count what it says."""
-    reader, writer = await connect(service.url)
-    writer.write(head(service.url, f"{V1}/events"))
-    await read_head(reader)
-    ended = asyncio.create_task(over.wait())
-    while not ended.done():
-        line = asyncio.create_task(reader.readline())
-        await asyncio.wait({ended, line}, return_when=asyncio.FIRST_COMPLETED)
-        if line.done() and not line.result():
-            break
-        events[0] += line.done() and line.result().startswith(b"event:")
-        line.cancel()
-    ended.cancel()
-    writer.close()
 
 
 async def _jobs(service: RunningService, scan: str, over: asyncio.Event) -> int:

@@ -1,0 +1,114 @@
+"""Clients of the event stream that note which events they were told, beside what the log holds."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncGenerator, AsyncIterator, Sequence
+from contextlib import aclosing, asynccontextmanager, suppress
+from dataclasses import dataclass, field
+
+from steradian.benchmarks.http_client import connect, head, read_head
+
+EVENTS = "/api/v1/events"
+PATIENCE = 30.0
+"""Seconds after the last event within which every listener is to have it."""
+
+
+@dataclass
+class Listener:
+    """One stream, opened once and never again.
+
+    Attributes
+    ----------
+    url
+        Of the service.
+    after
+        The event after which it begins, ``epoch.number``.
+    numbers
+        What it was told, as it came: first where the stream begins, then the number of each event.
+    """
+
+    url: str
+    after: str
+    numbers: list[int] = field(default_factory=list)
+    _moved: asyncio.Event = field(default_factory=asyncio.Event, repr=False)
+
+    async def follow(self) -> None:
+        """Note what comes until the stream ends."""
+        async with aclosing(_places(self.url, self.after)) as places:
+            async for place in places:
+                self.numbers.append(_number(place))
+                self._moved.set()
+
+    async def reach(self, number: int) -> None:
+        """Wait until it was told an event."""
+        while number not in self.numbers:
+            self._moved.clear()
+            await self._moved.wait()
+
+
+@dataclass(frozen=True)
+class Told:
+    """How many events listeners were told in all, how many never came, and how many came again."""
+
+    events: int
+    lost: int
+    again: int
+
+
+@asynccontextmanager
+async def listening(urls: Sequence[str], streams: int) -> AsyncIterator[list[Listener]]:
+    """Keep streams open at services in turn, all after the event that is the newest now."""
+    begin = await newest(urls[0])
+    listeners = [Listener(urls[number % len(urls)], begin) for number in range(streams)]
+    tasks = [asyncio.create_task(listener.follow()) for listener in listeners]
+    try:
+        yield listeners
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def compare(listeners: Sequence[Listener]) -> Told:
+    """Compare what each was told until now with the log, as one reads it who comes when all is over."""
+    if not listeners:
+        return Told(0, 0, 0)
+    log = Listener(listeners[0].url, listeners[0].after)
+    last = _number(await newest(log.url))
+    reading = asyncio.create_task(log.follow())
+    with suppress(TimeoutError):
+        async with asyncio.timeout(PATIENCE):
+            await asyncio.gather(*(listener.reach(last) for listener in (log, *listeners)))
+    reading.cancel()
+    whole = {number for number in log.numbers if number <= last}
+    heard = [[number for number in listener.numbers if number <= last] for listener in listeners]
+    return Told(
+        events=sum(max(0, len(numbers) - 1) for numbers in heard),
+        lost=sum(len(whole.difference(numbers)) for numbers in heard),
+        again=sum(len(numbers) - len(set(numbers)) for numbers in heard),
+    )
+
+
+async def newest(url: str) -> str:
+    """Tell the place of the newest event, ``epoch.number``."""
+    async with aclosing(_places(url)) as places:
+        return await anext(places)
+
+
+async def _places(url: str, after: str | None = None) -> AsyncGenerator[str, None]:
+    """Open a stream; yield the id of all that has one: where it begins, then each event."""
+    reader, writer = await connect(url)
+    try:
+        headers = {} if after is None else {"Last_Event_ID": after}
+        writer.write(head(url, EVENTS, "GET", None, **headers))
+        await read_head(reader)
+        async for line in reader:
+            if line.startswith(b"id: "):
+                yield line[4:].decode().strip()
+    finally:
+        writer.close()
+
+
+def _number(place: str) -> int:
+    return int(place.rpartition(".")[2])

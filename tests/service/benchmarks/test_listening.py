@@ -1,0 +1,63 @@
+"""What the benchmarks' listeners say of events: none is lost or told again unnoticed."""
+
+import asyncio
+from contextlib import asynccontextmanager, suppress
+
+import pytest
+
+from steradian.benchmarks import listening
+from steradian.benchmarks.listening import Told, compare
+
+
+def frames(numbers):
+    told = [b"event: ready\ndata: {}\nid: e.%d\nretry: 1000\n\n" % numbers[0]]
+    told += [b'event: job\ndata: {"id": "x"}\nid: e.%d\n\n' % number for number in numbers[1:]]
+    return b"".join(b"%x\r\n%s\r\n" % (len(frame), frame) for frame in [*told, b"event: progress\ndata: {}\n\n"])
+
+
+@asynccontextmanager
+async def log_of(numbers, heard):
+    """Serve streams as the service writes them: to those who come first what ``heard`` says, then the whole log."""
+    streams, tasks = list(heard), []
+
+    async def serve(reader, writer):
+        tasks.append(asyncio.current_task())
+        if b"Last-Event-ID" in await reader.readuntil(b"\r\n\r\n"):
+            said = streams.pop(0) if streams else numbers
+        else:  # one who asks for the newest
+            said = numbers[:1] if streams else numbers[-1:]
+        with suppress(ConnectionError):
+            writer.write(b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n" + frames(said))
+            await reader.read()
+        writer.close()
+
+    async with await asyncio.start_server(serve, "127.0.0.1", 0) as server:
+        yield f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+    await asyncio.gather(*tasks)
+
+
+async def met(numbers, heard):
+    async with log_of(numbers, heard) as url, listening.listening([url], len(heard)) as listeners:
+        async with asyncio.timeout(250):
+            for listener, one in zip(listeners, heard, strict=True):
+                await listener.reach(one[-1])
+        return await compare(listeners)
+
+
+@pytest.mark.parametrize(
+    ("heard", "told"),
+    [
+        ([[4, 5, 6, 7]] * 3, Told(9, 0, 0)),
+        ([[4, 5, 6, 7], [4, 5, 7]], Told(5, 1, 0)),
+        ([[4, 5, 5, 6, 7], [4, 5, 6, 7]], Told(7, 0, 1)),
+        ([[4, 5, 6, 7, 8]], Told(3, 0, 0)),
+    ],
+    ids=["all", "one is lost", "one comes again", "what comes later"],
+)
+def test_what_each_listener_was_told_is_compared_with_the_log(heard, told):
+    assert asyncio.run(met([4, 5, 6, 7], heard)) == told
+
+
+def test_a_stream_that_ends_early_has_lost_the_rest(monkeypatch):
+    monkeypatch.setattr(listening, "PATIENCE", 0.5)
+    assert asyncio.run(met([4, 5, 6, 7], [[4, 5]])) == Told(1, 2, 0)
