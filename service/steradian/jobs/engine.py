@@ -40,6 +40,7 @@ from steradian.progress import Progress
 from steradian.settings import Settings
 from steradian.storage.advisory import TIMEOUTS
 from steradian.storage.belonging import bind
+from steradian.storage.changes import Changes
 from steradian.storage.database import Database, metadata_url
 from steradian.storage.paths import DataDirectory
 from steradian.storage.repository import utc_now
@@ -343,7 +344,7 @@ def run_worker(
     DBOS.launch()
     DBOS.register_queue(queue, worker_concurrency=1, polling_interval_sec=QUEUE_POLL)
     for event in _get_dbos_instance().background_thread_stop_events:  # private, so the minor version is pinned
-        event.wait = hurried(event, runner, QUEUE_POLL)  # type: ignore[assignment, method-assign]
+        event.wait = hurried(event, runner, Changes(database), QUEUE_POLL)  # type: ignore[assignment, method-assign]
     if lock is not None:
         # Until the process ends, not until it is asked to: others would take over the job that it may still finish.
         watch = (lock, threading.Event(), _pending_executors, lambda gone: _recover([gone]))

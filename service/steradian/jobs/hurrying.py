@@ -1,4 +1,4 @@
-"""The next job is looked for at once when one has just ended, and not while one is at work."""
+"""The next job is looked for at once when one has just ended, not while one is at work, nor where nothing moves."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Final
 
 from steradian.jobs.runner import JobRunner
+from steradian.storage.changes import Changes
 
 HURRIED_POLL: Final = 0.01
 """Seconds between two looks at the queue just after a job's end."""
@@ -14,11 +15,11 @@ BUSY_POLL: Final = 1.0
 """Seconds between two looks while a job is at work: a worker has one at a time, and a look costs it 5 ms."""
 
 
-def hurried(event: threading.Event, runner: JobRunner, poll: float) -> Callable[[float | None], bool]:
+def hurried(event: threading.Event, runner: JobRunner, changes: Changes, poll: float) -> Callable[[float | None], bool]:
     """Make a wait for ``event`` that lasts while a job is at work and ends with it, so that the next begins at once.
 
     The engine looks at the queue every ``poll`` seconds and waits between two looks for the event that says when to
-    stop; longer waits are left as they are.
+    stop; here it goes on waiting while ``changes`` tells of none. Longer waits are left as they are.
     """
     plain = event.wait
 
@@ -30,7 +31,9 @@ def hurried(event: threading.Event, runner: JobRunner, poll: float) -> Callable[
             return event.is_set()
         if runner.is_hurried:
             return plain(min(HURRIED_POLL, timeout))
-        if runner.ended.wait(timeout):
+        while not (ended := runner.ended.wait(timeout)) and not event.is_set() and not changes.any():
+            pass
+        if ended:
             runner.ended.clear()
         return event.is_set()
 

@@ -33,6 +33,7 @@ from steradian.scans.watch import POLL, ScanWatch
 from steradian.settings import Settings
 from steradian.stopping import StopEvent
 from steradian.storage.arrays import Arrays, Folder, scan_name
+from steradian.storage.changes import Changes
 from steradian.storage.database import Database, metadata_url
 from steradian.storage.emergency import EmergencyLatch
 from steradian.storage.object_store import ObjectStore, arrays_of
@@ -114,8 +115,10 @@ class Acquisition:
         while not self._stopping.is_set():
             try:
                 self._begin()
+                changes = Changes(self._scans.database)
                 while not self._stopping.wait(POLL):
-                    self.step()
+                    if changes.any():
+                        self.step()
             except DBAPIError as error:
                 _log.error("the database does not answer: %s", error.orig)
                 self._stopping.wait(1.0)

@@ -1,0 +1,51 @@
+"""Whether anybody has written into an embedded database: some microseconds, where a query takes milliseconds."""
+
+from __future__ import annotations
+
+import sqlite3
+import time
+from typing import Final
+from urllib.parse import quote
+
+from steradian.storage.database import Database
+
+AT_LEAST: Final = 1.0
+"""Seconds after which one looks even if nothing was written: what was tried in vain is tried again."""
+
+
+class Changes:
+    """Tells one who waits for something in a database whether a look is worth its price; for one thread.
+
+    Parameters
+    ----------
+    database
+        A file, or a server's, of which nothing is known without asking.
+    at_least
+        Seconds after which the answer is yes in any case.
+    """
+
+    def __init__(self, database: Database, at_least: float = AT_LEAST) -> None:
+        self._path = database.name if database.is_file else None
+        self._at_least, self._due = at_least, 0.0
+        self._connection: sqlite3.Connection | None = None
+        self._version: int | None = None
+
+    def any(self) -> bool:
+        """Whether something was committed since the last such answer, as far as one knows."""
+        now, version = time.monotonic(), self._read()
+        if version is not None and version == self._version and now < self._due:
+            return False
+        self._version, self._due = version, now + self._at_least
+        return True
+
+    def _read(self) -> int | None:
+        """Read a number that changes with each commit of another connection; ``None`` where there is none."""
+        if self._path is None:
+            return None
+        try:
+            if self._connection is None:
+                self._connection = sqlite3.connect(f"file:{quote(self._path)}?mode=ro", uri=True)
+            return int(self._connection.execute("PRAGMA data_version").fetchone()[0])
+        except sqlite3.Error:
+            self._connection = None
+            return None

@@ -1,0 +1,58 @@
+"""One who waits for something in a database looks when somebody has written, and now and then in any case."""
+
+import pytest
+
+from steradian.storage.changes import Changes
+from steradian.storage.database import Database
+
+
+@pytest.fixture
+def database(tmp_path):
+    database = Database(f"sqlite:///{tmp_path / 'steradian ü#.sqlite'}")
+    database.migrate()
+    yield database
+    database.close()
+
+
+def write(database, value):
+    with database.write() as session:
+        database.note(session, "test", value)
+
+
+def test_every_commit_is_told_once_whoever_made_it(database, tmp_path):
+    changes = Changes(database, at_least=1e6)
+    assert changes.any(), "what was there before"
+    assert not changes.any()
+    write(database, "1")
+    other = Database(str(database.engine.url))
+    write(other, "2")
+    assert changes.any()
+    assert not changes.any()
+    write(other, "3")
+    assert changes.any()
+    with other.read() as session:
+        assert other.fact(session, "test") == "3"
+    assert not changes.any(), "to read is no change"
+    other.close()
+
+
+def test_what_is_rolled_back_is_no_change(database):
+    changes = Changes(database, at_least=1e6)
+    assert changes.any()
+    with database.write() as session:
+        database.note(session, "test", "1")
+        session.flush()
+        session.rollback()
+    assert not changes.any()
+
+
+def test_one_looks_again_in_time_and_whenever_the_file_tells_nothing(database, tmp_path):
+    eager = Changes(database, at_least=0)
+    assert [eager.any() for _ in range(3)] == [True] * 3
+    missing = Changes(Database(f"sqlite:///{tmp_path / 'none' / 'steradian.sqlite'}"), at_least=1e6)
+    assert [missing.any() for _ in range(3)] == [True] * 3
+
+
+def test_of_a_server_nothing_is_known_without_asking():
+    changes = Changes(Database("postgresql+psycopg://nobody@localhost:9/none"), at_least=1e6)
+    assert [changes.any() for _ in range(3)] == [True] * 3
