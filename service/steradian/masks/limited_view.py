@@ -7,13 +7,14 @@ plane sees edges perpendicular to itself.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steradian.errors import InvalidInput
+from steradian.imaging.outlines import Outline
+from steradian.masks.weights import outline_of
 
 if TYPE_CHECKING:
     from steradian.masks.mask import Mask
@@ -29,6 +30,8 @@ class LimitedView:
         (Nx,), (Nz,) coordinates in metres.
     y
         Where the section lies, in metres.
+    ends
+        Where the sensors begin and end in it, x in metres; (∞, −∞) where it passes them by.
     steepest_left, steepest_right
         (Nx, Nz) tilt in radians of the steepest visible edges whose normal leans towards −x and +x; 0 is an edge
         parallel to the film. Edges between −steepest_left and +steepest_right are visible; where one is negative,
@@ -42,6 +45,7 @@ class LimitedView:
     x: NDArray[np.float64]
     z: NDArray[np.float64]
     y: float
+    ends: tuple[float, float]
     steepest_left: NDArray[np.float64]
     steepest_right: NDArray[np.float64]
     share: NDArray[np.float64]
@@ -49,7 +53,7 @@ class LimitedView:
 
 
 def limited_view(mask: Mask, deepest: float, *, y: float | None = None, pixels: int = 96) -> LimitedView:
-    """Map the visible edges over depth, for the rectangle that the sensors span.
+    """Map the visible edges over depth, for the area that the sensors cover.
 
     Parameters
     ----------
@@ -72,32 +76,56 @@ def limited_view(mask: Mask, deepest: float, *, y: float | None = None, pixels: 
     cut = float(mask.offset[1]) if y is None else y
     x = (np.arange(pixels) + 0.5) / pixels * mask.aperture - mask.aperture / 2
     z = (np.arange(pixels) + 0.5) / pixels * deepest
-    low, high = mask.film_positions.min(axis=0), mask.film_positions.max(axis=0)
-    left = np.arctan((x[:, None] - low[0]) / z)
-    right = np.arctan((high[0] - x[:, None]) / z)
+    outline = outline_of(mask)
+    low, high = (float(outline[0, 0]), float(outline[1, 0])) if mask.is_line else _chord(outline, cut)
+    left = np.arctan((x[:, None] - low) / z)
+    right = np.arctan((high - x[:, None]) / z)
     if mask.is_line:
         share = np.maximum(left + right, 0) / np.pi
     else:
-        share = _solid_angle(x[:, None] + 0 * z, cut, z + 0 * x[:, None], low, high) / (2 * np.pi)
-    within = (x >= low[0]) & (x <= high[0]) & (mask.is_line or low[1] <= cut <= high[1])
-    return LimitedView(x, z, cut, left, right, share, np.repeat(within[:, None], pixels, axis=1))
+        share = _solid_angle(outline, x[:, None] + 0 * z, cut, z + 0 * x[:, None]) / (2 * np.pi)
+    within = (x >= low) & (x <= high)
+    return LimitedView(x, z, cut, (low, high), left, right, share, np.repeat(within[:, None], pixels, axis=1))
 
 
 def visible_share(mask: Mask, point: tuple[float, float, float]) -> float:
     """Tell which share of all orientations of an edge at ``point`` (x, y, z in metres) is visible, 0 to 1."""
-    low, high = mask.film_positions.min(axis=0), mask.film_positions.max(axis=0)
+    outline = outline_of(mask)
     x, y, z = np.asarray(point, np.float64)
     if mask.is_line:
-        return float(max(np.arctan((x - low[0]) / z) + np.arctan((high[0] - x) / z), 0) / np.pi)
-    return float(_solid_angle(x, y, z, low, high) / (2 * np.pi))
+        low, high = outline[:, 0]
+        return float(max(np.arctan((x - low) / z) + np.arctan((high - x) / z), 0) / np.pi)
+    return float(_solid_angle(outline, x, y, z) / (2 * np.pi))
 
 
-def _solid_angle(
-    x: NDArray[np.float64], y: float, z: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Solid angle of the rectangle from ``low`` to ``high`` in the plane z = 0, seen from (x, y, z)."""
+def _chord(outline: Outline, y: float) -> tuple[float, float]:
+    """Where a line at ``y`` enters and leaves a convex polygon; (∞, −∞) where it passes by."""
+    after = np.roll(outline, -1, axis=0)
+    met = (outline[:, 1] <= y) != (after[:, 1] <= y)
+    if not met.any():
+        return np.inf, -np.inf
+    (x, begin), (x_after, end) = outline[met].T, after[met].T
+    places = x + (y - begin) / (end - begin) * (x_after - x)
+    return float(places.min()), float(places.max())
+
+
+def _solid_angle(outline: Outline, x: NDArray[np.float64], y: float, z: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Solid angle of a polygon in the plane z = 0 seen from (x, y, z).
+
+    The sum over its triangles (A. van Oosterom and J. Strackee, IEEE Trans. Biomed. Eng. 30, 1983).
+    """
+    corners = [(a - x, b - y) for a, b in outline]
+    far = [np.sqrt(a**2 + b**2 + z**2) for a, b in corners]
+    first, first_far = corners[0], far[0]
     total = np.zeros_like(x)
-    for (x_end, x_sign), (y_end, y_sign) in product(((high[0], 1), (low[0], -1)), ((high[1], 1), (low[1], -1))):
-        a, b = x_end - x, y_end - y
-        total += x_sign * y_sign * np.arctan(a * b / (z * np.sqrt(a**2 + b**2 + z**2)))
+    for number in range(1, len(outline) - 1):
+        (a, b), (c, d) = corners[number : number + 2]
+        near, next_far = far[number : number + 2]
+        side, other = outline[number] - outline[0], outline[number + 1] - outline[0]
+        volume = z * (side[0] * other[1] - side[1] * other[0])
+        along = first_far * near * next_far
+        along = along + (first[0] * a + first[1] * b + z**2) * next_far
+        along = along + (first[0] * c + first[1] * d + z**2) * near
+        along = along + (a * c + b * d + z**2) * first_far
+        total += 2 * np.arctan2(volume, along)
     return total

@@ -111,13 +111,13 @@ def _view_plot(mask: Mask, deepest: float | None = None) -> Plot:
     """Show which share of edges is visible in the plane through the point of interest."""
     depth = deepest or (2 * float(mask.points_of_interest[:, 2].max()) if mask.depth else mask.aperture / 2)
     half = MM * mask.aperture / 2
-    shares = 100 * limited_view(mask, depth).share.T
-    field = Field(shares, Colours(SHARE, 0, 100, "visible edge orientations (%)"))
-    first, last = (MM * float(end(mask.film_positions[:, 0])) for end in (np.min, np.max))
-    ends = [Upright(end, PAPER) for end in (first, last)]
+    view = limited_view(mask, depth)
+    field = Field(100 * view.share.T, Colours(SHARE, 0, 100, "visible edge orientations (%)"))
+    first, last = (MM * end for end in view.ends)
+    lines: list[Curve | Upright] = [*_tents(first, last), Upright(first, PAPER), Upright(last, PAPER)] if first < last else []
     taken = (MM * mask.points_of_interest[:, 2]).tolist()
     title = "Limited view: tilt of edges seen from both sides"
-    parts = [field, *_tents(first, last), *ends, *_crosses(mask, 2), *_tilts(first, last, MM * depth, taken)]
+    parts = [field, *lines, *_crosses(mask, 2), *_tilts(first, last, MM * depth, taken)]
     return Plot(title, Axis(-half, half, ACROSS), Axis(0.0, MM * depth, DEPTH), parts)
 
 

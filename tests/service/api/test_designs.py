@@ -35,12 +35,13 @@ def test_a_design_tells_what_the_library_says_of_its_mask_and_plan(http, own):
 
 
 def test_the_share_of_visible_edges_is_that_of_directions_that_meet_the_sensors(http, own):
-    """Against a count: of a hundred thousand directions by chance, those whose line meets the sensors' rectangle."""
+    """Against a count: of a hundred thousand directions by chance, those whose line meets the disc of the sensors."""
     told = http.post("/designs/preview", json={"arrangement": MASK, "point": PLACE}).json()
     normal = np.random.default_rng(3).normal(size=(100_000, 3))
     meets = np.array(PLACE[:2]) - normal[:, :2] / normal[:, 2:] * PLACE[2]
-    low, high = own.film_positions.min(axis=0), own.film_positions.max(axis=0)
-    assert told["visible_share"] == pytest.approx(((meets > low) & (meets < high)).all(axis=1).mean(), abs=0.01)
+    radius = np.sqrt(own.weights.sum() / np.pi)
+    share = (np.hypot(*(meets - own.offset).T) < radius).mean()
+    assert told["visible_share"] == pytest.approx(share, abs=0.01)
 
 
 def test_a_design_without_a_point_of_interest_is_drawn_without_what_depends_on_it(http):

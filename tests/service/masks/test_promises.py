@@ -1,13 +1,13 @@
 """What a mask promises is what it then does."""
 
-from math import degrees, radians
+from math import degrees, hypot, radians, sqrt
 
 import numpy as np
 import pytest
 
 from steradian import InvalidInput, equi_steradian_mask, grid_mask
 from steradian.masks import equiangular_mask
-from steradian.masks.limited_view import limited_view
+from steradian.masks.limited_view import limited_view, visible_share
 from steradian.masks.picture import draw_mask
 from steradian.masks.point_spread import point_spread
 from steradian.masks.promises import density_map, promises
@@ -64,6 +64,18 @@ def test_right_below_the_sensors_all_orientations_of_a_half_space_are_seen():
     middle = len(view.x) // 2
     assert view.share[middle, 0] > 0.8
     assert view.share[middle, -1] == pytest.approx((1e-2 / view.z[-1]) ** 2 / (2 * np.pi), rel=0.05)
+
+
+def test_of_a_disc_the_share_and_the_edges_are_those_of_its_cone_and_its_chords():
+    """On the axis of a disc with half-angle α it is 1 − cos α, and at y the steepest edge is that of its chord."""
+    mask = equi_steradian_mask(13.56e-3, 3.6e-3, 400)
+    radius = sqrt(mask.weights.sum() / np.pi)
+    assert visible_share(mask, (0, 0, 3.6e-3)) == pytest.approx(1 - 3.6e-3 / hypot(radius, 3.6e-3), abs=1e-3)
+    view = limited_view(mask, deepest=8e-3, y=0.8 * radius, pixels=101)
+    assert np.tan(view.steepest_right[50]) * view.z == pytest.approx(0.6 * radius, rel=1e-3)
+    passes_by = limited_view(mask, deepest=8e-3, y=1.01 * radius)
+    assert (passes_by.steepest_left < 0).all()
+    assert not passes_by.detection_region.any()
 
 
 def test_the_film_loses_what_the_paper_says():
