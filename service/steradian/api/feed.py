@@ -17,7 +17,7 @@ from functools import cached_property
 from typing import Any
 
 from fastapi.sse import format_sse_event
-from sqlalchemy.exc import DBAPIError
+from sqlalchemy.exc import SQLAlchemyError
 from starlette.concurrency import run_in_threadpool
 
 from steradian.api.looks import Looks
@@ -89,7 +89,7 @@ class Feed:
         self._listeners += 1
         self._watchers += progress
         self._joined |= progress
-        if self._task is None:
+        if self._task is None or self._task.done():
             self._task = asyncio.create_task(self._look())
         try:
             while True:
@@ -143,8 +143,8 @@ class Feed:
                 if news or is_first or joined or self._progress != before:
                     self._moved.set()
                     self._moved = asyncio.Event()
-            except DBAPIError as error:
-                _log.warning("the log cannot be read: %s", error.orig)
+            except SQLAlchemyError as error:  # a lack of connections is no DBAPIError
+                _log.warning("the log cannot be read: %s", getattr(error, "orig", error))
             await asyncio.sleep(LOOK)
 
     def _take(self, news: list[Event]) -> None:

@@ -7,7 +7,7 @@ the inside and is in the log under the request's id.
 from __future__ import annotations
 
 import logging
-from typing import Any
+from typing import Any, Final
 from urllib.parse import quote
 
 from fastapi import FastAPI, Request
@@ -15,6 +15,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response
 from pydantic import BaseModel, Field
 from sqlalchemy.exc import DBAPIError, OperationalError
+from sqlalchemy.exc import TimeoutError as NoConnection
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 from starlette.routing import Match
@@ -94,6 +95,8 @@ _REFUSALS: dict[str, str] = {
     "429": "The key is used more often than it may be; Retry-After says when to go on",
     "5XX": "The service failed; the log has more under the request id",
 }
+NO_DATABASE: Final = (DBAPIError, NoConnection)
+"""What is raised where the database does not answer: by itself, or as all connections to it are busy."""
 RESPONSES: dict[str, dict[str, Any]] = {
     status: {"description": text, "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}}
     for status, text in _REFUSALS.items()
@@ -107,7 +110,8 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(RequestValidationError, _invalid)
     app.add_exception_handler(HTTPException, _refused)
     app.add_exception_handler(NotModified, _not_modified)
-    app.add_exception_handler(DBAPIError, database_problem)
+    for kind in NO_DATABASE:
+        app.add_exception_handler(kind, database_problem)
     app.add_exception_handler(OSError, _system_problem)
     app.add_exception_handler(ClientDisconnect, _gone)
     app.add_exception_handler(Exception, _unexpected)
@@ -224,12 +228,12 @@ def _disk_full(request: Request) -> JSONResponse:
 
 async def database_problem(request: Request, error: Exception) -> JSONResponse:
     """Tell a database that does not answer, which passes, from one that refuses, which is a fault."""
-    assert isinstance(error, DBAPIError)  # noqa: S101
-    if "disk is full" in str(error.orig):  # SQLITE_FULL
-        return _disk_full(request)
-    if not (error.connection_invalidated or isinstance(error, OperationalError)) or "no such" in str(error.orig):
-        return await _unexpected(request, error)
-    _log.warning("the database does not answer: %s", error.orig)
+    if isinstance(error, DBAPIError):
+        if "disk is full" in str(error.orig):  # SQLITE_FULL
+            return _disk_full(request)
+        if not (error.connection_invalidated or isinstance(error, OperationalError)) or "no such" in str(error.orig):
+            return await _unexpected(request, error)
+    _log.warning("the database does not answer: %s", getattr(error, "orig", error))
     detail = "the database does not answer; try again in a moment"
     headers = {"Retry-After": "2"}
     return problem(request.scope, "database-unavailable", detail, headers=headers)

@@ -15,7 +15,6 @@ from urllib.parse import parse_qs, urlsplit
 
 from fastapi import Request, Response
 from fastapi.routing import APIRoute
-from sqlalchemy.exc import DBAPIError
 from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
@@ -25,7 +24,7 @@ from steradian.api.bodies import JsonRequest
 from steradian.api.choices import refuse_unknown
 from steradian.api.cookies import check_page, secret_in
 from steradian.api.nodes import Elsewhere, principal_of
-from steradian.api.problems import database_problem, problem
+from steradian.api.problems import NO_DATABASE, database_problem, problem
 from steradian.security.keys import Forbidden, KeyStore, Principal, Unauthorized
 from steradian.security.keys import Scope as Need
 from steradian.security.rates import Rate, TooOften
@@ -168,7 +167,7 @@ class Authenticate:
             except Forbidden as error:
                 answer = problem(scope, error.code, str(error))
                 return await answer(scope, receive, send)
-            except DBAPIError as error:
+            except NO_DATABASE as error:
                 answer = await database_problem(Request(scope), error)
                 return await answer(scope, receive, send)
         return await self.app(scope, receive, send)

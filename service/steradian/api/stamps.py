@@ -29,8 +29,8 @@ class Stamps:
 
         Raises
         ------
-        DBAPIError
-            When the database does not answer.
+        DBAPIError, TimeoutError
+            Those of SQLAlchemy, when the database does not answer.
         """
         question = question_of(scope)
         return () if question is None else await self._looks.ask(question)

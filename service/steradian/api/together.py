@@ -15,12 +15,11 @@ from collections.abc import Awaitable, Callable, Hashable
 from dataclasses import dataclass
 from typing import Final
 
-from sqlalchemy.exc import DBAPIError
 from starlette.datastructures import Headers
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from steradian.api.problems import database_problem
+from steradian.api.problems import NO_DATABASE, database_problem
 from steradian.storage.stamps import Stamp
 
 _SHARED: Final = re.compile(
@@ -64,7 +63,7 @@ class Together:
             return await self.app(scope, receive, send)
         try:
             stamp = await self._stamp(scope)
-        except DBAPIError as error:
+        except NO_DATABASE as error:
             return await (await database_problem(Request(scope), error))(scope, receive, send)
         answer = self._kept.get(key, stamp)
         if answer is None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import logging
 import shutil
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
 from sqlalchemy.exc import SQLAlchemyError
 
 from steradian.drafts import ENDING
-from steradian.errors import StoreUnavailable
+from steradian.errors import NotFound, StoreUnavailable, Superseded
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import Outcome, Succeeded
 from steradian.settings import Settings
@@ -54,9 +55,10 @@ class JobKeeper:
         """
         folders = {path.name: data.job(path.name) for path in data.job_folders()} if self._has_store else {}
         for job_id, job in ledger.statuses(list(folders)).items():
-            needed = job.state is ReconstructionState.SUCCEEDED and folders[job_id].results()
-            if job.is_over and not needed and not folders[job_id].is_running:
-                self.put_away(ledger.get(job_id), folders[job_id])
+            with suppress(NotFound, Superseded, OSError):  # deleted meanwhile, or of a start that no database knows
+                needed = job.state is ReconstructionState.SUCCEEDED and folders[job_id].results()
+                if job.is_over and not needed and not folders[job_id].is_running:
+                    self.put_away(ledger.get(job_id), folders[job_id])
 
     def put_away(self, row: JobRow, folder: JobDirectory) -> None:
         """Keep the log of a start, and leave nothing in the job's folder.

@@ -306,7 +306,7 @@ class JobLedger(Repository[JobRow]):
         self._move(session, row, _R.CANCELLED, who, row.reason or "nothing of it runs any more")
 
     def _note_end(self, row: JobRow, outcome: str, detail: str | None) -> None:
-        if row.attempts and row.attempts[-1]["ended"] is None:
+        if row.attempts and row.attempts[-1].get("ended") is None:
             ended = {"ended": self.clock().isoformat(), "outcome": outcome, "detail": detail}
             row.attempts = [*row.attempts[:-1], row.attempts[-1] | ended]
 

@@ -114,7 +114,9 @@ def _view_plot(mask: Mask, deepest: float | None = None) -> Plot:
     view = limited_view(mask, depth)
     field = Field(100 * view.share.T, Colours(SHARE, 0, 100, "visible edge orientations (%)"))
     first, last = (MM * end for end in view.ends)
-    lines: list[Curve | Upright] = [*_tents(first, last), Upright(first, PAPER), Upright(last, PAPER)] if first < last else []
+    lines: list[Curve | Upright] = []
+    if first < last:
+        lines = [*_tents(first, last), Upright(first, PAPER), Upright(last, PAPER)]
     taken = (MM * mask.points_of_interest[:, 2]).tolist()
     title = "Limited view: tilt of edges seen from both sides"
     parts = [field, *lines, *_crosses(mask, 2), *_tilts(first, last, MM * depth, taken)]

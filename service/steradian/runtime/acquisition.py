@@ -16,7 +16,7 @@ from typing import Any
 from sqlalchemy.exc import DBAPIError
 
 from fabry_perot import Recovery
-from steradian.errors import DiskFull, ScanFailed, ScanInterrupted, SteradianError, StoreUnavailable
+from steradian.errors import DiskFull, ScanFailed, ScanInterrupted, SteradianError
 from steradian.logs import caused_by, configure_logging
 from steradian.runtime.heartbeat import Heartbeat
 from steradian.runtime.keeping import ScanKeeper
@@ -142,13 +142,15 @@ class Acquisition:
                 begin(found)
 
     def _settle(self, row: ScanRow) -> None:
-        """Keep an interrupted scan as it is; where its file is lost, as the store has it."""
+        """Keep an interrupted scan as it is; where its file is lost, as the store has it.
+
+        What cannot be kept yet is tried again, and holds up no other scan.
+        """
         try:
             figures = figures_of(self._arrays, self._data.scan_file(row.id), row.id)
-        except StoreUnavailable as error:
+            self._scans.transition(row.id, _S.PARTIAL, why=row.reason or "kept as it is", summary=figures)
+        except (SteradianError, OSError) as error:
             _log.warning("scan %s cannot be kept as it is yet: %s", row.id, error)
-            return
-        self._scans.transition(row.id, _S.PARTIAL, why=row.reason or "kept as it is", summary=figures)
 
     def _begin_scan(self, row: ScanRow) -> None:
         if row.desired_state is not DesiredScanState.RUNNING:

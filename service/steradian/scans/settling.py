@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from steradian.errors import NotFound
+from steradian.errors import DamagedFile, NotFound
 from steradian.scans import schema
 from steradian.scans.locking import open_to_read
 from steradian.storage.arrays import Arrays, scan_name
@@ -16,7 +16,8 @@ from steradian.storage.arrays import Arrays, scan_name
 def figures_of(arrays: Arrays, own: Path, scan_id: str) -> dict[str, Any]:
     """Count the A-lines of a scan that nobody goes on with.
 
-    Where its file is lost with the host that wrote it, what was kept of it before counts from now on, for everybody.
+    Where its file is lost with the host that wrote it, what was kept of it before counts from now on, for everybody;
+    nothing is counted where that is lost or damaged too.
 
     Parameters
     ----------
@@ -33,7 +34,7 @@ def figures_of(arrays: Arrays, own: Path, scan_id: str) -> dict[str, Any]:
     arrays.settle(name := scan_name(scan_id))
     try:
         return count_alines(arrays.open(name))
-    except NotFound:
+    except (NotFound, DamagedFile):
         return {}
 
 

@@ -1,5 +1,6 @@
 """The acquisition process's work, with a real database and the real simulator behind its link."""
 
+import errno
 import sys
 import threading
 from pathlib import Path
@@ -12,8 +13,9 @@ sys.path.insert(0, str(Path(__file__).parent))
 from acquisition_bench import Bench, Port
 
 from fabry_perot.simulator import launch
-from steradian.errors import Conflict
-from steradian.runtime.acquisition import count_alines
+from steradian.errors import Conflict, DamagedFile
+from steradian.runtime.acquisition import Acquisition, count_alines
+from steradian.storage.arrays import Folder
 from steradian.storage.states import DesiredScanState, ScanState
 from support.waiting import until
 
@@ -148,6 +150,33 @@ def test_a_scanner_that_is_not_there_interrupts_the_scan_which_may_be_settled_by
     bench.scans.desire(identifier, W.STOPPED, "lost")
     bench.work.step()
     assert bench.scans.get(identifier).state is S.PARTIAL
+    bench.close()
+
+
+def test_a_scan_that_cannot_be_kept_yet_holds_up_no_other_and_is_kept_in_the_end(tmp_path):
+    """Its own file is lost with an earlier node, and the store's copy cannot be fetched, then is damaged."""
+
+    class Failing(Folder):
+        failure = OSError(errno.ENOSPC, "No space left on device")
+
+        def open(self, name):
+            raise self.failure
+
+    bench = Bench(tmp_path)
+    arrays = Failing(bench.data)
+    work = Acquisition(bench.scans, bench.plans, bench.data, bench.port, bench.stopping, arrays=arrays)
+    lost = bench.queue()
+    for state in (S.ARMING, S.RUNNING, S.INTERRUPTED):
+        bench.scans.transition(lost, state, why="test")
+    bench.scans.desire(lost, W.STOPPED, "keep it")
+    following = bench.queue()
+    work.step()
+    assert bench.scans.get(lost).state is S.INTERRUPTED
+    assert bench.scans.get(following).state is S.COMPLETE
+    arrays.failure = DamagedFile("its bytes are others")
+    work.step()
+    row = bench.scans.get(lost)
+    assert (row.state, row.summary) == (S.PARTIAL, {})
     bench.close()
 
 

@@ -203,6 +203,23 @@ def test_a_worker_that_was_cut_off_makes_nothing_known(store, rows, seaweed, tmp
     assert store.sweep(NOW) == 1
 
 
+def test_what_is_left_of_a_job_that_no_start_of_the_database_made_is_left_alone(store, rows, seaweed, tmp_path):
+    """As where the database was restored to an earlier moment: the folder knows a later start than the row."""
+    ledger, data = JobLedger(rows), DataDirectory(tmp_path / "here")
+    folders = []
+    for job, start in (("j1", 7), ("j2", 1)):
+        with rows.write() as session:
+            ledger.add(session, JobRequest(job, "sound-speed", {}))
+        fence = ledger.start(job, "w").fence
+        ledger.settle(job, fence, Succeeded({"speed": 1500}), "w")
+        folder = data.job(job)
+        folder.begin(start)
+        folder.log.write_text("what it said")
+        folders.append(folder)
+    JobKeeper(settings_of(tmp_path / "here", seaweed, store.place), rows).tidy(ledger, data)
+    assert [folder.root.exists() for folder in folders] == [True, False]
+
+
 def test_a_service_does_not_start_without_the_store_that_has_its_scans(store, rows, seaweed, tmp_path):
     with_store = settings_of(tmp_path / "here", seaweed, store.place)
     belonging.bind(with_store, rows)

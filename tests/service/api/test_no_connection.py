@@ -1,0 +1,69 @@
+"""All connections to the database are busy: callers are told to come again, and the event stream goes on afterwards."""
+
+import asyncio
+from contextlib import ExitStack
+from datetime import UTC, datetime
+
+import httpx
+import pytest
+
+from steradian.api.app import create_app
+from steradian.api.feed import Feed
+from steradian.settings import Settings
+from steradian.storage.database import Database, metadata_url
+from steradian.storage.events import record
+
+
+@pytest.fixture
+def app(tmp_path):
+    settings = Settings.create(data=tmp_path)
+    database = Database(metadata_url(settings))
+    database.migrate()
+    database.close()
+    app = create_app(settings)
+    pool = app.state.services.database.engine.pool
+    pool._timeout = 0.2  # not thirty seconds
+    yield app
+    app.state.services.workshop.close()
+    app.state.services.close()
+
+
+def take_all(services):
+    """Take every connection there is; they are free again when the block ends."""
+    pool, taken = services.database.engine.pool, ExitStack()
+    for _ in range(pool.size() + pool._max_overflow):
+        taken.enter_context(services.database.engine.connect())
+    return taken
+
+
+@pytest.mark.parametrize("path", ["masks", "masks/ma2899e71138a7671fcccea77", "jobs"])
+def test_who_asks_is_told_to_come_again(app, path):
+    async def ask():
+        transport = httpx.ASGITransport(app=app)
+        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as http:
+            return await http.get(f"/api/v1/{path}")
+
+    with take_all(app.state.services):
+        answer = asyncio.run(ask())
+    assert (answer.status_code, answer.json()["code"]) == (503, "database-unavailable"), answer.text
+    assert answer.headers["retry-after"] == "2"
+
+
+def test_the_event_stream_goes_on_when_connections_are_free_again(app):
+    services = app.state.services
+    feed = Feed(services)
+
+    async def follow():
+        taken = take_all(services)
+        looks = 0
+        async for _ in feed.listen():
+            looks += 1
+            if looks == 3:  # the first looks at the log were in vain
+                taken.close()
+                with services.database.write() as session:
+                    record(session, datetime.now(UTC), "job", "j1", {"state": "queued"})
+            if feed.last >= 1:
+                return
+
+    asyncio.run(asyncio.wait_for(follow(), 120))
+    assert feed.last == 1
