@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from steradian.errors import DamagedFile
+from steradian.errors import DamagedFile, SteradianError
 from steradian.plans import ScanPlan
 from steradian.scans import schema
+from steradian.scans.broken import BROKEN
 from steradian.scans.importing.planned import read_plan
 from steradian.scans.locking import open_to_read
 
@@ -49,5 +50,7 @@ def read_imported(path: Path) -> Imported:
             stored = int((np.asarray(file["alines/status"]) == schema.STORED).sum())
             summary = {"points": len(file["alines/status"]), "stored": stored, "fired": int(file["fired"][()])}
             return Imported(read_plan(file), bool(file.attrs["simulated"]), summary)
-    except (OSError, KeyError) as error:
+    except SteradianError:
+        raise
+    except (OSError, *BROKEN) as error:
         raise DamagedFile(f"{path.name} cannot be read as a scan: {error}") from error

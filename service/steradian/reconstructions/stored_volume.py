@@ -15,6 +15,7 @@ from steradian.errors import DamagedFile, InvalidInput
 from steradian.reconstructions.lattice import Lattice
 from steradian.reconstructions.projections import Axis
 from steradian.reconstructions.stored_values import StoredValues
+from steradian.scans.broken import BROKEN
 
 
 @lru_cache(maxsize=32)
@@ -53,7 +54,7 @@ class StoredVolume:
                 shape = self._copies[0].shape if self._copies else tuple(map(int, about["shape"]))
         except FileNotFoundError:
             raise
-        except (OSError, KeyError, ValueError) as error:
+        except (OSError, *BROKEN) as error:
             raise DamagedFile(f"{path.name} cannot be read as a volume: {error}") from error
         self.lattice, self.levels = Lattice(names, origin, spacing, shape), max(0, len(self._copies) - 1)
 

@@ -12,8 +12,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import DamagedFile, InvalidInput
+from steradian.errors import DamagedFile, InvalidInput, SteradianError
 from steradian.scans import schema
+from steradian.scans.broken import BROKEN
 from steradian.scans.locking import open_to_read
 from steradian.scans.reading import _check_kind, list_frames, shots_of
 from steradian.scans.recording import Recording, Shots
@@ -83,7 +84,9 @@ class ScanFollower:
                 if not 0 <= frame < frames:
                     raise InvalidInput("frame", frame, f"0 to {frames - 1}")
                 self.whole = _planned(file, slice(frame * points, (frame + 1) * points))
-        except (OSError, KeyError) as error:
+        except SteradianError:
+            raise
+        except (OSError, *BROKEN) as error:
             raise DamagedFile(f"{path} cannot be read as a scan: {error}") from error
         self._first = frame * self.whole.planned
         self._seen = np.zeros(self.whole.planned, bool)
@@ -108,7 +111,9 @@ class ScanFollower:
         try:
             with open_to_read(self.path) as file:
                 return self._take(file, most)
-        except (OSError, KeyError) as error:
+        except SteradianError:
+            raise
+        except (OSError, *BROKEN) as error:
             raise DamagedFile(f"{self.path} cannot be read as a scan: {error}") from error
 
     def forget(self) -> None:

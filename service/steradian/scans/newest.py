@@ -22,7 +22,7 @@ def newest_row(file: h5py.File) -> int | None:
     KeyError
         Where the file lacks a dataset.
     """
-    stored = np.asarray(file["alines/status"]) == schema.STORED
+    stored = file["alines/status"][:] == schema.STORED
     if not stored.any():
         return None
     given = _given(file)

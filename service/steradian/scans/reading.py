@@ -8,8 +8,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from steradian.errors import DamagedFile, InvalidInput
+from steradian.errors import DamagedFile, InvalidInput, SteradianError
 from steradian.scans import schema
+from steradian.scans.broken import BROKEN
 from steradian.scans.course import Course
 from steradian.scans.locking import open_to_read
 from steradian.scans.recording import Recording, Shots
@@ -54,7 +55,7 @@ def list_frames(path: Path) -> tuple[Frame, ...]:
             course = Course.of_file(file)
             stored = np.asarray(file["alines/status"]).reshape(-1, course.points) == schema.STORED
             fired = np.asarray(file["alines/fire_time_s"]).reshape(stored.shape)
-    except (OSError, KeyError, ValueError) as error:
+    except (OSError, *BROKEN) as error:
         raise DamagedFile(f"{path} cannot be read as a scan: {error}") from error
     times = [frame[those] for frame, those in zip(fired, stored, strict=True)]
     return tuple(
@@ -87,7 +88,9 @@ def read_scan(path: Path, frame: int = 0) -> Recording:
         with open_to_read(path) as file:
             _check_kind(path, file)
             return _read(path, file, frame)
-    except (OSError, KeyError) as error:
+    except SteradianError:
+        raise
+    except (OSError, *BROKEN) as error:
         raise DamagedFile(f"{path} cannot be read as a scan: {error}") from error
 
 

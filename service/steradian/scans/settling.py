@@ -9,6 +9,7 @@ import numpy as np
 
 from steradian.errors import DamagedFile, NotFound
 from steradian.scans import schema
+from steradian.scans.broken import BROKEN
 from steradian.scans.locking import open_to_read
 from steradian.storage.arrays import Arrays, scan_name
 
@@ -45,5 +46,5 @@ def count_alines(path: Path) -> dict[str, Any]:
             status = np.asarray(file["alines/status"])
             stored = int((status == schema.STORED).sum())
             return {"points": len(status), "stored": stored, "fired": int(file["fired"][()])}
-    except (OSError, KeyError):
+    except (OSError, *BROKEN):
         return {}

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from steradian.errors import DamagedFile, InvalidInput
 from steradian.scans import schema
+from steradian.scans.broken import BROKEN
 from steradian.scans.course import Course
 from steradian.scans.layout import create_scan_file, is_full
 from steradian.scans.locking import lock, open_to_read
@@ -81,7 +82,7 @@ class AlineStore:
             lock(self._handle, path)
             with open_to_read(path) as file:
                 self._locate(file)
-        except (OSError, KeyError) as error:
+        except (OSError, *BROKEN) as error:
             self._file.close()
             raise DamagedFile(f"{path} cannot be read as a scan: {error}") from error
         except BaseException:

@@ -17,6 +17,7 @@ from steradian.runtime.inspection import repair
 from steradian.storage.plans import PlanRepository
 from steradian.storage.states import ScanState
 from steradian.storage.tables import ScanRow
+from support.damage import spoil
 from support.kept import Kept
 
 MAIN = [sys.executable, "-c", "from steradian.cli import main; main()"]
@@ -187,3 +188,12 @@ def test_a_check_of_a_folder_in_use_or_of_none_is_one_clear_sentence(kept, tmp_p
     assert (done.returncode, "in use" in done.stderr) == (4, True)
     done = steradian("check", str(tmp_path / "nowhere"))
     assert (done.returncode, "nowhere" in done.stderr, (tmp_path / "nowhere").exists()) == (3, True, False)
+
+
+def test_a_scan_with_a_damaged_header_is_told_as_one_that_cannot_be_read(kept):
+    foreign = kept.data.scan_file("s01foreign")
+    shutil.copy(kept.data.scan_file(kept.scan), foreign)
+    spoil(foreign, "alines/status")
+    done = steradian("check", str(kept.folder))
+    assert (done.returncode, "s01foreign" in done.stdout, done.stderr) == (3, True, "")
+    assert kept.kinds() == {"s01foreign": "unreadable-scan"}

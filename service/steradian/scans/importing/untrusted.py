@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.errors import DamagedFile, NotFound, SteradianError
+from steradian.scans.broken import BROKEN
 from steradian.scans.locking import open_to_read
 
 MOST_LINKS = 5_000_000
@@ -35,8 +36,6 @@ RATIO, RATIO_FROM = 200, 16 << 20
 """Data of more than ``RATIO_FROM`` bytes may not be ``RATIO`` times larger than what the file stores for them."""
 
 LINK_KINDS = {h5py.h5l.TYPE_SOFT: "a soft link", h5py.h5l.TYPE_EXTERNAL: "a link to another file"}
-BROKEN = (KeyError, RuntimeError, ValueError, TypeError, OverflowError)
-"""What reading a broken file raises, beside ``OSError``; a text that is none is a ``ValueError``."""
 FILTERS = {h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_FLETCHER32}
 
 

@@ -1,0 +1,63 @@
+"""A scan or volume file whose headers are damaged is named as such by all that read it, whatever HDF5 raises."""
+
+import numpy as np
+import pytest
+
+from steradian.errors import DamagedFile
+from steradian.imaging import Axes, Volume
+from steradian.reconstructions.imported import read_imported
+from steradian.reconstructions.stored_volume import StoredVolume
+from steradian.reconstructions.volume_file import write_volume
+from steradian.scans.check import check_scan_file
+from steradian.scans.following import ScanFollower
+from steradian.scans.reading import list_frames, read_scan
+from steradian.scans.settling import count_alines
+from steradian.scans.store import AlineStore, create_scan_file
+from support.damage import BITS, spoil
+
+
+@pytest.fixture
+def path(tmp_path, plan, alines):
+    file = tmp_path / "scan.h5"
+    create_scan_file(file, plan, scan_id="s1", simulated=True)
+    with AlineStore(file) as store:
+        store.append(alines)
+    return file
+
+
+@pytest.mark.parametrize("bit", BITS)
+@pytest.mark.parametrize("read", [check_scan_file, read_imported, list_frames, read_scan, ScanFollower])
+def test_a_scan_whose_table_is_none_is_damaged(path, read, bit):
+    spoil(path, "alines/status", bit)
+    with pytest.raises(DamagedFile, match=path.name):
+        read(path)
+
+
+@pytest.mark.parametrize("read", [check_scan_file, read_scan, AlineStore])
+def test_a_scan_whose_alines_are_none_is_damaged(path, read):
+    spoil(path, "alines/samples")
+    with pytest.raises(DamagedFile, match=path.name):
+        read(path)
+
+
+@pytest.mark.parametrize("dataset", ["alines/status", "fired"])
+def test_a_scan_whose_alines_cannot_be_counted_counts_as_none(path, dataset):
+    assert count_alines(path)["stored"] == 53
+    spoil(path, dataset)
+    assert count_alines(path) == {}
+
+
+def test_a_scan_that_is_followed_and_damaged_meanwhile_is_so(path):
+    follower = ScanFollower(path)
+    spoil(path, "alines/crc32c")
+    with pytest.raises(DamagedFile, match=path.name):
+        follower.take()
+
+
+def test_a_volume_whose_values_are_none_is_damaged(tmp_path):
+    path, axis = tmp_path / "volume.h5", np.arange(4) * 1e-4
+    volume = Volume(np.ones((4, 4, 4), np.float32), Axes(axis, axis, axis), (1e-4,) * 3)
+    write_volume(path, volume, parameters={}, provenance={})
+    spoil(path, "values")
+    with pytest.raises(DamagedFile, match=path.name):
+        StoredVolume(path)
