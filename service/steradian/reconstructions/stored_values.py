@@ -82,18 +82,21 @@ class StoredValues:
         DamagedFile
             When the file ends before.
         """
+        with _opened(self.path) as file:
+            return self._read(file, index)
+
+    def _read(self, file: int, index: Index) -> NDArray[Any]:
         ranges = [
             range(at, at + 1) if isinstance(at, int) else range(*at.indices(size))
             for at, size in zip(index, self.shape, strict=True)
         ]
         found = np.empty(tuple(map(len, ranges)), self.dtype)
         if found.size:
-            with _opened(self.path) as file:
-                parts = [list(_parts(*both)) for both in zip(ranges, self.chunks, strict=True)]
-                room = bytearray(math.prod(self.chunks) * self.dtype.itemsize)
-                for chunk in itertools.product(*parts):
-                    numbers, inside, outside = zip(*chunk, strict=True)
-                    found[outside] = self._part(file, self.places[numbers], inside, room)
+            parts = [list(_parts(*both)) for both in zip(ranges, self.chunks, strict=True)]
+            room = bytearray(math.prod(self.chunks) * self.dtype.itemsize)
+            for chunk in itertools.product(*parts):
+                numbers, inside, outside = zip(*chunk, strict=True)
+                found[outside] = self._part(file, self.places[numbers], inside, room)
         return found[tuple(0 if isinstance(at, int) else slice(None) for at in index)]
 
     def _part(self, file: int, place: int, inside: tuple[range, ...], room: bytearray) -> NDArray[Any]:
@@ -126,7 +129,10 @@ class StoredValues:
         return data.ljust(size, b"\0")
 
     def pieces(self, index: Index) -> Iterator[NDArray[Any]]:
-        """Read a few planes of the first axis at a time, some megabytes; an integer takes the axis away."""
+        """Read a few planes of the first axis at a time, some megabytes; an integer takes the axis away.
+
+        All are of one file, which may be deleted or replaced once the first has been read.
+        """
         first, *others = index
         if isinstance(first, int):
             yield self.read(index)
@@ -135,9 +141,10 @@ class StoredValues:
         of_plane = zip(others, self.shape[1:], strict=True)
         sides = (1 if isinstance(at, int) else len(range(*at.indices(n))) for at, n in of_plane)
         thick = max(1, PIECE_BYTES // max(1, math.prod(sides) * self.dtype.itemsize))
-        for at in range(0, len(planes), thick):
-            some = planes[at : at + thick]
-            yield self.read((slice(some.start, some.stop, some.step), *others))
+        with _opened(self.path) as file:
+            for at in range(0, len(planes), thick):
+                some = planes[at : at + thick]
+                yield self._read(file, (slice(some.start, some.stop, some.step), *others))
 
 
 def _parts(wanted: range, side: int) -> Iterator[tuple[int, range, slice]]:

@@ -33,6 +33,20 @@ def test_every_part_is_what_numpy_takes(tmp_path, chunks, monkeypatch):
             np.testing.assert_array_equal(np.concatenate(pieces), expected)
 
 
+@pytest.mark.parametrize("another", [False, True])
+def test_what_is_read_piece_by_piece_stays_what_it_was_when_its_file_goes(tmp_path, monkeypatch, another):
+    monkeypatch.setattr(stored_values, "PIECE_BYTES", 2500)
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        stored = StoredValues(file.create_dataset("values", data=VALUES))
+    pieces = stored.pieces(tuple(slice(0, size, 1) for size in VALUES.shape))
+    found = [next(pieces)]
+    path.unlink()
+    if another:
+        path.write_bytes(bytes(100_000))
+    np.testing.assert_array_equal(np.concatenate([*found, *pieces]), VALUES)
+
+
 def test_a_file_that_ends_too_early_or_is_compressed_is_damaged(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         stored = StoredValues(file.create_dataset("values", data=VALUES))
