@@ -184,9 +184,9 @@ class DataDirectory:
         there = list(self.root.iterdir())
         ours = [path for path in there if path.name in NAMES or path.name.startswith(DATABASES)]
         for path in [*ours, self.root] if len(ours) == len(there) else ours:
-            with suppress(PermissionError):
+            with suppress(PermissionError, FileNotFoundError):
                 path.chmod(path.stat().st_mode & PRIVATE)
-        still = [f"read {path}" for path in ours if path.stat().st_mode & UMASK]
+        still = [f"read {path}" for path in ours if _mode(path) & UMASK]
         return still + ([f"change {self.root}"] if self.root.stat().st_mode & UMASK & 0o222 else [])
 
     def _rename_earlier(self) -> None:
@@ -196,6 +196,14 @@ class DataDirectory:
             for folder in earlier.iterdir():
                 folder.rename(self.root / "jobs" / folder.name)
             earlier.rmdir()
+
+
+def _mode(path: Path) -> int:
+    """Mode of a file; 0, which lets nobody in, of one that is gone, as SQLite's log is when the database is closed."""
+    try:
+        return path.stat().st_mode
+    except FileNotFoundError:
+        return 0
 
 
 def _read_pid(path: Path) -> int | str:

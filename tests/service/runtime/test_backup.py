@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -34,6 +35,8 @@ from steradian.storage.scans import ScanRepository
 from steradian.storage.states import ScanState
 from steradian.storage.tables import Table
 from support.alines import Aline
+from support.damage import BITS
+from support.damage import spoil as spoil_header
 from support.disks import small_disk
 from support.kept import Kept
 
@@ -485,6 +488,32 @@ def test_a_scan_that_is_damaged_already_is_kept_and_named(kept, tmp_path):
     assert made.damaged[scan].startswith("1 A-line")
     restored(tmp_path / "backup", tmp_path / "new")
     assert (tmp_path / "new" / "scans" / f"{other}.h5").read_bytes() == b"no HDF5"
+
+
+@pytest.mark.parametrize("bit", BITS)
+def test_a_scan_with_a_damaged_header_is_kept_as_it_is(kept, tmp_path, bit):
+    scan = kept.running_scan()
+    file = kept.data.scan_file(scan)
+    spoil_header(file, "alines/status", bit)
+    made = kept.back_up(tmp_path / "backup")
+    assert "is kept as it is" in made.damaged[scan]
+    assert (tmp_path / "backup" / "scans" / file.name).read_bytes() == file.read_bytes()
+    assert list(made.faults(tmp_path / "backup")) == []
+
+
+def test_a_log_of_the_database_that_goes_while_it_is_looked_at_ends_no_backup(kept, tmp_path, monkeypatch):
+    """SQLite removes it when the last one closes the file."""
+    stat, log = Path.stat, Path(f"{kept.file}-wal")
+
+    def gone_since(path, **more):
+        found = stat(path, **more)
+        if path == log:
+            log.unlink()
+        return found
+
+    log.write_bytes(b"")
+    monkeypatch.setattr(Path, "stat", gone_since)
+    assert kept.back_up(tmp_path / "backup").scans == 1
 
 
 def test_a_person_backs_up_checks_and_restores(kept, tmp_path):

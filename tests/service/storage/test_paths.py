@@ -1,6 +1,7 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -73,6 +74,26 @@ def test_a_folder_of_an_earlier_version_is_closed_and_what_is_not_ours_left_alon
     (data.root / "notes.txt").unlink()
     assert data.close_to_others() == []
     assert data.root.stat().st_mode & 0o777 == 0o700
+
+
+@pytest.mark.skipif(os.name != "posix", reason="modes are of POSIX systems")
+def test_a_log_of_the_database_that_goes_while_the_folder_is_closed_keeps_no_service_from_starting(
+    tmp_path, monkeypatch
+):
+    """SQLite removes it when the last one closes the file."""
+    listed, log = Path.iterdir, tmp_path / "steradian.sqlite-wal"
+
+    def gone_since(path):
+        found = list(listed(path))
+        log.unlink()
+        return iter(found)
+
+    for path in (log, tmp_path / "steradian.sqlite"):
+        path.write_text("")
+        path.chmod(0o644)
+    monkeypatch.setattr(Path, "iterdir", gone_since)
+    assert DataDirectory(tmp_path).close_to_others() == []
+    assert (tmp_path / "steradian.sqlite").stat().st_mode & 0o777 == 0o600
 
 
 def test_a_job_knows_whether_a_process_runs_it(tmp_path):

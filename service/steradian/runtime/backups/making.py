@@ -26,6 +26,7 @@ from steradian.errors import Conflict, DamagedFile, DiskFull, InvalidInput
 from steradian.progress import IsCancelled, Progress
 from steradian.runtime.backups.alone import alone
 from steradian.runtime.backups.manifest import DATABASE, Course, Entry, Manifest, copy_file, hash_file, plain_files
+from steradian.scans.broken import BROKEN
 from steradian.scans.check import check_scan_file
 from steradian.scans.layout import is_full
 from steradian.scans.locking import open_to_read
@@ -227,7 +228,7 @@ class _Copy:
                 self.damaged[scan] = f"{lost} A-lines do not match their checksums and count as missing"
         except FileNotFoundError:
             raise
-        except (DamagedFile, OSError, KeyError) as error:
+        except (DamagedFile, OSError, *BROKEN) as error:
             self._copy(path, tick)
             self.damaged[scan] = f"cannot be read as a scan and is kept as it is ({error})"
         return hash_file(self.folder / path)
@@ -236,7 +237,11 @@ class _Copy:
         """Bytes of the database's files; 0 where it is a server's."""
         name = self.database.name
         files = [Path(name), Path(f"{name}-wal")] if self.database.is_file else []
-        return sum(file.stat().st_size for file in files if file.exists())
+        size = 0
+        for file in files:
+            with suppress(FileNotFoundError):  # the log goes when the last one closes the database
+                size += file.stat().st_size
+        return size
 
     def _require(self, size: int, whole: int | None = None) -> None:
         """Ask for the bytes that come next; ``whole`` is about what all of the backup takes."""
