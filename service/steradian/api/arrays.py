@@ -22,6 +22,7 @@ from werkzeug.http import parse_accept_header
 
 from steradian.errors import DamagedFile, InvalidInput
 from steradian.plain import nulls
+from steradian.scans.broken import BROKEN
 from steradian.scans.locking import open_to_read
 
 NPY: Final = "application/x-npy"
@@ -164,6 +165,8 @@ class Dataset:
 
     Raises
     ------
+    FileNotFoundError
+        When there is none.
     DamagedFile
         When the file cannot be read.
     """
@@ -174,7 +177,9 @@ class Dataset:
             with open_to_read(path) as file:
                 self.shape: tuple[int, ...] = file[name].shape
                 self.dtype: np.dtype[Any] = file[name].dtype
-        except (OSError, KeyError) as error:
+        except FileNotFoundError:
+            raise
+        except (OSError, *BROKEN) as error:
             raise DamagedFile(f"{path.name} cannot be read: {error}") from error
 
     def pieces(self, index: tuple[slice | int, ...]) -> Iterator[NDArray[Any]]:

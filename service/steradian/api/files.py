@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import os
 import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -60,21 +61,32 @@ class RangedFile(FileResponse):
     """A file, or the part of it that the Range header asks for; Want-Repr-Digest: sha-256=1 gets it a Repr-Digest."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send it.
+        """Send it; the answer begins once the file is open.
 
         Raises
         ------
+        FileNotFoundError
+            When it was deleted since.
         HTTPException
             416 with the file's size when it ends before the range; 400 when the header is malformed.
         """
+        head: list[Message] = []
 
         async def checked(message: Message) -> None:
             if message["type"] == "http.response.start" and message["status"] in {400, 416}:
                 size = Headers(raw=message["headers"]).get("content-range")
                 said = f"the file has {size.rpartition('/')[2]} bytes" if size else "send Range: bytes=FIRST-LAST"
                 raise HTTPException(message["status"], said, {"Content-Range": size} if size else None)
+            if message["type"] == "http.response.start":
+                head.append(message)
+                return
+            while head:
+                await send(head.pop())
             await send(message)
 
+        if self.stat_result is None:
+            self.stat_result = await run_in_threadpool(os.stat, self.path)
+            self.set_stat_headers(self.stat_result)
         if _WANTED.search(Headers(scope=scope).get("want-repr-digest", "")):
             self.headers["Repr-Digest"] = f"sha-256=:{await run_in_threadpool(_sha256, Path(self.path))}:"
         await super().__call__(scope, receive, checked)

@@ -61,10 +61,17 @@ def _checks(services: Services, now: float) -> dict[str, bool]:
     return {
         "database": _answers(services),
         "store": _is_mounted(services) and services.arrays.answers(),
-        "disk": shutil.disk_usage(services.data.root).free > MIN_FREE_BYTES,
+        "disk": _has_room(services),
         "queue": services.queue_is_open,
         **{name: is_alive(services.data.heartbeat(name), now) for name in processes},
     }
+
+
+def _has_room(services: Services) -> bool:
+    try:
+        return shutil.disk_usage(services.data.root).free > MIN_FREE_BYTES
+    except OSError:  # the folder is gone, or its host
+        return False
 
 
 def _is_mounted(services: Services) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 
 from fastapi import APIRouter, Request, Response
 from prometheus_client import CollectorRegistry, Counter, Histogram, generate_latest
@@ -85,7 +86,7 @@ class _Present(Collector):
             "steradian_process_alive", "Whether a process shows signs of life", labels=["process"]
         )
         gpus = GaugeMetricFamily("steradian_gpu", "GPU that a worker uses", labels=["process", "gpu"])
-        for process in sorted(path.stem for path in services.data.heartbeat("x").parent.glob("*.json")):
+        for process in _processes(services):
             if process not in {"owner", "service"}:
                 sign = services.data.heartbeat(process)
                 alive.add_metric([process], is_alive(sign, time.time()))
@@ -93,9 +94,18 @@ class _Present(Collector):
                     gpus.add_metric([process, gpu], 1)
         yield alive
         yield gpus
-        free = services.disk.free
-        yield GaugeMetricFamily("steradian_disk_free_bytes", "Free on the disk of the data folder", value=free)
+        with suppress(OSError):  # the data folder is away
+            free = services.disk.free
+            yield GaugeMetricFamily("steradian_disk_free_bytes", "Free on the disk of the data folder", value=free)
         yield GaugeMetricFamily("steradian_events_last", "Number of the last event", value=services.log.bounds().last)
+
+
+def _processes(services: Services) -> list[str]:
+    """Name those that have shown a sign of life; none while the data folder is away."""
+    try:
+        return sorted(path.stem for path in services.data.heartbeat("x").parent.glob("*.json"))
+    except OSError:
+        return []
 
 
 @router.get(

@@ -117,7 +117,8 @@ class Nodes:
 
     def follows(self, scanner_id: str) -> bool:
         """Whether a scanner is another node's, and that one has workers for images that grow with its scans."""
-        return self.is_elsewhere(scanner_id) and self._rows[scanner_id].follows
+        row = self._rows.get(scanner_id)  # once: they are replaced meanwhile
+        return row is not None and row.follows and self.is_elsewhere(scanner_id)
 
     @property
     def is_noted(self) -> bool:

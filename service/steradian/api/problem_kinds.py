@@ -235,7 +235,7 @@ PROBLEMS: Final[Mapping[str, ProblemKind]] = MappingProxyType(
         "store-unavailable": ProblemKind(
             503,
             "The store does not answer",
-            "The object store that keeps scans and results cannot be reached now, or does not have this one yet.",
+            "The object store or the data folder cannot be reached now, or does not have this scan or result yet.",
             "Try again after Retry-After; /readyz tells when it is back.",
             retryable=True,
         ),

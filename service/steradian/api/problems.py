@@ -7,6 +7,8 @@ the inside and is in the log under the request's id.
 from __future__ import annotations
 
 import logging
+import os
+from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
@@ -16,6 +18,7 @@ from fastapi.responses import JSONResponse, Response
 from pydantic import BaseModel, Field
 from sqlalchemy.exc import DBAPIError, OperationalError
 from sqlalchemy.exc import TimeoutError as NoConnection
+from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 from starlette.routing import Match
@@ -25,7 +28,7 @@ from steradian.api.conditions import NotModified
 from steradian.api.findings import Finding, finding_of, findings_of
 from steradian.api.headers import NOT_KEPT, SAFE
 from steradian.api.problem_kinds import PROBLEMS, address_of
-from steradian.errors import Conflict, DiskFull, InvalidInput, SteradianError
+from steradian.errors import Conflict, DiskFull, InvalidInput, NotFound, SteradianError
 from steradian.scans.layout import is_full
 from steradian.storage.deletion import HasDependents
 
@@ -218,7 +221,19 @@ async def _gone(request: Request, error: Exception) -> Response:
 
 async def _system_problem(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, OSError)  # noqa: S101
-    return _disk_full(request) if is_full(error) else await _unexpected(request, error)
+    if is_full(error):
+        return _disk_full(request)
+    if isinstance(error, FileNotFoundError) and await run_in_threadpool(_is_deleted, request, error):
+        return problem(request.scope, NotFound.code, "it was deleted while it was being read")
+    return await _unexpected(request, error)
+
+
+def _is_deleted(request: Request, error: FileNotFoundError) -> bool:
+    """Whether what was to be read is a file that is gone from the data folder, and not the folder itself."""
+    root = request.app.state.services.data.root.absolute()
+    name = error.filename  # the HDF5 library tells none
+    ours = name is None or Path(os.fsdecode(name)).absolute().is_relative_to(root)
+    return request.method in {"GET", "HEAD"} and ours and root.is_dir()
 
 
 def _disk_full(request: Request) -> JSONResponse:

@@ -24,9 +24,10 @@ from steradian.api.problems import NotReady
 from steradian.api.scans import is_settled
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
-from steradian.errors import DamagedFile, NotFound
+from steradian.errors import DamagedFile, NotFound, SteradianError
 from steradian.plain import nulls, plain
 from steradian.scans import schema
+from steradian.scans.broken import BROKEN
 from steradian.scans.locking import open_to_read
 from steradian.scans.newest import newest_row
 from steradian.scans.rows import RowTable
@@ -264,5 +265,9 @@ def _opened(services: Services, scan_id: str) -> Iterator[h5py.File]:
     try:
         with open_to_read(path) as file:
             yield file
-    except (OSError, KeyError) as error:
+    except SteradianError:
+        raise
+    except FileNotFoundError:  # deleted since
+        raise NotFound("file of scan", scan_id) from None
+    except (OSError, *BROKEN) as error:
         raise DamagedFile(f"the file of scan {scan_id} cannot be read: {error}") from error

@@ -9,6 +9,7 @@ from starlette.concurrency import run_in_threadpool
 from steradian.api.dependencies import ServicesNeeded
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
+from steradian.errors import StoreUnavailable
 from steradian.storage.disk import promised
 
 router = APIRouter(prefix=f"{V1}/storage", tags=["service"], route_class=GuardedRoute)
@@ -31,8 +32,11 @@ class StorageView(BaseModel):
 @router.get("", summary="What the data folder holds, and what may still come")
 async def read_storage(services: ServicesNeeded) -> StorageView:
     """Count the bytes of all files; those who ask at once share one look through the folder."""
-    used = await services.usage.ask(None)
-    return await run_in_threadpool(_view, services, used)
+    try:
+        used = await services.usage.ask(None)
+        return await run_in_threadpool(_view, services, used)
+    except OSError as error:
+        raise StoreUnavailable(f"the data folder is away: {error.strerror}") from error
 
 
 def _view(services: Services, used: dict[str, int]) -> StorageView:

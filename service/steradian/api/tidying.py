@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from contextlib import suppress
 from datetime import timedelta
 from typing import TYPE_CHECKING
 
@@ -35,8 +36,9 @@ def tidy(services: Services, *, shared: bool = True) -> None:
     now = services.clock()
     oldest = (now - UPLOADS_KEPT).timestamp()
     for path in services.data.references.glob("*"):
-        if path.stat().st_mtime < oldest:
-            path.unlink(missing_ok=True)
+        with suppress(FileNotFoundError):  # a draft has got its name, or its scan was deleted
+            if path.stat().st_mtime < oldest:
+                path.unlink()
     _sweep_drafts(services)
     if not shared:
         return

@@ -16,6 +16,7 @@ from typing import Final
 from uuid import uuid4
 
 from sqlalchemy import delete, select
+from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
 from steradian.errors import DamagedFile, InvalidInput, StoreUnavailable
@@ -158,10 +159,10 @@ class ObjectStore:
         self._folder.delete(name)
 
     def answers(self) -> bool:
-        """Whether the store is there and is the database's."""
+        """Whether store and database are there and belong together."""
         try:
             return self.check(self._at_once)
-        except (StoreUnavailable, InvalidInput):
+        except (StoreUnavailable, InvalidInput, DamagedFile, SQLAlchemyError):
             return False
 
     def bind(self) -> None:

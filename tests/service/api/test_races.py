@@ -31,6 +31,17 @@ SMALL = {"modes": 8}
 SPEED = {"kind": "sound-speed", "first": 1450, "last": 1550}
 
 
+def ask(app, method, path, **more):
+    """Ask an application in this process."""
+
+    async def answered():
+        transport = httpx.ASGITransport(app, raise_app_exceptions=False)
+        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1/api/v1") as http:
+            return await http.request(method, path, **more)
+
+    return asyncio.run(answered())
+
+
 class Bench:
     """The application in this process, on a database of its own; nothing else runs."""
 
@@ -45,12 +56,7 @@ class Bench:
         self.services.scanner.ensure(simulated=True)
 
     def ask(self, method, path, **more):
-        async def answered():
-            transport = httpx.ASGITransport(self.app, raise_app_exceptions=False)
-            async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1/api/v1") as http:
-                return await http.request(method, path, **more)
-
-        return asyncio.run(answered())
+        return ask(self.app, method, path, **more)
 
     def post(self, path, **body):
         return self.ask("POST", path, json=body, headers={"Idempotency-Key": uuid.uuid4().hex})
