@@ -102,6 +102,7 @@ function verdict([name, stop]) {
 }
 
 function showStop() {
+  if (scanner) showScanner();
   const panel = byId("stopped");
   const least = worst();
   const stop = least?.[1];
@@ -176,7 +177,7 @@ async function look() {
       return seen ? seen.number !== stop.number || seen.laser !== "unconfirmed" || stop.laser === "unconfirmed" : stop.recorded;
     };
     if (answered?.answers.size && press === answered && [...answered.answers].every(isKnown)) press = null;
-    if (scanner) showScanner();
+    if (scanner) for (const watcher of watchers) watcher(scanner, scanners);
     showStop();
   } catch {
     scanner = null;
@@ -193,8 +194,16 @@ function tell(...children) {
   if (!made.isEqualNode(pill)) pill.replaceChildren(...made.childNodes);
 }
 
+/** How a scanner's laser stands: a stop that nobody confirmed leaves it open. @param {any} one @returns {"on" | "stopped, laser off" | "stopped" | "stop not confirmed" | "stop sent" | ""} */
+function laserOf(one) {
+  const stop = standing().find(([name]) => name === one.id)?.[1];
+  if (stop?.laser === "off") return "stopped, laser off";
+  if (one.state === "scanning") return "on";
+  if (stop) return stop.laser === "idle" ? "stopped" : "stop not confirmed";
+  return press && !press.answers ? "stop sent" : "";
+}
+
 function showScanner() {
-  for (const watcher of watchers) watcher(scanner, scanners);
   const pill = byId("scanner");
   if (scanners.length > 1) {
     pill.removeAttribute("title");
@@ -205,22 +214,25 @@ function showScanner() {
   const link = connected ? "connected" : scanner.connection === "unknown" ? "not used yet" : "not connected";
   const name = scanner.simulated ? "Simulated scanner" : "Scanner";
   const { interlock, lease } = scanner;
+  const laser = laserOf(scanner);
   tell(
     h("span", { class: scanner.connection === "disconnected" ? "fault" : "" }, `${name}: ${link}`),
-    scanner.state === "scanning" ? h("span", { class: "laser" }, "laser on") : h("span", { class: "dim" }, connected ? "idle, laser off" : "idle"),
+    laser === "on" ? h("span", { class: "laser" }, "laser on") : h("span", { class: laser ? "fault" : "dim" }, laser || (connected ? "idle, laser off" : "idle")),
     interlock === "open" ? h("span", { class: "fault" }, "interlock open") : null,
     lease ? h("span", { class: "dim" }, `held by ${lease.holder} until ${clock(lease.ends)}`) : null);
   if (scanner.last_error && !connected) pill.title = scanner.last_error;
   else pill.removeAttribute("title");
 }
 
-/** Several scanners in a line: how many, whose laser is on, and what is wrong with which. */
+/** Several scanners in a line: how many, whose laser is on, which are stopped, and what is wrong with which. */
 function showScanners() {
   const named = (/** @type {(one: any) => boolean} */ which) => scanners.filter(which).map((one) => one.id).join(", ");
-  const [firing, lost, open] = [named((one) => one.state === "scanning"), named((one) => one.connection === "disconnected"), named((one) => one.interlock === "open")];
+  const stops = /** @type {const} */ (["stop sent", "stop not confirmed", "stopped", "stopped, laser off"]).map((how) => [how, named((one) => laserOf(one) === how)]).filter(([, some]) => some);
+  const [firing, lost, open] = [named((one) => laserOf(one) === "on"), named((one) => one.connection === "disconnected"), named((one) => one.interlock === "open")];
   return [
     h("span", null, `${scanners.length} scanners`),
-    firing ? h("span", { class: "laser" }, `laser on: ${firing}`) : h("span", { class: "dim" }, "idle"),
+    firing ? h("span", { class: "laser" }, `laser on: ${firing}`) : stops.length ? null : h("span", { class: "dim" }, "idle"),
+    ...stops.map(([how, some]) => h("span", { class: "fault" }, `${how}: ${some}`)),
     lost ? h("span", { class: "fault" }, `not connected: ${lost}`) : null,
     open ? h("span", { class: "fault" }, `interlock open: ${open}`) : null];
 }
