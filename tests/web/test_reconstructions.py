@@ -214,6 +214,22 @@ def test_side_by_side_tells_what_differs(open_page, service, made):
     page.wait_for_function("() => location.hash.includes('at=')")
 
 
+def test_a_volume_without_a_picture_says_why(open_page, service, made):
+    """One that is on its way, one that does not come and one with nothing in it are no black squares all."""
+    first, second = (one.id for one in made)
+    page, held = open_page(service, "/healthz"), []
+    nothing = {"body": bytes(12), "headers": {"X-Shape": "3,4"}}
+    page.route(f"**/reconstructions/{first}/mip*", lambda route: held.append(route))
+    page.route(f"**/reconstructions/{second}/mip*", lambda route: route.fulfill(**nothing))
+    page.goto(f"{service.url}/volumes")
+    expect(page.locator(f"[data-of='{first}'] + span")).to_have_text("loading …")
+    expect(page.locator(f"[data-of='{second}'] + span")).to_have_text("empty: no value above 0")
+    until(lambda: page.evaluate("1") and held)
+    held[0].abort()
+    expect(page.locator(f"[data-of='{first}'] + span")).to_have_text("no picture")
+    page.faults.clear()  # the picture that did not come
+
+
 @pytest.mark.parametrize(
     "address", ["/reconstructions", "/reconstructions?scan", "/volumes", "/reconstructions/{id}", "/volumes/{id}"]
 )

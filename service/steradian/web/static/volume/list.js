@@ -66,7 +66,7 @@ function firstShown(one) {
   return source && !source.flat ? firstBelow(source, source.near) : 0;
 }
 
-/** Those that were made: a search reads none of them again. @type {Map<string, HTMLCanvasElement>} */
+/** Those that were made: a search reads none of them again. @type {Map<string, HTMLElement>} */
 const pictures = new Map();
 
 /** @param {any} one @param {string} axis */
@@ -74,9 +74,15 @@ function picture(one, axis) {
   const before = pictures.get(one.id);
   if (before) return before;
   const canvas = h("canvas", { width: 1, height: 1, role: "img", "aria-label": `Projection along ${axis}`, dataset: { of: one.id, axis, first: String(firstShown(one)) } });
-  pictures.set(one.id, canvas);
+  const made = h("span", { class: "thumb" }, canvas, h("span", null, "loading …"));
+  pictures.set(one.id, made);
   watcher.observe(canvas);
-  return canvas;
+  return made;
+}
+
+/** Say on a picture's place why nothing is seen there; no text: it is seen. @param {HTMLCanvasElement} canvas @param {string} text */
+function say(canvas, text) {
+  if (canvas.nextElementSibling) canvas.nextElementSibling.textContent = text;
 }
 
 /** Draw a small projection, black where there is nothing. @param {HTMLCanvasElement} canvas */
@@ -89,10 +95,13 @@ async function fill(canvas) {
     const shape = /** @type {[number, number]} */ ((answer.headers.get("X-Shape") ?? "").split(",").map(Number));
     const pixels = new ImageData(shape[0], shape[1]);
     const how = { up: axis === "z", out: new Uint32Array(pixels.data.buffer) };
-    paint({ values: new Uint8Array(await answer.arrayBuffer()), shape }, [0, BRIGHTEST], table("inferno"), how);
+    const values = new Uint8Array(await answer.arrayBuffer());
+    paint({ values, shape }, [0, BRIGHTEST], table("inferno"), how);
     Object.assign(canvas, { width: shape[0], height: shape[1] });
     canvas.getContext("2d")?.putImageData(pixels, 0, 0);
+    say(canvas, values.some((value) => value > 0) ? "" : "empty: no value above 0");
   } catch {
+    say(canvas, "no picture");
     canvas.setAttribute("aria-label", "There is no picture of it");
   }
 }
