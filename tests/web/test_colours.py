@@ -65,3 +65,12 @@ def test_depths_show_height_as_brightness(modules):
     assert found[0].tolist() == [0, 0, 0]
     assert np.abs(found[1] - hues[85]).max() <= 1
     assert np.abs(found[3] - hues[255] / 2).max() <= 1
+
+
+def test_the_bar_has_a_value_s_colour_below_it(modules):
+    """Colours run from one handle to the other; beyond they are those of the ends, as in the picture."""
+    script = """const out = new Uint32Array(200);
+        m.rampOver(m.table("grey"), [-1, 3], [0, 2], out); return [...out];"""
+    found = rgb(modules.call(MODULE, script))[:, 0]
+    values = -1 + 4 * (np.arange(200) + 0.5) / 200
+    assert np.abs(found - 255 * np.clip(values / 2, 0, 1)).max() <= 1

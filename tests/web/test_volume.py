@@ -92,6 +92,24 @@ def test_an_address_shows_the_same_view(page):
     again.wait_for_function(SAME, arg=page_.evaluate(PICTURES))
 
 
+BAR = "() => [...document.querySelector('.colour-bar').getContext('2d').getImageData(0, 0, 256, 1).data]"
+
+
+def test_the_histogram_s_bar_is_that_of_the_handles(page, made):
+    """Ends in numbers; constant beyond the handles; where colours mean depth, it is one of depths."""
+    greatest = made[1][0].values.max()
+    page_ = page(f"#window=0,{greatest / 2}&map=grey")
+    page_.wait_for_function("() => document.querySelector('[data-end=greatest]').textContent !== ''")
+    assert float(page_.inner_text("[data-end='greatest']")) == pytest.approx(greatest, rel=0.01)
+    red = np.array(page_.evaluate(BAR)).reshape(256, 4)[:, 0]
+    assert (red[-100:] == 255).all(), "brighter than the window is as bright as its end"
+    assert (np.diff(red) >= 0).all()
+    expect(page_.get_by_text("depth of the colour")).to_be_hidden()
+    page_.select_option("#map", "depth")
+    expect(page_.get_by_text("depth of the colour")).to_be_visible()
+    page_.wait_for_function(f"() => {{ const [r,, b] = ({BAR})(); return r > b; }}")
+
+
 PICTURES = "() => [...document.querySelectorAll('[data-image]')].map((one) => one.toDataURL())"
 SAME = f"(wanted) => JSON.stringify(({PICTURES})()) === JSON.stringify(wanted)"
 

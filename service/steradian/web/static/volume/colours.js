@@ -88,6 +88,18 @@ function packed([red, green, blue]) {
   return ((255 << 24) | (Math.round(blue) << 16) | (Math.round(green) << 8) | Math.round(red)) >>> 0;
 }
 
+/** Colours along a range of values: the table from one end of the window to the other, its end colours beyond.
+ *
+ * @param {Uint32Array} colours
+ * @param {[number, number]} range  values at the outer edges of the first and the last pixel
+ * @param {[number, number]} window  values at the table's ends
+ * @param {Uint32Array} out  pixels
+ */
+export function rampOver(colours, [from, to], window, out) {
+  const values = Float64Array.from(out, (_, n) => from + ((n + 0.5) / out.length) * (to - from));
+  paint({ values, shape: [out.length, 1] }, window, colours, { out });
+}
+
 /** Paint a plane (na × nb) into pixels nb rows high and na wide: its first axis runs across, its second one up or down.
  *
  * @param {{values: ArrayLike<number>, shape: [number, number]}} plane

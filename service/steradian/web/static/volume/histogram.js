@@ -3,7 +3,8 @@
 import { framed, h } from "../dom.js";
 import { colour, onTheme } from "../theme.js";
 import { figure } from "../units.js";
-import { table } from "./colours.js";
+import { rampOver, table } from "./colours.js";
+import { mmOf } from "./panes.js";
 
 /** @typedef {import("./stage.js").Stage} Stage */
 
@@ -17,14 +18,18 @@ export class Histogram {
     this.stage = stage;
     this.planes = planes;
     this.canvas = h("canvas", { width: WIDTH, height: HEIGHT, role: "img", "aria-label": "How often which value is seen" });
-    this.bar = h("canvas", { width: 256, height: 1, class: "colour-bar", "aria-hidden": "true" });
+    this.bar = h("canvas", { width: WIDTH, height: 1, class: "colour-bar", "aria-hidden": "true" });
     this.handles = [this.handle(0, "Darkest value"), this.handle(1, "Brightest value")];
     this.inputs = [this.input(0, "From"), this.input(1, "to")];
+    this.ends = [h("span", { dataset: { end: "least" } }), h("span", { dataset: { end: "greatest" } })];
+    this.depths = [h("span"), h("span")];
+    this.depthScale = h("div", { class: "scale dim small" }, this.depths[0], h("span", null, "depth of the colour"), this.depths[1]);
     this.element = h("div", { class: "histogram" },
-      h("div", { class: "handles" }, this.canvas, ...this.handles), this.bar,
+      h("div", { class: "handles" }, this.canvas, ...this.handles),
+      h("div", { class: "scale dim small" }, this.ends[0], h("span", null, "initial pressure (arb. u.)"), this.ends[1]),
+      this.bar, this.depthScale,
       h("div", { class: "row nowrap" }, ...this.inputs.map((input, n) => h("label", null, n ? "to" : "from", input)),
-        h("button", { type: "button", title: "Window from 0 to where the brightest thousandth begins", onclick: () => stage.store.change({ window: null }) }, "auto")),
-      h("p", { class: "dim small" }, "Initial pressure, arb. u."));
+        h("button", { type: "button", title: "Window from 0 to where the brightest thousandth begins", onclick: () => stage.store.change({ window: null }) }, "auto")));
     this.draw = framed(() => this.drawNow());
     stage.store.on((_view, changed) => (changed.has("window") || changed.has("map")) && this.draw());
     onTheme(() => this.draw());
@@ -101,9 +106,20 @@ export class Histogram {
       this.handles[n].setAttribute("aria-valuetext", figure(value));
       if (document.activeElement !== this.inputs[n]) this.inputs[n].value = String(Number(value.toPrecision(4)));
     });
+    [low, high].forEach((value, n) => (this.ends[n].textContent = figure(value)));
+    this.drawBar();
+  }
+
+  /** Which value has which colour, below the same value of the histogram; of colours that mean depth, which depth. */
+  drawBar() {
+    const { byDepth, colours, depths, window } = this.stage;
     const bar = /** @type {CanvasRenderingContext2D} */ (this.bar.getContext("2d"));
-    const pixels = new ImageData(256, 1);
-    new Uint32Array(pixels.data.buffer).set(table(/** @type {any} */ (this.stage.view.map)));
+    const pixels = new ImageData(WIDTH, 1);
+    const out = new Uint32Array(pixels.data.buffer);
+    if (byDepth) rampOver(table("depth"), depths, depths, out);
+    else rampOver(colours, this.range, window, out);
     bar.putImageData(pixels, 0, 0);
+    this.depthScale.hidden = !byDepth;
+    depths.forEach((mm, n) => (this.depths[n].textContent = mmOf(mm)));
   }
 }

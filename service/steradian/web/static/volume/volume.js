@@ -120,7 +120,7 @@ function colourChoice(stage) {
     PRESSURE_MAPS.filter((name) => name !== "depth" || !stage.source.flat).map((name) => h("option", { value: name }, NAMES[name])));
   const show = () => {
     choice.value = stage.view.map;
-    legend.textContent = stage.byDepth ? `Warm at ${mmOf(stage.depths[0])} depth, cold at ${mmOf(stage.depths[1])}; brightness is the value.` : "";
+    legend.textContent = stage.byDepth ? "The hue is the depth, the brightness the value." : "";
   };
   stage.store.on(show);
   show();
