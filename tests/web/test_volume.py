@@ -68,6 +68,7 @@ def test_a_region_is_numpy_s(page, made):
         for key, wanted in (("mean", one.mean()), ("deviation", one.std())):
             told = page.get_attribute(f"[data-result='{name}'] [data-figure='{key}']", "data-value")
             assert float(told) == pytest.approx(wanted, rel=1e-4)
+            assert page.inner_text(f"[data-result='{name}'] [data-figure='{key}']").endswith("arb. u.")
     assert figure(page, "contrast") == pytest.approx((inside.mean() - outside.mean()) / outside.std(), rel=1e-3)
 
 
@@ -137,6 +138,17 @@ def test_images_of_other_voxels_are_not_subtracted(page, made):
     page.wait_for_function("() => document.querySelector('#panel-Compare').innerText.includes('cannot be subtracted')")
     page.click("[data-how='blink']")
     page.wait_for_function("() => document.querySelector('#panel-Compare').innerText.includes('now: the reference')")
+
+
+def test_a_speed_stands_with_its_error_before_its_unit(service, open_page, made):
+    found = {"sound_speeds": [1450, 1500, 1550], "sharpness": [1, 2, 1], "best": 1500.2, "standard_error": 0.2}
+    job = {"state": "succeeded", "ended": "2026-01-01T00:00:00Z", "result": found | {"at_edge": False}}
+    page = open_page(service, "/healthz")
+    page.route("**/api/v1/jobs?kind=sound-speed*", lambda route: route.fulfill(json={"items": [job]}))
+    page.goto(f"{service.url}/volumes/{made[0][0]}")
+    page.click("[data-tab='Speed']")
+    expect(page.get_by_text("Sharpest at 1500.2 ± 0.2 m/s")).to_be_visible()
+    expect(page.get_by_text(f"Dashed: this volume's, {SOUND_SPEED:.1f} m/s")).to_be_visible()
 
 
 def test_a_mask_is_designed_around_what_one_points_at(service, page, made):

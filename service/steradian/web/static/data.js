@@ -20,6 +20,9 @@ const LENGTHS = ["aperture", "depth", "interval"];
 /** @type {Record<string, number>} of a mm: units in which positions may come */
 const UNITS = { mm: 1, m: 1e-3, um: 1e3 };
 
+/** @type {Record<string, [number, string]>} SI units of what the service allows, in those of the fields */
+const OF_FIELDS = { s: [1e9, "ns"], m: [1e3, "mm"] };
+
 /** @type {Record<string, number>} what is tried where nobody knows */
 const GUESSES = { sound_speed: 1500 };
 
@@ -133,13 +136,21 @@ async function look() {
 /** @param {string} value */
 const guessed = (value) => `${value} is a guess: change it if you know better.`;
 
+/** What is allowed, in the unit that stands beside the field. @param {string} allowed */
+function inFieldsUnit(allowed) {
+  return allowed.replace(/^([^;(]*)\(([sm])\)/, (_, range, unit) => {
+    const [factor, name] = OF_FIELDS[unit];
+    return `${range.replace(/-?\d[\d.]*(e[-+]?\d+)?/g, (/** @type {string} */ number) => String(Number((Number(number) * factor).toPrecision(6))))}(${name})`;
+  });
+}
+
 /** Say beside each field what it must be; where nobody knows, a guess is put in. @param {{field: string | undefined, allowed: string}[]} missing */
 function name(missing) {
   for (const remark of /** @type {NodeListOf<HTMLElement>} */ (form.querySelectorAll("[data-remark]"))) {
     const field = remark.dataset.remark ?? "";
     const input = /** @type {HTMLInputElement} */ (form.querySelector(`input[name="${field}"]`));
     const found = missing.find((one) => (one.field === "positions" ? "interval" : one.field) === field);
-    remark.textContent = found ? `needed: ${found.allowed}` : input.dataset.guess === input.value ? guessed(input.value) : "";
+    remark.textContent = found ? `needed: ${inFieldsUnit(found.allowed)}` : input.dataset.guess === input.value ? guessed(input.value) : "";
     if (found) input.setAttribute("aria-invalid", "true");
     else input.removeAttribute("aria-invalid");
     if (!found || !(field in GUESSES) || input.value !== "") continue;

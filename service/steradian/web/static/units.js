@@ -5,6 +5,9 @@ import { copy, h } from "./dom.js";
 const NONE = "–";
 const GAP = "\u00a0"; // a unit stands on the line of its figure
 
+/** Unit of an image's values. */
+export const PRESSURE = "arb. u.";
+
 /** @param {number} value @param {number} digits significant ones */
 export function figure(value, digits = 3) {
   if (!Number.isFinite(value)) return NONE;
@@ -38,6 +41,11 @@ export const bytes = inSteps([[1e12, "TB"], [1e9, "GB"], [1e6, "MB"], [1e3, "kB"
 export const shortTime = inSteps([[1, "s"], [1e-3, "ms"], [1e-6, "µs"], [1e-9, "ns"]]);
 
 export const area = inSteps([[1e-6, "mm²"]]);
+
+/** A value of an image: initial pressure, whose scale nobody knows. @param {number} value @param {number} [digits] */
+export function pressure(value, digits = 3) {
+  return Number.isFinite(value) ? `${figure(value, digits)}${GAP}${PRESSURE}` : NONE;
+}
 
 /** In millimetres whatever it is, for coordinates that are compared. @param {number} metres @param {number} [decimals] */
 export function mm(metres, decimals = 2) {

@@ -6,8 +6,6 @@ import { duration, length, mm, percent } from "../units.js";
 import { table } from "../volume/colours.js";
 import { extent } from "./view.js";
 
-const LOW = -0.2; // of the scale of a point's image, whose peak is 1
-
 /** The image of a tiny ball in x–z. @param {HTMLElement} host */
 export function spreadPanel(host) {
   const title = h("p", { class: "dim caption" });
@@ -47,8 +45,7 @@ export function paint({ x, z, section }) {
   const colours = table("inferno");
   for (let i = 0; i < x.length; i++) {
     for (let k = 0; k < z.length; k++) {
-      const share = (section[i][k] - LOW) / (1 - LOW);
-      pixels[k * x.length + i] = colours[Math.round(255 * Math.min(1, Math.max(0, share)))];
+      pixels[k * x.length + i] = colours[Math.round(255 * Math.min(1, Math.max(0, section[i][k])))]; // its peak is 1
     }
   }
   context.putImageData(image, 0, 0);
@@ -57,9 +54,12 @@ export function paint({ x, z, section }) {
   return canvas;
 }
 
+/** @param {number[]} places in metres */
+const span = (places) => `${mm(places[0], 1)} to ${mm(places[places.length - 1], 1)}`;
+
 /** @param {any} seen */
 function bar({ x, z }) {
-  return h("span", { class: "axes dim" }, `x →, z ↓ from ${mm(z[0], 1)} to ${mm(z[z.length - 1], 1)}`);
+  return h("span", { class: "axes dim" }, `x → ${span(x)}, z ↓ ${span(z)}; colours: 0 to the peak`);
 }
 
 /** Which edges the point's surroundings show: directions of their normals, as seen from above. @param {HTMLElement} host */

@@ -3,7 +3,7 @@
 import { api } from "../api.js";
 import { h, replace } from "../dom.js";
 import { failed, loading } from "../states.js";
-import { duration, figure } from "../units.js";
+import { duration, figure, pressure } from "../units.js";
 import { sourceOf } from "../volume/arrays.js";
 import { mmOf, pane } from "../volume/panes.js";
 import { SliceView } from "../volume/slices.js";
@@ -52,7 +52,7 @@ function fill(panel, groups, found, stages, store) {
 /** @param {Stage} stage @param {Axis} axis @param {any} one @param {HTMLElement} cursor */
 function tile(stage, axis, one, cursor) {
   const view = new SliceView(stage, axis, (seen) => {
-    cursor.textContent = seen ? `${one.id.slice(-5)}: ${Object.entries(seen.place).filter(([, mm]) => mm !== null).map(([name, mm]) => `${name} ${mmOf(Number(mm))}`).join("  ")}  value ${figure(seen.value, 4)}` : "";
+    cursor.textContent = seen ? `${one.id.slice(-5)}: ${Object.entries(seen.place).filter(([, mm]) => mm !== null).map(([name, mm]) => `${name} ${mmOf(Number(mm))}`).join("  ")}  value ${pressure(seen.value, 4)}` : "";
   });
   view.read(null);
   const made = pane(view);

@@ -3,7 +3,7 @@
 import { api, onceOnly } from "../api.js";
 import { framed, h, replace } from "../dom.js";
 import { words } from "../states.js";
-import { clock, figure } from "../units.js";
+import { clock, figure, pressure } from "../units.js";
 import { PLANES, sourceOf } from "./arrays.js";
 import { correlation } from "./measure.js";
 import { figures } from "./tools.js";
@@ -108,7 +108,7 @@ export class Compare {
     const blink = view.how === "blink";
     this.told.textContent = !reference ? "Choose a reconstruction to compare this one with."
       : blink ? `Seen now: ${this.turned ? "the reference" : "this image"}.`
-        : this.stage.fits ? `Blue: less than the reference; orange: more; dark: alike. Colours end at ±${figure(this.stage.differenceEnd)}.`
+        : this.stage.fits ? `Blue: less than the reference; orange: more; dark: alike. Colours end at ±${pressure(this.stage.differenceEnd)}.`
           : "They are of different voxels and cannot be subtracted: blink between them, or reconstruct with the same modes and depths.";
   }
 

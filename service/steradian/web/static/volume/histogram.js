@@ -2,7 +2,7 @@
 // How often which value is seen, and the window of values that the colours stand for, with a handle at either end.
 import { framed, h } from "../dom.js";
 import { colour, onTheme } from "../theme.js";
-import { figure } from "../units.js";
+import { PRESSURE, figure } from "../units.js";
 import { rampOver, table } from "./colours.js";
 import { mmOf } from "./panes.js";
 
@@ -26,7 +26,7 @@ export class Histogram {
     this.depthScale = h("div", { class: "scale dim small" }, this.depths[0], h("span", null, "depth of the colour"), this.depths[1]);
     this.element = h("div", { class: "histogram" },
       h("div", { class: "handles" }, this.canvas, ...this.handles),
-      h("div", { class: "scale dim small" }, this.ends[0], h("span", null, "initial pressure (arb. u.)"), this.ends[1]),
+      h("div", { class: "scale dim small" }, this.ends[0], h("span", null, `initial pressure (${PRESSURE})`), this.ends[1]),
       this.bar, this.depthScale,
       h("div", { class: "row nowrap" }, ...this.inputs.map((input, n) => h("label", null, n ? "to" : "from", input)),
         h("button", { type: "button", title: "Window from 0 to where the brightest thousandth begins", onclick: () => stage.store.change({ window: null }) }, "auto")));

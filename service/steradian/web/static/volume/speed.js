@@ -6,12 +6,14 @@ import { words } from "../states.js";
 import { clock } from "../units.js";
 import { ticks } from "./scale.js";
 
-const [WIDTH, HEIGHT, LEFT, BOTTOM] = [264, 150, 34, 22];
+const [WIDTH, HEIGHT, LEFT, TOP, BOTTOM] = [264, 172, 34, 22, 36];
 const AROUND = 0.04; // share of the speed by which the range tried goes to either side by itself
 
 /** @param {any} about the reconstruction, of the API */
 export function soundSpeed(about) {
-  const own = about.report?.sound_speed_m_s ?? 1500;
+  /** @type {number | undefined} */
+  const stated = about.report?.sound_speed_m_s;
+  const own = stated ?? 1500;
   const number = (/** @type {number} */ value, /** @type {string} */ label) => h("input", { type: "number", class: "short", min: 300, max: 6000, step: 1, value: String(Math.round(value)), "aria-label": label });
   const first = number(own * (1 - AROUND), "Lowest speed (m/s)");
   const last = number(own * (1 + AROUND), "Highest speed (m/s)");
@@ -59,28 +61,28 @@ export function soundSpeed(about) {
   /** @param {any} job */
   function show(job) {
     const { sound_speeds: speeds, sharpness, best, standard_error: error, at_edge: edge } = job.result;
-    told.textContent = `Sharpest at ${best.toFixed(1)} m/s${error ? ` ± ${error.toFixed(1)}` : ""}, tried ${clock(job.ended)}${edge ? ". It is at the edge: move the range" : ""}.`;
+    told.textContent = `Sharpest at ${best.toFixed(1)}${error ? ` ± ${error.toFixed(1)}` : ""} m/s, tried ${clock(job.ended)}${edge ? ". It is at the edge: move the range" : ""}.`;
     const pick = (/** @type {number} */ speed) => `/reconstructions?again=${about.id}&set=${encodeURIComponent(JSON.stringify({ sound_speed: Number(speed.toFixed(1)) }))}`;
-    replace(curve, chart(speeds, sharpness, own, pick),
+    replace(curve, chart(speeds, sharpness, stated, pick),
       h("a", { class: "button", href: pick(best) }, `Again at ${best.toFixed(1)} m/s`),
-      h("p", { class: "dim small" }, "Or choose a point of the curve."));
+      h("p", { class: "dim small" }, `${stated && stated >= speeds[0] && stated <= speeds[speeds.length - 1] ? `Dashed: this volume's, ${stated.toFixed(1)} m/s. ` : ""}Or choose a point of the curve.`));
   }
 
   return { element, open };
 }
 
-/** @param {number[]} speeds @param {number[]} sharpness @param {number} own @param {(speed: number) => string} pick */
+/** @param {number[]} speeds @param {number[]} sharpness @param {number | undefined} own @param {(speed: number) => string} pick */
 function chart(speeds, sharpness, own, pick) {
   const [low, high] = [speeds[0], speeds[speeds.length - 1]];
   const x = (/** @type {number} */ speed) => LEFT + ((WIDTH - LEFT - 8) * (speed - low)) / (high - low);
   const top = Math.max(...sharpness);
   const bottom = Math.min(...sharpness);
-  const y = (/** @type {number} */ value) => HEIGHT - BOTTOM - ((HEIGHT - BOTTOM - 10) * (value - bottom)) / (top - bottom || 1);
+  const y = (/** @type {number} */ value) => HEIGHT - BOTTOM - ((HEIGHT - BOTTOM - TOP) * (value - bottom)) / (top - bottom || 1);
   return s("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "profile", role: "group", "aria-label": "Sharpness against the speed of sound" },
-    ticks(low, high, 4).map((speed) => s("text", { x: x(speed), y: HEIGHT - 6, "text-anchor": "middle" }, String(speed))),
-    s("text", { x: 2, y: 12 }, "sharp"), s("text", { x: WIDTH - 2, y: 12, "text-anchor": "end" }, "m/s"),
-    s("path", { class: "axis", d: `M${LEFT} 4V${HEIGHT - BOTTOM}H${WIDTH}` }),
-    own >= low && own <= high ? s("path", { class: "width", d: `M${x(own)} 4V${HEIGHT - BOTTOM}` }) : null,
+    ticks(low, high, 4).map((speed) => s("text", { x: x(speed), y: HEIGHT - 22, "text-anchor": "middle" }, String(speed))),
+    s("text", { x: 2, y: 11 }, "sharpness (relative)"), s("text", { x: (LEFT + WIDTH) / 2, y: HEIGHT - 5, "text-anchor": "middle" }, "speed of sound (m/s)"),
+    s("path", { class: "axis", d: `M${LEFT} ${TOP - 6}V${HEIGHT - BOTTOM}H${WIDTH}` }),
+    own && own >= low && own <= high ? s("path", { class: "width", d: `M${x(own)} ${TOP - 6}V${HEIGHT - BOTTOM}` }) : null,
     s("path", { class: "curve", d: speeds.map((speed, n) => `${n ? "L" : "M"}${x(speed).toFixed(1)} ${y(sharpness[n]).toFixed(1)}`).join("") }),
     speeds.map((speed, n) => s("a", { href: pick(speed), "aria-label": `Again at ${speed.toFixed(1)} m/s`, dataset: { speed: String(speed) } },
       s("circle", { cx: x(speed), cy: y(sharpness[n]), r: 4 }), s("title", null, `${speed.toFixed(1)} m/s: ${sharpness[n].toPrecision(4)}`))));

@@ -3,7 +3,7 @@
 import { api } from "../api.js";
 import { aroundPoints } from "../design/fields.js";
 import { framed, h, renew, s } from "../dom.js";
-import { figure } from "../units.js";
+import { PRESSURE, figure, pressure } from "../units.js";
 import { PLANES } from "./arrays.js";
 import { contrastToNoise, fwhm, profile, statistics } from "./measure.js";
 import { inMm, mmOf } from "./panes.js";
@@ -22,7 +22,7 @@ const TOOLS = {
   background: ["Background", "Drag a rectangle beside the object: its contrast against it appears here."],
   point: ["Point", "Click what a mask should see well, and drag its ring in another view to its depth; then design the mask."],
 };
-const [WIDTH, HEIGHT, LEFT, BOTTOM] = [264, 140, 40, 20];
+const [WIDTH, HEIGHT, LEFT, TOP, BOTTOM] = [264, 154, 40, 22, 20];
 
 export class Tools {
   /** @param {Stage} stage @param {SliceView[]} views @param {any} about the reconstruction, of the API */
@@ -77,7 +77,7 @@ export class Tools {
     return this.result(`Line in ${PLANES[mark.plane].join("–")}`, "line", this.chart(found, width),
       figures([
         ["FWHM", width ? lengthWithError(width.width, width.error) : "no peak falls to a half on both sides", "fwhm", width?.width],
-        ["Peak above base", width ? `${figure(width.height)} above ${Math.abs(width.base) < 1e-3 * width.height ? "0" : figure(width.base)}` : "–"],
+        ["Peak above base", width ? `${figure(width.height)} above ${Math.abs(width.base) < 1e-3 * width.height ? `0 ${PRESSURE}` : pressure(width.base)}` : "–"],
         ["Length", lengthOf(length)],
       ]),
       width && width.error === null ? h("p", { class: "dim small" }, "A longer line tells the noise, and with it the width's error.") : null);
@@ -89,9 +89,9 @@ export class Tools {
     const found = plane && statistics(plane, mark);
     if (!found) return this.result(title, name, h("p", { class: "dim" }, "No voxel's centre lies in it."));
     return this.result(`${title} in ${PLANES[mark.plane].join("–")}`, name, figures([
-      ["Mean", figure(found.mean), "mean", found.mean],
-      ["Deviation", figure(found.deviation), "deviation", found.deviation],
-      ["Least, greatest", `${figure(found.least)}, ${figure(found.greatest)}`],
+      ["Mean", pressure(found.mean), "mean", found.mean],
+      ["Deviation", pressure(found.deviation), "deviation", found.deviation],
+      ["Least, greatest", `${figure(found.least)}, ${pressure(found.greatest)}`],
       ["Area", `${figure(found.area)} mm², ${found.count} voxels`],
     ]));
   }
@@ -138,13 +138,13 @@ export class Tools {
     const [low, high] = [Math.min(...values, 0), Math.max(...values)];
     const last = distances[distances.length - 1] || 1;
     const x = (/** @type {number} */ mm) => LEFT + ((WIDTH - LEFT - 30) * mm) / last;
-    const y = (/** @type {number} */ value) => HEIGHT - BOTTOM - ((HEIGHT - BOTTOM - 8) * (value - low)) / (high - low || 1);
+    const y = (/** @type {number} */ value) => HEIGHT - BOTTOM - ((HEIGHT - BOTTOM - TOP) * (value - low)) / (high - low || 1);
     const half = width && width.base + width.height / 2;
     return s("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "profile", role: "img", "aria-label": "Profile along the line" },
       ticks(0, last, 5).map((mm) => s("text", { x: x(mm), y: HEIGHT - 5, "text-anchor": "middle" }, String(mm))),
-      s("text", { x: WIDTH, y: HEIGHT - 5, "text-anchor": "end" }, "mm"),
+      s("text", { x: WIDTH, y: HEIGHT - 5, "text-anchor": "end" }, "mm"), s("text", { x: 0, y: 10 }, PRESSURE),
       [low, high].map((value) => s("text", { x: LEFT - 4, y: y(value) + 4, "text-anchor": "end" }, Math.abs(value) < 5e-3 * (high - low) ? "0" : figure(value, 2))),
-      s("path", { class: "axis", d: `M${LEFT} 4V${HEIGHT - BOTTOM}H${WIDTH}` }),
+      s("path", { class: "axis", d: `M${LEFT} ${TOP - 4}V${HEIGHT - BOTTOM}H${WIDTH}` }),
       width && half !== null ? s("path", { class: "width", d: `M${x(width.left)} ${y(half)}H${x(width.right)}M${x(width.left)} ${y(half) - 5}v10M${x(width.right)} ${y(half) - 5}v10` }) : null,
       s("path", { class: "curve", d: [...values].map((value, n) => `${n ? "L" : "M"}${x(distances[n]).toFixed(1)} ${y(value).toFixed(1)}`).join("") }));
   }

@@ -4,7 +4,7 @@ import { api } from "../api.js";
 import { byId, copy, h, identifier, replace } from "../dom.js";
 import { addKey } from "../keys.js";
 import { empty, failed, loading } from "../states.js";
-import { clock, figure, identifierOf } from "../units.js";
+import { clock, identifierOf, pressure } from "../units.js";
 import { AXES, brightest, sourceOf } from "./arrays.js";
 import { PRESSURE_MAPS } from "./colours.js";
 import { Compare } from "./compare.js";
@@ -110,7 +110,7 @@ function placeText({ value, place }) {
     const mm = place[axis];
     return mm === null || mm === undefined ? `${axis} (maximum)` : `${axis} ${mmOf(mm)}`;
   });
-  return `${where.join("  ")}  value ${figure(value, 4)}`;
+  return `${where.join("  ")}  value ${pressure(value, 4)}`;
 }
 
 /** @param {Stage} stage */
