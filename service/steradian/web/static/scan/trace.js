@@ -3,10 +3,12 @@
 import { framed, h, replace } from "../dom.js";
 import { colour, onTheme } from "../theme.js";
 import { count, figure, frequency, percent } from "../units.js";
+import { ticks } from "../volume/scale.js";
 import { spectrum } from "./spectrum.js";
 
 const MARGIN = { left: 78, right: 16, top: 8, bottom: 38 };
 const FLOOR = -60; // dB
+const MOST_TICKS = 5;
 
 /** @typedef {{samples: ArrayLike<number>, interval: number, zero: number, full: number | null, point: number, title: string}} Line samples in counts, seconds */
 
@@ -82,7 +84,6 @@ export class Trace {
       values: samples, from: zero * each, to: last * each, low: -top, high: top,
       across: `time after the laser pulse (${unit})`, along: full === null ? "as recorded" : "counts",
       marks: full !== null && full <= top ? [full, -full] : [], full,
-      up: (/** @type {number} */ one) => (full === null ? figure(one) : count(Math.round(one)).replace("-", "−")),
     };
   }
 
@@ -90,11 +91,11 @@ export class Trace {
   frequencies({ samples, interval, title }) {
     const { levels, step, peak } = spectrum(samples, interval);
     replace(this.title, `${title}: strongest at ${frequency(peak)}`);
-    return { values: levels, from: 0, to: (step * (levels.length - 1)) / 1e6, low: FLOOR, high: 0, across: "frequency (MHz)", along: "level (dB)", marks: [], full: null, up: (/** @type {number} */ one) => figure(one) };
+    return { values: levels, from: 0, to: (step * (levels.length - 1)) / 1e6, low: FLOOR, high: 0, across: "frequency (MHz)", along: "level (dB)", marks: [], full: null };
   }
 }
 
-/** @typedef {{values: ArrayLike<number>, from: number, to: number, low: number, high: number, across: string, along: string, marks: number[], full: number | null, up: (value: number) => string}} Plot */
+/** @typedef {{values: ArrayLike<number>, from: number, to: number, low: number, high: number, across: string, along: string, marks: number[], full: number | null}} Plot */
 
 /** @param {number} width @param {number} height @param {Plot} plot */
 function place(width, height, { values, low, high }) {
@@ -114,12 +115,12 @@ function axes(context, width, height, plot) {
   context.fillStyle = colour("--dim");
   context.lineWidth = 1;
   context.textAlign = "right";
-  for (const value of [plot.low, (plot.low + plot.high) / 2, plot.high]) {
+  for (const value of ticks(plot.low, plot.high, MOST_TICKS)) {
     context.beginPath();
     context.moveTo(MARGIN.left, y(value));
     context.lineTo(width - MARGIN.right, y(value));
     context.stroke();
-    context.fillText(plot.up(value), MARGIN.left - 6, y(value) + 4);
+    context.fillText(figure(value), MARGIN.left - 6, y(value) + 4);
   }
   context.strokeStyle = colour("--fault");
   for (const value of plot.marks) {
