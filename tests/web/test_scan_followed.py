@@ -71,7 +71,10 @@ def test_flags_are_counted_by_kind_and_the_newest_a_line_is_drawn_with_its_units
     page.locator("[data-filter=mistuned]").click()
     texts = page.evaluate("[...window.texts]")
     assert {"time after the laser pulse (µs)", "counts"} <= set(texts)
-    assert any(text.startswith("−") for text in texts)
+    below = [text.replace(",", "") for text in texts if text.startswith("−")]
+    assert below
+    assert all(re.fullmatch("−[1-9]0*", text) for text in below), "round ticks"
+    assert "0" in texts
     assert not [text for text in texts if re.match(r"-\d", text)], "a minus is no hyphen"
     page.get_by_role("button", name="Spectrum").click()
     until(lambda: page.evaluate("window.texts.has('frequency (MHz)') && window.texts.has('level (dB)')"))
@@ -97,6 +100,33 @@ def test_a_newer_image_is_told_and_asked_for_once(service, open_page):
     last = service.get(f"/reconstructions/{live}/revision").json()
     assert last["final"]
     assert len(answers) <= last["number"] + 4
+
+
+def test_an_image_that_is_not_whole_when_its_scan_is_over_says_what_becomes_of_it(service, open_page):
+    scan = begin(service)
+    live = follow(service, scan)
+    page = open_page(service, "/scans")
+
+    def as_if(change):
+        def answer(route):
+            told = route.fetch()
+            route.fulfill(response=told, **({"json": change(told.json())} if told.status == 200 else {}))
+
+        return answer
+
+    page.route("**/revision", as_if(lambda told: told | {"final": False}))
+    page.goto(f"{service.url}/scans/{scan}")
+    image = page.locator("section.image")
+    expect(image).to_contain_text("revision")
+    expect(image).not_to_contain_text("final image")
+    end(service, scan)
+    expect(image).to_contain_text("The final image is being made")
+    until(lambda: service.get(f"/reconstructions/{live}").json()["state"] == "succeeded")
+    failed = as_if(lambda told: told | {"items": [told["items"][0] | {"state": "failed"}]})
+    page.route("**/reconstructions?kind=live*", failed)
+    page.evaluate("import('/static/live.js').then(({ live }) => live._tell('again', null))")
+    expect(image).to_contain_text("The final image was not made: its reconstruction failed")
+    page.unroute_all(behavior="wait")
 
 
 def test_the_image_grows_also_while_the_event_stream_is_cut(service, open_page):

@@ -18,6 +18,7 @@ export class Growing {
     this.offers = offers;
     this.canvas = h("canvas", { role: "img", "aria-label": "Projection of the image along z" });
     this.caption = h("p", { class: "dim caption" });
+    this.outcome = h("p", { class: "caption", role: "status", hidden: true });
     /** @type {any} the reconstruction */
     this.job = null;
     this.etag = "";
@@ -43,7 +44,7 @@ export class Growing {
       const found = (await api.get(`/reconstructions?kind=live&scan_id=${this.scanId}&limit=1`)).items[0];
       this.job = found ?? null;
       if (!found) this.offer();
-      else if (this.exists()) await this.look();
+      else if (this.exists()) await this.look().then(() => this.tell());
       else this.wait();
     } catch (error) {
       if (!this.canvas.isConnected) replace(this.host, h("div", { class: "state failed" }, ...words(error)));
@@ -127,8 +128,20 @@ export class Growing {
     const share = revision.coverage?.area ?? revision.coverage?.points;
     const gap = revision.coverage?.largest_gap_m ?? null;
     this.caption.textContent = `Brightest along z, ${mm(nx * dx, 1)} × ${mm(ny * dy, 1)}; ${revision.final ? "the whole image" : `revision ${revision.number}`} of ${count(revision.points)} A-lines, ${percent(share)} of the area${gap === null ? "" : `, largest gap ${length(gap)}`}`;
-    if (!this.canvas.isConnected) replace(this.host, this.canvas, this.caption, h("a", { class: "button", href: `/volumes/${this.job.id}` }, "Open the volume"));
-    const open = /** @type {HTMLElement} */ (this.host.querySelector("a.button"));
+    if (!this.canvas.isConnected) replace(this.host, this.canvas, this.caption, this.outcome, h("a", { class: "button", href: `/volumes/${this.job.id}` }, "Open the volume"));
+    const open = /** @type {HTMLElement} */ (this.host.querySelector(":scope > a.button"));
     open.hidden = !revision.final;
+    this.tell();
+  }
+
+  /** Say what becomes of the image of a scan that is over, as long as it is not the whole one. */
+  tell() {
+    this.outcome.hidden = this.final || this.running || !this.job;
+    if (this.outcome.hidden) return;
+    const { id, state } = this.job;
+    const lost = ["failed", "cancelled"].includes(state);
+    this.outcome.classList.toggle("fault", lost);
+    if (lost) replace(this.outcome, `The final image was not made: its reconstruction ${state}. `, h("a", { href: `/reconstructions/${id}` }, "Why"));
+    else replace(this.outcome, "The final image is being made …");
   }
 }

@@ -59,7 +59,7 @@ async function read() {
     growing.running = !OVER.has(scan.state);
     if (!built) await build();
     controls.show(scan, plan, isRead ? shots?.coverage : null);
-    if (turned && !growing.job) void growing.find(); // what is offered instead is another thing now
+    if (turned) void growing.find(); // what is offered or said of the image is another thing now
     await look();
   } catch (error) {
     if (!built) failed(host, error, read);
