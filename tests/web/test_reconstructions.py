@@ -206,7 +206,7 @@ def test_side_by_side_tells_what_differs(open_page, service, made):
     page.wait_for_function("() => document.querySelectorAll('.message').length === 2")
     page.wait_for_function("() => [...document.querySelectorAll('.message')].every((one) => one.hidden)")
     table = page.inner_text("[data-changes]")
-    assert "sound speed" in table
+    assert "speed of sound" in table
     assert "1500 m/s" in table
     assert "1520 m/s" in table
     assert "modes" not in table
@@ -238,6 +238,8 @@ def test_markup_in_names_is_text(open_page, service, made, address):
     page = open_page(service, address.format(id=made[0].id))
     page.wait_for_selector("#main *:has-text('modes')" if "{id}" not in address else "#main *:has-text('scan')")
     if address.startswith("/volumes/"):
+        expect(page.locator("[data-sample]")).to_contain_text(MARKUP[:60])
+        expect(page.locator(".volume-head")).to_contain_text("24 modes")
         page.click("[data-tab='Made']")
         page.wait_for_function("(text) => document.body.innerText.includes(text)", arg=MARKUP[:50])
     if address.endswith("?scan"):

@@ -4,6 +4,7 @@ import { api } from "../api.js";
 import { byId, copy, h, identifier, replace } from "../dom.js";
 import { addKey } from "../keys.js";
 import { empty, failed, loading } from "../states.js";
+import { methodOf } from "../reconstructions/state.js";
 import { clock, identifierOf, pressure } from "../units.js";
 import { AXES, brightest, sourceOf } from "./arrays.js";
 import { PRESSURE_MAPS } from "./colours.js";
@@ -99,7 +100,9 @@ async function look(stage, views, histogram) {
 /** @param {any} about @param {HTMLElement} cursor */
 function heading(about, cursor) {
   const link = h("button", { type: "button", title: "The address holds the whole view", onclick: () => copy(link, location.href, "Link copied") }, "Copy link");
-  return h("header", { class: "volume-head" },
+  const sample = h("strong", { dataset: { sample: "" } });
+  void api.get(`/scans/${about.scan_id}`).then(({ labels }) => (sample.textContent = sample.title = Object.values(labels).join(", ")), () => null);
+  return h("header", { class: "volume-head" }, sample, h("span", null, methodOf(about)),
     h("span", null, about.simulated ? "simulated, " : "", `made ${clock(about.ended ?? about.created)}`), identifierOf(about.id, `/reconstructions/${about.id}`),
     h("span", null, "of ", h("a", { href: `/scans/${about.scan_id}`, title: about.scan_id }, `scan …${about.scan_id.slice(-5)}`)), cursor, link);
 }
