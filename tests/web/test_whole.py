@@ -95,7 +95,7 @@ def reconstruct(page, service):
     """Ask for the image with the defaults and go to its volume; returns its identifier."""
     page.get_by_role("button", name="Reconstruct", exact=True).click()
     expect(page).to_have_url(re.compile("/reconstructions/r"))
-    page.get_by_role("link", name="Look at the volume").click()
+    page.get_by_role("link", name="Open the volume").click()
     expect(page).to_have_url(re.compile("/volumes/r"))
     drawn(page)
     return page.evaluate("location.pathname.split('/').pop()")

@@ -33,7 +33,7 @@ const draw = framed(() => {
   const wanted = search.value.trim().toLowerCase();
   const shown = scans.filter((scan) => !wanted || textOf(scan).includes(wanted));
   renew(body, h("table", null,
-    h("thead", null, h("tr", null, ["Scan", "State", "A-lines", "Labels", "Begun"].map((name) => h("th", { scope: "col", class: name === "A-lines" ? "number" : "" }, name)))),
+    h("thead", null, h("tr", null, ["Scan", "State", "A-lines", "Labels", "Began"].map((name) => h("th", { scope: "col", class: name === "A-lines" ? "number" : "" }, name)))),
     h("tbody", null, shown.map(row))),
     shown.length ? null : h("p", { class: "dim" }, "No scan has that."),
     more ? h("p", { class: "dim" }, "The newest 100 are shown; older ones by the API.") : null);

@@ -3,7 +3,7 @@
 import { api, onceOnly, Problem } from "../api.js";
 import { h, replace } from "../dom.js";
 import { failed, loading, words } from "../states.js";
-import { clock } from "../units.js";
+import { clock, count } from "../units.js";
 import { ParameterForm } from "./form.js";
 import { groupsOf } from "./schema.js";
 
@@ -40,10 +40,10 @@ function fill(panel, groups, origin, scans, wanted, done) {
   const button = h("button", { class: "primary", disabled: !usable.length }, "Reconstruct");
   const close = h("button", { type: "button", onclick: () => { panel.hidden = true; history.replaceState(null, "", "/reconstructions"); } }, "Close");
   const whole = h("form", { novalidate: true, class: "stack" },
-    h("h2", null, origin ? `Again with changes: ${origin.id.slice(-5)}` : "Reconstruct a scan"),
+    h("h2", null, origin ? `Again: …${origin.id.slice(-5)}` : "Reconstruct a scan"),
     usable.length ? null : h("p", { class: "note" }, "There is no scan with A-lines yet: make one, or import your own data."),
     h("div", { class: "fields" },
-      h("div", { class: "field" }, h("label", { for: "of-scan" }, "Scan"), scan),
+      h("div", { class: "field whole" }, h("label", { for: "of-scan" }, "Scan"), scan),
       h("div", { class: "field" }, h("label", { for: "of-priority" }, "Priority (smaller first)"), priority)),
     form.element, told, h("div", { class: "asking-foot" }, button, close, form.help));
   whole.addEventListener("submit", async (event) => {
@@ -67,5 +67,5 @@ function fill(panel, groups, origin, scans, wanted, done) {
 export function scanTitle(one) {
   const labels = Object.entries(one.labels ?? {}).map(([name, text]) => `${name}: ${text}`).join(", ");
   const stored = one.summary?.stored ?? one.progress.done;
-  return `${clock(one.created)}, ${stored} A-lines${labels ? `, ${labels}` : ""}, ${one.id.slice(-5)}`;
+  return `${labels || "without labels"}, …${one.id.slice(-5)}, ${clock(one.created)}, ${count(stored)} A-lines`;
 }

@@ -6,7 +6,7 @@ import { live } from "../live.js";
 import { failed, loading, words } from "../states.js";
 import { clock, duration, identifierOf } from "../units.js";
 import { askedBy, methodOf, stateOf } from "./state.js";
-import { differences, groupsOf, told, valueAt } from "./schema.js";
+import { differences, groupsOf, spokenPath, told, valueAt } from "./schema.js";
 
 const panel = byId("reconstruction");
 const said = h("div", { role: "alert" });
@@ -32,19 +32,19 @@ function show(one, groups, log, attempts) {
   replace(panel, said,
     h("div", { class: "row spread" }, h("div", { class: "row state-cell" }, stateOf(one), one.error ? h("span", { class: "fault" }, one.error.detail) : null, one.reason ? h("span", { class: "dim" }, one.reason) : null),
       h("div", { class: "row" },
-        one.state === "succeeded" ? h("a", { class: "button primary", href: `/volumes/${one.id}` }, "Look at the volume") : null,
-        h("a", { class: "button", href: `/reconstructions?again=${one.id}` }, "Again with changes"),
+        one.state === "succeeded" ? h("a", { class: "button primary", href: `/volumes/${one.id}` }, "Open the volume") : null,
+        h("a", { class: "button", href: `/reconstructions?again=${one.id}` }, "Again …"),
         over ? null : h("button", { type: "button", disabled: one.desired_state === "cancelled", onclick: () => void cancel(one.id) }, "Cancel"))),
     h("div", { class: "halves" },
       h("section", { class: "panel" }, h("h2", null, "What was asked"),
         h("dl", { class: "figures" },
-          pair("Identifier", identifierOf(one.id)), pair("Scan", identifierOf(one.scan_id, `/scans/${one.scan_id}`)), pair("Kind", methodOf(one)),
+          pair("Identifier", identifierOf(one.id)), pair("Scan", identifierOf(one.scan_id, `/scans/${one.scan_id}`)), pair("Method", methodOf(one)),
           pair("Asked for", clock(one.created)), pair("By", askedBy(one)), pair("Began", clock(one.started)), pair("Ended", clock(one.ended)),
           pair("Priority", String(one.priority)),
           one.queue?.position ? pair("Place", String(one.queue.position)) : [], one.queue?.expected_end ? pair("Expected end", clock(one.queue.expected_end)) : [],
           one.queue?.awaited ? pair("Waits for", one.queue.awaited) : []),
         h("h3", null, "Parameters other than the defaults"),
-        changed.length ? h("dl", { class: "figures" }, changed.flatMap((field) => pair(field.path.join(", ").replaceAll("_", " "), told(field, valueAt(one.parameters, field.path))))) : h("p", { class: "dim" }, "None.")),
+        changed.length ? h("dl", { class: "figures" }, changed.flatMap((field) => pair(spokenPath(field.path), told(field, valueAt(one.parameters, field.path))))) : h("p", { class: "dim" }, "None.")),
       h("section", { class: "panel" }, h("h2", null, "Attempts"),
         attempts.length ? h("table", null, h("thead", null, h("tr", null, ["", "Worker", "Began", "Took", "Outcome"].map((name) => h("th", null, name)))),
           h("tbody", null, attempts.map((start) => h("tr", null, h("td", { class: "number" }, String(start.number)), h("td", null, start.worker ?? "–"), h("td", { class: "nowrap" }, clock(start.started)),

@@ -135,7 +135,7 @@ function put(id, to) {
 /** @param {any} one */
 function actionsOf(one) {
   const details = h("a", { class: "button", href: `/reconstructions/${one.id}` }, "Details");
-  const again = h("a", { class: "button", href: `/reconstructions?again=${one.id}` }, "Again");
+  const again = h("a", { class: "button", href: `/reconstructions?again=${one.id}` }, "Again …");
   if (!isOver(one)) {
     const cancel = h("button", { type: "button", disabled: one.desired_state === "cancelled", dataset: { key: `cancel ${one.id}` },
       onclick: () => act(() => api.put(`/jobs/${one.id}/desired-state`, { state: "cancelled", reason: "cancelled on the page" })) }, "Cancel");

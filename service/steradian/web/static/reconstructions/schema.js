@@ -76,9 +76,15 @@ function kindOf(schema) {
   return schema.type === "string" ? "text" : "other";
 }
 
-/** A name as it is read: sound_speed becomes Sound speed. @param {string} name */
+/** Words of a name of the API. @param {string} name */
+const wordsOf = (name) => name.replaceAll("_", " ").replace(/\bsound speed\b/, "speed of sound").replace(/ db per mm$/, " (dB/mm)").replace(/ db$/, " (dB)");
+
+/** Where a parameter stands, as it is read. @param {string[]} path */
+export const spokenPath = (path) => path.map(wordsOf).join(", ");
+
+/** A name as it is read: sound_speed becomes Speed of sound. @param {string} name */
 export function spoken(name) {
-  const text = name.replaceAll("_", " ").replace(/ db per mm$/, " (dB/mm)").replace(/ db$/, " (dB)");
+  const text = wordsOf(name);
   return text.charAt(0).toUpperCase() + text.slice(1);
 }
 

@@ -3,13 +3,13 @@
 import { api } from "../api.js";
 import { h, replace } from "../dom.js";
 import { failed, loading } from "../states.js";
-import { duration, figure, pressure } from "../units.js";
+import { count, duration, figure, pressure } from "../units.js";
 import { sourceOf } from "../volume/arrays.js";
 import { mmOf, pane } from "../volume/panes.js";
 import { SliceView } from "../volume/slices.js";
 import { Stage } from "../volume/stage.js";
 import { Store } from "../volume/store.js";
-import { differences, groupsOf, told, valueAt } from "./schema.js";
+import { differences, groupsOf, spokenPath, told, valueAt } from "./schema.js";
 
 /** @typedef {import("../volume/view_state.js").Axis} Axis */
 
@@ -68,9 +68,9 @@ function table(groups, found) {
   return h("div", { class: "scrolls" }, h("table", { dataset: { changes: "" } },
     h("thead", null, h("tr", null, h("th", null, ""), found.map((one) => h("th", { scope: "col" }, one.id.slice(-5))))),
     h("tbody", null,
-      changed.map((field) => line(field.path.join(", ").replaceAll("_", " "), (one) => told(field, valueAt(one.parameters, field.path)))),
+      changed.map((field) => line(spokenPath(field.path), (one) => told(field, valueAt(one.parameters, field.path)))),
       new Set(found.map((one) => one.scan_id)).size > 1 ? line("Scan", (one) => one.scan_id.slice(-5)) : null,
-      line("A-lines", (one) => String(one.report?.sensors ?? "–")),
+      line("A-lines", (one) => count(one.report?.sensors)),
       line("Voxels", (one) => one.report?.shape?.join(" × ") ?? "–"),
       line("Misfit", (one) => (one.report?.fit?.misfit === null || one.report?.fit?.misfit === undefined ? "–" : figure(one.report.fit.misfit))),
       line("Took", (one) => duration(Object.values(one.report?.seconds ?? {}).reduce((all, some) => all + Number(some), 0))))));

@@ -16,7 +16,7 @@ export class Growing {
     this.host = host;
     this.scanId = scanId;
     this.offers = offers;
-    this.canvas = h("canvas", { role: "img", "aria-label": "Projection of the image along z" });
+    this.canvas = h("canvas", { role: "img", "aria-label": "Maximum of the image along z" });
     this.caption = h("p", { class: "dim caption" });
     this.outcome = h("p", { class: "caption", role: "status", hidden: true });
     /** @type {any} the reconstruction */
@@ -127,7 +127,7 @@ export class Growing {
     this.final = revision.final;
     const share = revision.coverage?.area ?? revision.coverage?.points;
     const gap = revision.coverage?.largest_gap_m ?? null;
-    this.caption.textContent = `Brightest along z, ${mm(nx * dx, 1)} × ${mm(ny * dy, 1)}; ${revision.final ? "the whole image" : `revision ${revision.number}`} of ${count(revision.points)} A-lines, ${percent(share)} of the area${gap === null ? "" : `, largest gap ${length(gap)}`}`;
+    this.caption.textContent = `Maximum along z, ${mm(nx * dx, 1)} × ${mm(ny * dy, 1)}; ${revision.final ? "the whole image" : `revision ${revision.number}`} of ${count(revision.points)} A-lines, ${percent(share)} of the area${gap === null ? "" : `, largest gap ${length(gap)}`}`;
     if (!this.canvas.isConnected) replace(this.host, this.canvas, this.caption, this.outcome, h("a", { class: "button", href: `/volumes/${this.job.id}` }, "Open the volume"));
     const open = /** @type {HTMLElement} */ (this.host.querySelector(":scope > a.button"));
     open.hidden = !revision.final;

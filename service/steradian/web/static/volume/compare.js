@@ -163,5 +163,5 @@ export class Compare {
 export function title(one) {
   const { method, modes } = one.parameters ?? {};
   const kind = one.kind === "reconstruction" ? "" : `${one.kind}, `;
-  return `${clock(one.created)}, ${kind}${method ?? ""}${modes ? ` ${modes} modes` : ""}, ${one.id.slice(-5)}`;
+  return `${clock(one.ended ?? one.created)}, ${kind}${method ?? ""}${modes ? ` ${modes} modes` : ""}, ${one.id.slice(-5)}`;
 }

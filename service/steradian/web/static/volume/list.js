@@ -48,7 +48,7 @@ function card(one) {
   const axis = shape.length === 3 ? "z" : "y";
   return h("li", null, h("a", { href: `/volumes/${one.id}` },
     picture(one, axis),
-    h("strong", null, names.get(one.scan_id) || "without labels"), h("span", null, clock(one.created)), h("span", null, `${methodOf(one)}, ${one.parameters.sound_speed} m/s`), h("span", { class: "dim" }, extent), h("span", { class: "dim" }, `${one.simulated ? "simulated, " : ""}scan ${one.scan_id.slice(-5)}, ${one.id.slice(-5)}`)));
+    h("strong", null, names.get(one.scan_id) || "without labels"), h("span", null, `made ${clock(one.ended ?? one.created)}`), h("span", null, `${methodOf(one)}, ${one.parameters.sound_speed} m/s`), h("span", { class: "dim" }, extent), h("span", { class: "dim" }, `${one.simulated ? "simulated, " : ""}scan ${one.scan_id.slice(-5)}, ${one.id.slice(-5)}`)));
 }
 
 /** Pictures are read when they come into sight. */
@@ -73,7 +73,7 @@ const pictures = new Map();
 function picture(one, axis) {
   const before = pictures.get(one.id);
   if (before) return before;
-  const canvas = h("canvas", { width: 1, height: 1, role: "img", "aria-label": `Projection along ${axis}`, dataset: { of: one.id, axis, first: String(firstShown(one)) } });
+  const canvas = h("canvas", { width: 1, height: 1, role: "img", "aria-label": `Maximum along ${axis}`, dataset: { of: one.id, axis, first: String(firstShown(one)) } });
   const made = h("span", { class: "thumb" }, canvas, h("span", null, "loading …"));
   pictures.set(one.id, made);
   watcher.observe(canvas);

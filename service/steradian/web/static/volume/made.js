@@ -3,9 +3,9 @@
 import { api } from "../api.js";
 import { copy, h, replace } from "../dom.js";
 import { failed } from "../states.js";
-import { clock, duration, identifierOf } from "../units.js";
+import { clock, count, duration, identifierOf } from "../units.js";
 import { optionsOf, requestOf, shellOf } from "../reconstructions/command.js";
-import { differences, groupsOf, told, valueAt } from "../reconstructions/schema.js";
+import { differences, groupsOf, spokenPath, told, valueAt } from "../reconstructions/schema.js";
 
 /** @param {any} about the reconstruction, of the API */
 export function made(about) {
@@ -25,14 +25,14 @@ async function open(element, about) {
       row("Mask", scan ? identifierOf(scan.mask_id) : null),
       row("Through", about.mask_id ? identifierOf(about.mask_id) : null),
       row("Labels", Object.entries(scan?.labels ?? {}).map(([name, text]) => `${name}: ${text}`).join(", ") || null),
-      row("A-lines", report?.sensors === null || report?.sensors === undefined ? null : `${report.sensors} of ${report.planned ?? "?"}`),
+      row("A-lines", report?.sensors === null || report?.sensors === undefined ? null : `${count(report.sensors)} of ${count(report.planned)}`),
       row("Voxels", report?.shape ? `${report.shape.join(" × ")}, ${report.spacing_m.map((/** @type {number} */ one) => Number((one * 1e6).toPrecision(4))).join(" × ")} µm` : null),
       row("Made", about.ended ? `${clock(about.ended)}${seconds ? `, in ${duration(seconds)}` : ""}` : null),
       row("Method", about.parameters.method), row("Speed of sound", report?.sound_speed_m_s ? `${report.sound_speed_m_s} m/s` : null)),
     ...(report?.notes ?? []).map((/** @type {string} */ note) => h("p", { class: "note" }, note)),
     h("h3", null, "Parameters other than the defaults"), parameters(groups, about.parameters),
     h("div", { class: "row" },
-      h("a", { class: "button primary", href: `/reconstructions?again=${about.id}` }, "Again with changes"),
+      h("a", { class: "button primary", href: `/reconstructions?again=${about.id}` }, "Again …"),
       h("a", { class: "button", href: `/reconstructions/${about.id}` }, "Log and attempts")),
     ...again(groups, about));
 }
@@ -41,7 +41,7 @@ async function open(element, about) {
 function parameters(groups, values) {
   const fields = differences(groups, [values, {}]);
   if (!fields.length) return h("p", { class: "dim" }, "None.");
-  return h("dl", { class: "figures" }, fields.flatMap((field) => row([...field.path].map((part) => part.replaceAll("_", " ")).join(", "), told(field, valueAt(values, field.path)))));
+  return h("dl", { class: "figures" }, fields.flatMap((field) => row(spokenPath(field.path), told(field, valueAt(values, field.path)))));
 }
 
 /** @param {import("../reconstructions/schema.js").Group[]} groups @param {any} about */

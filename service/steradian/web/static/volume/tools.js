@@ -3,7 +3,7 @@
 import { api } from "../api.js";
 import { aroundPoints } from "../design/fields.js";
 import { framed, h, renew, s } from "../dom.js";
-import { PRESSURE, figure, pressure } from "../units.js";
+import { PRESSURE, count, figure, pressure } from "../units.js";
 import { PLANES } from "./arrays.js";
 import { contrastToNoise, fwhm, profile, statistics } from "./measure.js";
 import { inMm, mmOf } from "./panes.js";
@@ -92,7 +92,7 @@ export class Tools {
       ["Mean", pressure(found.mean), "mean", found.mean],
       ["Deviation", pressure(found.deviation), "deviation", found.deviation],
       ["Least, greatest", `${figure(found.least)}, ${pressure(found.greatest)}`],
-      ["Area", `${figure(found.area)} mm², ${found.count} voxels`],
+      ["Area", `${figure(found.area)} mm², ${count(found.count)} voxels`],
     ]));
   }
 
