@@ -29,12 +29,14 @@ def test_a_recording_is_looked_into_what_it_lacks_is_said_and_it_becomes_a_scan(
     expect(page.locator("[data-remark=sampling_interval]")).to_contain_text("> 0 (ns), which the file does not state")
     expect(page.locator("[data-remark=sound_speed]")).to_contain_text("1500 is a guess")
     expect(page.get_by_role("button", name="Import")).to_be_disabled()
+    expect(page.locator("#not-yet")).to_have_text("Not yet; needed: sampling interval.")
     assert drawn(page) > 144  # the sensors, before anything is stored
     expect(page.locator(".chart canvas").first).to_be_visible()
     page.get_by_label("Sampling interval").fill("20")
     page.get_by_label("Aperture").fill("12")
     expect(figures).to_contain_text("20\N{NO-BREAK SPACE}ns (50\N{NO-BREAK SPACE}MHz)")
     expect(figures).to_contain_text("12.00\N{NO-BREAK SPACE}mm")
+    expect(page.locator("#not-yet")).to_be_empty()
     assert service.get("/scans").json()["items"] == before
     page.route("**/api/v1/jobs", lambda route: route.fulfill(status=503, json={"detail": "full for now"}))
     page.get_by_role("button", name="Import").click()

@@ -79,7 +79,8 @@ async function take(given) {
 }
 
 const said = h("div", { class: "remarks", role: "alert" });
-const bringIt = h("button", { class: "primary", disabled: true }, "Import");
+const bringIt = h("button", { class: "primary", disabled: true, "aria-describedby": "not-yet" }, "Import");
+const notYet = h("span", { class: "dim small", id: "not-yet" });
 
 /** The short form: all of it may stay empty where the file says it itself. */
 function ask() {
@@ -92,7 +93,7 @@ function ask() {
       h("span", { class: "fault small", dataset: { remark: name } }))),
       h("label", { class: "stack" }, "Axes of the array", h("select", { name: "axes", onchange: lookSoon }, [["", "as the file says"], ["point, time", "point, time"], ["time, point", "time, point"]].map(([value, text]) => h("option", { value }, text))))),
     uploads.length > 1 ? h("label", { class: "row" }, "Its positions are in", h("select", { name: "lengths", onchange: lookSoon }, [["mm", "mm (a guess)"], ["m", "m"], ["um", "µm"]].map(([value, text]) => h("option", { value }, text)))) : null,
-    said, h("div", { class: "row" }, bringIt));
+    said, h("div", { class: "row" }, bringIt, notYet));
   form.onsubmit = (event) => {
     event.preventDefault();
     void bring();
@@ -110,6 +111,7 @@ async function look() {
   const mine = (looks += 1);
   const [recording, companion] = uploads;
   bringIt.disabled = true;
+  notYet.textContent = "";
   replace(said, h("p", { class: "dim" }, "looking into it …"));
   try {
     const seen = await api.post(`/uploads/${recording.id}/preview`, { description: description(), companion_id: companion?.id ?? null });
@@ -119,6 +121,7 @@ async function look() {
     points = seen.points;
     name(seen.missing);
     bringIt.disabled = seen.missing.length > 0;
+    notYet.textContent = seen.missing.length ? `Not yet; needed: ${needed(seen.missing)}.` : "";
     await shown.show(seen);
   } catch (error) {
     if (mine !== looks) return;
@@ -129,8 +132,15 @@ async function look() {
     }
     panel.hidden = false;
     name(error instanceof Problem ? error.errors.map(({ pointer, allowed }) => ({ field: pointer.split("/").pop(), allowed })) : []);
+    notYet.textContent = "Not yet; what is wrong stands below.";
     shown.fail(error);
   }
+}
+
+/** @param {{field: string}[]} missing @returns {string} */
+function needed(missing) {
+  const labels = missing.map(({ field }) => FIELDS.find(([name]) => name === field)?.[1] ?? field.replaceAll("_", " "));
+  return labels.map((one) => one.toLowerCase()).join(", ");
 }
 
 /** @param {string} value */
