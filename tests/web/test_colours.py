@@ -1,5 +1,7 @@
 """Colours are those that the service draws with, and the picture lies the right way round."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -26,6 +28,16 @@ def test_tables_are_those_of_the_pictures(modules, name, of):
     """No colour is further than 4 of 255 from the one that the service's own pictures have."""
     found = rgb(modules.call(MODULE, f"return Array.from(m.table('{name}'));"))
     assert np.abs(found - colours(of).astype(int)).max() <= 4
+
+
+@pytest.mark.parametrize(("theme", "page"), [("light", (0xF4, 0xF6, 0xF8)), ("dark", (0x14, 0x1A, 0x21))])
+def test_shades_stand_out_of_the_page(modules, theme, page):
+    """Of lines and points no colour has a contrast below 3 to 1, WCAG 2's for what is not text."""
+    script = "document.documentElement.dataset.theme = given.theme; return m.shades('cividis', 8);"
+    found = modules.call("shades.js", script, theme=theme)
+    rows = np.array([[int(one) for one in re.findall(r"\d+", colour)] for colour in (*found, f"rgb{page}")]) / 255
+    light = np.where(rows <= 0.04045, rows / 12.92, ((rows + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722] + 0.05
+    assert (np.maximum(light[:-1], light[-1]) / np.minimum(light[:-1], light[-1])).min() >= 3
 
 
 def test_depths_are_those_of_the_pictures(modules):
