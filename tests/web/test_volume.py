@@ -123,12 +123,15 @@ def test_what_differs_from_a_reference(page, made):
     for n, axis in enumerate(AXES):
         one, other = (volume.values.max(axis=n).ravel().astype(float) for volume in volumes)
         assert figure(page, f"correlation-{axis}") == pytest.approx(np.corrcoef(one, other)[0, 1], abs=1e-4)
+    assert page.inner_text("[data-where='x–y']") == "difference, maximum along z"
     page.get_by_role("button", name="Compare the whole volumes").click()
     page.wait_for_selector("[data-figure='volume_correlation']")
     whole = np.corrcoef(*(volume.values.ravel().astype(float) for volume in volumes))[0, 1]
     assert figure(page, "volume_correlation") == pytest.approx(whole, abs=1e-4)
+    assert all(one.get_attribute("title") for one in page.locator("dt:has(+ [data-figure^='volume_'])").all())
     page.click("[data-how='blink']")
     page.wait_for_function("() => document.querySelector('#panel-Compare').innerText.includes('now: the reference')")
+    expect(page.locator("[data-where='x–y']")).to_have_text("maximum along z")
 
 
 def test_images_of_other_voxels_are_not_subtracted(page, made):

@@ -12,12 +12,16 @@ import { figures } from "./tools.js";
 /** @typedef {import("./slices.js").SliceView} SliceView */
 
 const TURN = 700; // ms for which each of the two is seen
-const NAMES = /** @type {Record<string, string>} */ ({
-  volume_correlation: "Correlation", volume_correlation_of_interest: "Correlation of the bright",
-  mip_x_correlation: "Correlation along x", mip_y_correlation: "Correlation along y", mip_z_correlation: "Correlation along z",
-  mip_z_sharpness: "Sharpness along z", mip_z_reference_sharpness: "Reference's along z",
-  volume_sharpness: "Sharpness", volume_reference_sharpness: "Reference's sharpness",
-  volume_amplitude: "Amplitude", volume_error: "Relative error (l2)", volume_scale: "Scale",
+const BRIGHT = "over what has at least 4 % of the reference's maximum";
+const SHARP = "normalised Tenenbaum function: larger is sharper";
+/** Figures of the service: name and what it is. */
+const NAMES = /** @type {Record<string, [string, string]>} */ ({
+  volume_correlation: ["Correlation", "Pearson's, over all voxels"], volume_correlation_of_interest: ["Correlation of the bright", `Pearson's, ${BRIGHT}`],
+  ...Object.fromEntries(["x", "y", "z"].map((axis) => [`mip_${axis}_correlation`, [`Correlation along ${axis}`, `Pearson's, of the maxima along ${axis}, ${BRIGHT}`]])),
+  mip_z_sharpness: ["Sharpness along z", `Of the maximum along z of this image; ${SHARP}`], mip_z_reference_sharpness: ["– of the reference", `Of the maximum along z of the reference; ${SHARP}`],
+  volume_sharpness: ["Sharpness", `Of this image; ${SHARP}`], volume_reference_sharpness: ["– of the reference", `Of the reference; ${SHARP}`],
+  volume_amplitude: ["Amplitude", "How many times the reference this image holds: 1 is as bright"],
+  volume_error: ["Relative error (l2)", "Distance to the reference over its norm, after the best common factor"],
 });
 
 export class Compare {
@@ -126,7 +130,7 @@ export class Compare {
       const value = correlation(one.plane.values, one.other.values);
       rows.push([PLANES[one.axis].join("–"), figure(value), `correlation-${one.axis}`, value]);
     }
-    replace(this.numbers, rows.length ? h("h3", null, "Correlation of what is seen") : null, rows.length ? figures(rows) : null);
+    replace(this.numbers, ...(rows.length ? [h("h3", null, "Correlation of what is seen"), h("p", { class: "dim small" }, "Pearson's, of the pixels that each view shows now: 1 where they are alike.")] : []), rows.length ? figures(rows) : null);
   }
 
   /** What the service found when it compared the volumes, or a button that has it done. @param {string} reference */
@@ -135,8 +139,11 @@ export class Compare {
     if (reference !== this.stage.view.against) return;
     const found = items.find((/** @type {any} */ one) => one.reference_id === reference && one.figures);
     if (found) {
-      const rows = Object.entries(found.figures).map(([name, value]) => [NAMES[name] ?? name.replaceAll("_", " "), value === null ? "–" : figure(Number(value)), name, Number(value)]);
-      replace(this.quality, h("h3", null, "Whole volumes"), figures(/** @type {any} */ (rows)));
+      const rows = Object.entries(found.figures).map(([name, value]) => {
+        const [told, what] = NAMES[name.replace(/^image_/, "volume_")] ?? [name.replaceAll("_", " "), ""];
+        return [told, value === null ? "–" : figure(Number(value)), name, Number(value), what];
+      });
+      replace(this.quality, h("h3", null, "Whole volumes"), h("p", { class: "dim small" }, `As the service compares them; "the bright" is ${BRIGHT}.`), figures(/** @type {any} */ (rows)));
     } else if (this.stage.fits) {
       replace(this.quality, h("button", { type: "button", onclick: () => this.measure(reference) }, "Compare the whole volumes"));
     }

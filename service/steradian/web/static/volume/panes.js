@@ -45,7 +45,8 @@ export function pane(view) {
     slab.value = String(position(thick, source.spacing[n], stage.extent(axis)));
     const words = thick === Infinity ? "all" : thick === 0 ? "slice" : lengthOf(thick);
     slab.setAttribute("aria-valuetext", words);
-    where.textContent = thick === Infinity ? `maximum along ${axis}` : `${axis} ${mmOf(place)}${thick ? `, slab ${words}` : ", slice"}`;
+    where.textContent = view.differs ? "difference, " : "";
+    where.textContent += thick === Infinity ? `maximum along ${axis}` : `${axis} ${mmOf(place)}${thick ? `, slab ${words}` : ", slice"}`;
   };
   store.on(show);
   view.ears.add(show);

@@ -69,6 +69,11 @@ export class SliceView {
     return [centre[at(across)] + (x - this.width / 2) / scale, centre[at(up)] + (this.up ? -away : away)];
   }
 
+  /** Whether it shows by how much the volume and the reference differ. */
+  get differs() {
+    return this.other !== null && this.stage.view.how === "difference" && this.stage.fits;
+  }
+
   get width() {
     return this.overlay.clientWidth;
   }
@@ -157,9 +162,9 @@ export class SliceView {
     Object.assign(this.bitmap, { width: na, height: nb });
     const pixels = new ImageData(na, nb);
     const out = new Uint32Array(pixels.data.buffer);
-    const { window, view, byDepth, colours, differenceEnd } = this.stage;
+    const { window, byDepth, colours, differenceEnd } = this.stage;
     const other = this.other;
-    if (other && view.how === "difference" && this.stage.fits) {
+    if (other && this.differs) {
       const values = plane.values.map((value, n) => value - other.values[n]);
       paint({ values, shape: plane.shape }, [-differenceEnd, differenceEnd], table("difference"), { up: this.up, out });
     } else if (byDepth) paintDepths(shown, this.depthOf(shown), window, { up: this.up, out });

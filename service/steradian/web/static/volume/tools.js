@@ -150,8 +150,8 @@ export class Tools {
   }
 }
 
-/** @param {[string, string, string?, number?][]} rows with the figure itself, for scripts of others */
+/** @param {[string, string, string?, number?, string?][]} rows with the figure itself, for scripts of others, and what it is */
 export function figures(rows) {
-  return h("dl", { class: "figures" }, rows.flatMap(([name, text, key, value]) => [
-    h("dt", null, name), h("dd", { dataset: key ? { figure: key, value: String(value) } : {} }, text)]));
+  return h("dl", { class: "figures" }, rows.flatMap(([name, text, key, value, what]) => [
+    h("dt", { title: what || null }, name), h("dd", { dataset: key ? { figure: key, value: String(value) } : {} }, text)]));
 }
