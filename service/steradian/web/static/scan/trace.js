@@ -6,7 +6,7 @@ import { count, figure, frequency, percent } from "../units.js";
 import { ticks } from "../volume/scale.js";
 import { spectrum } from "./spectrum.js";
 
-const MARGIN = { left: 78, right: 16, top: 8, bottom: 38 };
+const MARGIN = { left: 96, right: 16, top: 8, bottom: 38 };
 const FLOOR = -60; // dB
 const MOST_TICKS = 5;
 
@@ -120,7 +120,7 @@ function axes(context, width, height, plot) {
     context.moveTo(MARGIN.left, y(value));
     context.lineTo(width - MARGIN.right, y(value));
     context.stroke();
-    context.fillText(figure(value), MARGIN.left - 6, y(value) + 4);
+    context.fillText(figure(value, 2), MARGIN.left - 6, y(value) + 4);
   }
   context.strokeStyle = colour("--fault");
   for (const value of plot.marks) {

@@ -112,7 +112,7 @@ export class Compare {
     const blink = view.how === "blink";
     this.told.textContent = !reference ? "Choose a reconstruction to compare this one with."
       : blink ? `Seen now: ${this.turned ? "the reference" : "this image"}.`
-        : this.stage.fits ? `Blue: less than the reference; orange: more; dark: alike. Colours end at ±${pressure(this.stage.differenceEnd)}.`
+        : this.stage.fits ? `Blue: less than the reference; orange: more; dark: alike. Colours end at ±${pressure(this.stage.differenceEnd)}`
           : "They are of different voxels and cannot be subtracted: blink between them, or reconstruct with the same modes and depths.";
   }
 
@@ -143,7 +143,7 @@ export class Compare {
         const [told, what] = NAMES[name.replace(/^image_/, "volume_")] ?? [name.replaceAll("_", " "), ""];
         return [told, value === null ? "–" : figure(Number(value)), name, Number(value), what];
       });
-      replace(this.quality, h("h3", null, "Whole volumes"), h("p", { class: "dim small" }, `As the service compares them; "the bright" is ${BRIGHT}.`), figures(/** @type {any} */ (rows)));
+      replace(this.quality, h("h3", null, "Whole volumes"), h("p", { class: "dim small" }, `As the service compares them. Of the bright: ${BRIGHT}.`), figures(/** @type {any} */ (rows)));
     } else if (this.stage.fits) {
       replace(this.quality, h("button", { type: "button", onclick: () => this.measure(reference) }, "Compare the whole volumes"));
     }
