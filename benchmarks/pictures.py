@@ -18,13 +18,12 @@ from PIL import Image
 
 from fabry_perot.simulator.phantoms import pressure
 from fabry_perot.simulator.shapes import vessels
+from steradian.benchmarks.paper.pictures import few_colours
 from steradian_client import Client
 
 SIZES = {"": (1280, 720), "tablet-": (1024, 768)}
 TABLET = {"design", "volume"}
 """Pages that are shown at both sizes anyway: they look differently there."""
-MOST = 250_000
-"""Bytes of a picture; colours are left out until it is that small."""
 WAIT = 240_000.0
 APERTURE, SPEED, INTERVAL = 13.56e-3, 1500.0, 16e-9
 
@@ -35,8 +34,11 @@ class Camera:
     def __init__(self, service, browser, folder, *, tablet, only):
         self.service, self.browser, self.folder, self.tablet, self.only = service, browser, folder, tablet, only
 
-    def take(self, name, path, ready, *, act=None):
-        """Keep ``name-dark.png`` and ``name-light.png`` of an address, once ``ready`` is seen and ``act`` was done."""
+    def take(self, name, path, ready, *, act=None, during=None):
+        """Keep ``name-dark.png`` and ``name-light.png`` of an address, once ``ready`` is seen and ``act`` was done.
+
+        ``during`` makes sure, before and after, that what is shown is still under way; such a page never rests.
+        """
         if not re.search(self.only, name):
             return
         for prefix, size in SIZES.items():
@@ -46,9 +48,15 @@ class Camera:
                 with self._page(path, ready, theme, size) as page:
                     if act is not None:
                         act(page)
-                    page.wait_for_load_state("networkidle")
+                    if during is None:
+                        page.wait_for_load_state("networkidle")
+                    else:
+                        during()
                     page.wait_for_timeout(700)  # pictures that are drawn when the page rests
-                    self._keep(page.screenshot(), f"{name}-{prefix}{theme}.png")
+                    shot = page.screenshot()
+                    if during is not None:
+                        during()
+                    self._keep(shot, f"{name}-{prefix}{theme}.png")
 
     @contextmanager
     def _page(self, path, ready, theme, size):
@@ -63,13 +71,8 @@ class Camera:
         context.close()
 
     def _keep(self, shot, name):
-        picture = Image.open(io.BytesIO(shot)).convert("RGB")
-        for colours in (256, 128, 64, 32):
-            written = io.BytesIO()
-            picture.quantize(colours, dither=Image.Dither.FLOYDSTEINBERG).save(written, "png", optimize=True)
-            if len(written.getvalue()) <= MOST:
-                break
-        (self.folder / name).write_bytes(written.getvalue())
+        picture = few_colours(Image.open(io.BytesIO(shot)).convert("RGB"))
+        picture.save(self.folder / name, "png", optimize=True)
 
 
 def recording(folder):
@@ -111,6 +114,15 @@ def worked_out(page):
     page.wait_for_selector(".picture canvas")
 
 
+def all_drawn(page):
+    """Wait until every picture of the gallery that is in sight has come: before, it is one pixel wide."""
+    page.wait_for_function(
+        """() => { const all = [...document.querySelectorAll(".gallery canvas")];
+          const seen = all.filter((one) => one.getBoundingClientRect().top < innerHeight);
+          return seen.length > 0 && seen.every((one) => one.width > 1); }"""
+    )
+
+
 def line_across(volume):
     """A view's fragment: the slice through the brightest voxel, and a line of 2 mm along x through it."""
     x, y, z = (
@@ -130,7 +142,7 @@ def take_volumes(camera, client, jobs):
     def tab(name):
         return lambda page: page.click(f"[data-tab='{name}']")
 
-    camera.take("volumes", "/volumes", ".gallery canvas")
+    camera.take("volumes", "/volumes", ".gallery canvas", act=all_drawn)
     camera.take("volume", f"/volumes/{first}", drawn)
     camera.take(
         "volume-measure",
@@ -176,14 +188,27 @@ def take_data(camera, files):
 
 
 def take_running(camera, client):
-    """A scan under way, and its emergency stop."""
-    scan = scanned(client, "mouse ear, second try", rate=3.0, wait=False)
+    """A scan under way, which lasts more than ten minutes, and its emergency stop, pressed while it fires."""
+    scan = scanned(client, "mouse ear, second try", rate=2.0, wait=False)
     while client.scans.get(scan.id).progress.done < 200:
         time.sleep(0.5)
-    camera.take("scan", f"/scans/{scan.id}", "section.image canvas")
-    camera.take("scans", "/scans", "tbody tr")
-    client.scanners.emergency_stop("a cable was loose")
-    camera.take("stop", f"/scans/{scan.id}", "#stopped:not([hidden])")
+
+    def runs():
+        state = client.scans.get(scan.id).state
+        assert state == "running", f"the scan is {state}: no picture of one that runs"
+
+    def followed(page):
+        page.get_by_text("Newest, point").wait_for()
+        page.wait_for_selector("#scanner .laser")
+
+    camera.take("scan", f"/scans/{scan.id}", "section.image canvas", act=followed, during=runs)
+    camera.take("scans", "/scans", "tbody tr", act=lambda page: page.wait_for_selector("#scanner .laser"), during=runs)
+    runs()
+    stop = client.scanners.emergency_stop("a cable was loose")
+    assert stop.laser == "off", f"the stop is {stop.laser}: no picture of one that is confirmed"
+    client.scans.wait(scan)
+    confirmed = "#stopped:has-text('laser off (confirmed by the device')"
+    camera.take("stop", f"/scans/{scan.id}", confirmed)
 
 
 def main():

@@ -11,10 +11,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, ImageChops
 
 _DPI = 90
-_COLOURS = 96
+_OFF = 12
+"""Of 255, by which a channel may be off where a picture has few colours."""
 FORMATS = {"xy": ("x (mm)", "y (mm)"), "xz": ("x (mm)", "z, depth (mm)"), "yz": ("y (mm)", "z, depth (mm)")}
 
 
@@ -73,11 +74,18 @@ def curves(
     axes.legend(fontsize=7)
 
 
+def few_colours(picture: Image.Image) -> Image.Image:
+    """Return an RGB picture with a palette of 256 colours, which is small, or as it is where that would be seen."""
+    fewer = picture.quantize(256, Image.Quantize.MAXCOVERAGE, kmeans=3, dither=Image.Dither.NONE)
+    extrema = ImageChops.difference(picture, fewer.convert("RGB")).getextrema()
+    return fewer if np.max(extrema) <= _OFF else picture
+
+
 def save(made: Figure, path: Path) -> None:
     """Write a PNG with few colours, which keeps it small, under a temporary name first."""
     drawn = io.BytesIO()
     made.savefig(drawn, format="png")
-    picture = Image.open(drawn).convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE)
+    picture = few_colours(Image.open(drawn).convert("RGB"))
     draft = path.with_name(path.name + ".new")
     picture.save(draft, format="png", optimize=True)
     draft.replace(path)
