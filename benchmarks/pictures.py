@@ -206,7 +206,8 @@ def take_running(camera, client):
     runs()
     stop = client.scanners.emergency_stop("a cable was loose")
     assert stop.laser == "off", f"the stop is {stop.laser}: no picture of one that is confirmed"
-    client.scans.wait(scan)
+    while not client.scans.get(scan.id).is_over:
+        time.sleep(0.5)
     confirmed = "#stopped:has-text('laser off (confirmed by the device')"
     camera.take("stop", f"/scans/{scan.id}", confirmed)
 
