@@ -209,7 +209,7 @@ def take_running(camera, client):
     while not client.scans.get(scan.id).is_over:
         time.sleep(0.5)
     confirmed = "#stopped:has-text('laser off (confirmed by the device')"
-    camera.take("stop", f"/scans/{scan.id}", confirmed)
+    camera.take("stop", f"/scans/{scan.id}", confirmed, act=lambda page: page.wait_for_selector("section.image canvas"))
 
 
 def main():

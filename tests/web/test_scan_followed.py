@@ -126,6 +126,12 @@ def test_an_image_that_is_not_whole_when_its_scan_is_over_says_what_becomes_of_i
     page.route("**/reconstructions?kind=live*", failed)
     page.evaluate("import('/static/live.js').then(({ live }) => live._tell('again', null))")
     expect(image).to_contain_text("The final image was not made: its reconstruction failed")
+    working = {"state": "running", "progress": {"stage": "image", "done": 0, "total": 0}}
+    page.unroute("**/reconstructions?kind=live*")
+    young = as_if(lambda told: told | {"items": [told["items"][0] | working]})
+    page.route("**/reconstructions?kind=live*", young)
+    page.goto(f"{service.url}/scans/{scan}")  # who comes now has seen none of it
+    expect(image).to_contain_text("The final image is being made")
     page.unroute_all(behavior="wait")
 
 

@@ -79,6 +79,7 @@ export class Growing {
   wait() {
     const { state, progress } = this.job;
     if (state === "queued") empty(this.host, "The image waits", "for a worker that is free.");
+    else if (state === "running" && !this.running) empty(this.host, "The final image is being made", "It will be here.");
     else if (state === "running") empty(this.host, "The image begins", progress.stage && progress.stage !== "A-lines" ? `A worker is at it: ${progress.stage}.` : "as soon as enough A-lines are there.");
     else empty(this.host, "No image", `Its reconstruction ${state}.`, h("a", { class: "button", href: `/reconstructions/${this.job.id}` }, "Why"));
   }
