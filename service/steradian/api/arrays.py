@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final, Protocol
 
@@ -242,7 +243,8 @@ def respond(
     if size <= PIECE_BYTES:  # as one piece: each of a stream changes threads
         return Response(b"".join(_bytes(head, pieces)), media_type=kind, headers=about)
     about["Content-Length"] = str(len(head) + size)
-    return StreamingResponse(_bytes(head, pieces), media_type=kind, headers=about)
+    first = next(pieces)  # which opens the file: one that is gone is told before the answer begins
+    return StreamingResponse(_bytes(head, chain([first], pieces)), media_type=kind, headers=about)
 
 
 def _npy_header(dtype: np.dtype[Any], shape: tuple[int, ...]) -> bytes:

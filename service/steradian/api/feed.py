@@ -145,6 +145,8 @@ class Feed:
                     self._moved = asyncio.Event()
             except SQLAlchemyError as error:  # a lack of connections is no DBAPIError
                 _log.warning("the log cannot be read: %s", getattr(error, "orig", error))
+            except Exception:  # those who listen would wait for ever
+                _log.exception("the log cannot be understood")
             await asyncio.sleep(LOOK)
 
     def _take(self, news: list[Event]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 from steradian.api.problems import NotReady
@@ -55,9 +56,9 @@ def cost_of(services: Services, scan: ScanRow, wanted: ReconstructionRequest) ->
     It leaves its values, their coarser copies and three projections (float32); one that follows a scan holds the last
     image beside the one that it writes.
     """
-    across, deep = _shape(services, scan, wanted.parameters)
-    disk = stored_bytes((across, across, deep)) * (2 if wanted.follow else 1)
-    return Cost(disk, _least_memory(across, deep // wanted.parameters.upsampling, wanted.parameters))
+    *across, deep = _shape(services, scan, wanted.parameters)
+    disk = stored_bytes((*across, deep)) * (2 if wanted.follow else 1)
+    return Cost(disk, _least_memory((*across, deep // wanted.parameters.upsampling), wanted.parameters))
 
 
 def check_parts(services: Services, scan: ScanRow, wanted: ReconstructionRequest) -> None:
@@ -141,24 +142,25 @@ def _check_alines(services: Services, scan: ScanRow) -> None:
 
 def _check_size(services: Services, scan: ScanRow, parameters: ReconstructionParameters) -> None:
     """Refuse a volume that is too large; raises :class:`InvalidInput`."""
-    across, deep = _shape(services, scan, parameters)
-    size, limit = 4 * across**2 * deep, services.settings.max_volume_bytes
+    shape = _shape(services, scan, parameters)
+    size, limit = 4 * math.prod(shape), services.settings.max_volume_bytes
     if size > limit:
-        modes = across // parameters.upsampling
+        modes = shape[0] // parameters.upsampling
         raise InvalidInput("parameters.modes", modes, f"a volume of at most {limit} bytes, not {size}")
 
 
-def _shape(services: Services, scan: ScanRow, parameters: ReconstructionParameters) -> tuple[int, int]:
-    """Return how many voxels a volume has across and in depth."""
+def _shape(services: Services, scan: ScanRow, parameters: ReconstructionParameters) -> tuple[int, ...]:
+    """Return how many voxels an image has along each axis across, of which a line of sensors has one, and in depth."""
     modes = parameters.modes or max(2, round(services.masks.get(scan.mask_id).aperture / DEFAULT_SPACING))
     samples: int = services.plans.get(scan.plan_id).parameters["samples"]
-    return modes * parameters.upsampling, samples * parameters.upsampling
+    across = 1 if services.masks.is_line(scan.mask_id) else 2
+    return (*[modes * parameters.upsampling] * across, samples * parameters.upsampling)
 
 
-def _least_memory(across: int, deep: int, parameters: ReconstructionParameters) -> int:
+def _least_memory(shape: tuple[int, ...], parameters: ReconstructionParameters) -> int:
     """Return the bytes of the image alone (float32), where it is known beforehand how many voxels deep it becomes."""
     is_whole = parameters.depth_range is None and parameters.depth_step is None and parameters.highest_frequency is None
-    return 4 * across**2 * deep if is_whole else 0
+    return 4 * math.prod(shape) if is_whole else 0
 
 
 def _measured(services: Services, scan_id: str) -> ScanRow:

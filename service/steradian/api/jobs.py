@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
 from fastapi import APIRouter, Body, Request, Response
@@ -181,8 +182,15 @@ async def read_job_file(
 
 def log_of(services: Services, job_id: str) -> Response:
     """Answer with what all starts of a job wrote."""
-    names = services.arrays.names(result_name(job_id, LOG))
-    return log_as_text([services.arrays.open(name) for name in names])
+    try:
+        return log_as_text(_logs(services, job_id))
+    except (NotFound, FileNotFoundError):  # a worker puts it away just now
+        services.ledger.get(job_id)
+        return log_as_text(_logs(services, job_id))
+
+
+def _logs(services: Services, job_id: str) -> list[Path]:
+    return [services.arrays.open(name) for name in services.arrays.names(result_name(job_id, LOG))]
 
 
 async def _view(services: Services, job_id: str, wait: Wait) -> JobView:

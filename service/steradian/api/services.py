@@ -21,7 +21,7 @@ from steradian.api.nodes import Nodes
 from steradian.api.shot_looks import ShotLooks
 from steradian.api.tidying import tidy
 from steradian.api.workshop import Workshop
-from steradian.jobs.capabilities import check_met
+from steradian.jobs.capabilities import check_met, own_scanner
 from steradian.jobs.forecast import Forecast, forecast
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import JobRequest, JobStatus, QueueUnavailable
@@ -231,7 +231,8 @@ class Services:
         """
         hold_needs(session, request.payload)
         if not self.settings.await_workers:
-            check_met(session, self.clock(), request.kind, request.requires)
+            own = own_scanner(session, request.kind, request.payload.get("scan_id"))
+            check_met(session, self.clock(), own, request.requires)
         return self.queue.add(session, request) if self.queue_is_open else self.ledger.add(session, request)
 
     def forecast(self, job: JobStatus) -> Forecast | None:

@@ -77,10 +77,16 @@ async def compare(listeners: Sequence[Listener]) -> Told:
     log = Listener(listeners[0].url, listeners[0].after)
     last = _number(await newest(log.url))
     reading = asyncio.create_task(log.follow())
+    try:
+        async with asyncio.timeout(PATIENCE):
+            await log.reach(last)
+    except TimeoutError:
+        raise RuntimeError(f"the log could not be read as far as event {last}; what was lost is not known") from None
+    finally:
+        reading.cancel()
     with suppress(TimeoutError):
         async with asyncio.timeout(PATIENCE):
-            await asyncio.gather(*(listener.reach(last) for listener in (log, *listeners)))
-    reading.cancel()
+            await asyncio.gather(*(listener.reach(last) for listener in listeners))
     whole = {number for number in log.numbers if number <= last}
     heard = [[number for number in listener.numbers if number <= last] for listener in listeners]
     return Told(

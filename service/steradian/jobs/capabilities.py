@@ -20,13 +20,14 @@ from sqlalchemy.orm import Session
 
 from steradian.errors import InvalidInput
 from steradian.jobs.kinds import FOLLOWING
-from steradian.jobs.model import Requirements
+from steradian.jobs.model import Requirements, requirements_of
 from steradian.machine import installed
 from steradian.settings import Settings
 from steradian.storage.database import Database
 from steradian.storage.repository import Clock, utc_now
+from steradian.storage.scanners import PRESENT
 from steradian.storage.states import ReconstructionState
-from steradian.storage.tables import JobRow, WorkerRow
+from steradian.storage.tables import JobRow, ScannerRow, ScanRow, WorkerRow
 
 TELL_EVERY: Final = 10.0
 """Seconds between two notes of what a worker has."""
@@ -92,20 +93,33 @@ def workers(session: Session, now: datetime, within: timedelta = PRESENT_FOR) ->
     return {row.name: Capabilities(row.memory, row.cores, row.gpu, row.scanner_id) for row in rows}
 
 
-def who_does(kind: str, known: Mapping[str, Capabilities]) -> list[Capabilities]:
-    """Choose the workers that do jobs of a kind: those of a scanner's node make growing images only."""
-    return [has for has in known.values() if has.scanner_id is None or kind in FOLLOWING]
+def own_scanner(session: Session, kind: str, scan_id: str | None) -> str | None:
+    """Tell which scanner's own workers may make an image: of a scan that is not over, where its file grows."""
+    if kind not in FOLLOWING:
+        return None
+    scan = (ScanRow.scanner_id == ScannerRow.id) & (ScanRow.id == scan_id) & ScanRow.ended.is_(None)
+    return session.scalar(select(ScannerRow.id).join(ScanRow, scan).where(ScannerRow.follows, PRESENT))
 
 
-def check_met(session: Session, now: datetime, kind: str, wanted: Requirements) -> None:
+def who_does(scanner_id: str | None, known: Mapping[str, Capabilities]) -> list[Capabilities]:
+    """Choose the workers that do a job: everybody's, and those of the node of its :func:`own_scanner`."""
+    return [has for has in known.values() if has.scanner_id in {None, scanner_id}]
+
+
+def check_met(session: Session, now: datetime, scanner_id: str | None, wanted: Requirements) -> None:
     """Refuse what no worker has that was here lately; where there was none, nothing is known.
+
+    Parameters
+    ----------
+    scanner_id
+        The job's :func:`own_scanner`.
 
     Raises
     ------
     InvalidInput
         Naming the first requirement that none of them meets.
     """
-    known = who_does(kind, workers(session, now, KNOWN_FOR))
+    known = who_does(scanner_id, workers(session, now, KNOWN_FOR))
     if not known or any(has.meet(wanted) for has in known):
         return
     about = {
@@ -126,15 +140,19 @@ def doable(present: Sequence[Capabilities]) -> ColumnElement[bool]:
 
 def count_unmet(session: Session, present: Mapping[str, Capabilities]) -> int:
     """Count the jobs that wait and that none of these can do; with none, nothing can be said of any."""
-    if not (able := who_does("", present)):
-        return 0
-    waits = [JobRow.state == ReconstructionState.QUEUED, JobRow.kind.not_in(FOLLOWING), not_(doable(able))]
-    return session.scalar(select(func.count()).where(*waits)) or 0
+    waits, growing = JobRow.state == ReconstructionState.QUEUED, JobRow.kind.in_(FOLLOWING)
+    count = sum(
+        awaited(own_scanner(session, row.kind, row.scan_id), requirements_of(row), present) is not None
+        for row in session.scalars(select(JobRow).where(waits, growing))
+    )
+    if able := who_does(None, present):
+        count += session.scalar(select(func.count()).where(waits, not_(growing), not_(doable(able)))) or 0
+    return count
 
 
-def awaited(kind: str, wanted: Requirements, known: Mapping[str, Capabilities]) -> str | None:
+def awaited(scanner_id: str | None, wanted: Requirements, known: Mapping[str, Capabilities]) -> str | None:
     """Say what worker a waiting job waits for; ``None`` where one of these can do it, or there is none."""
-    present = who_does(kind, known)
+    present = who_does(scanner_id, known)
     if not present or any(has.meet(wanted) for has in present):
         return None
     return f"a worker with {wanted}; present: {_listed(present)}"

@@ -25,12 +25,11 @@ from sqlalchemy.orm import Session
 from ulid import ULID
 
 from steradian.errors import NotFound, Superseded
-from steradian.jobs.capabilities import Capabilities, Notice, unmet, workers
+from steradian.jobs.capabilities import Capabilities, Notice, own_scanner, unmet, workers
 from steradian.jobs.heap import keep_libraries
 from steradian.jobs.hurrying import hurried
 from steradian.jobs.joining import ENGINE, engine_version, join
 from steradian.jobs.keeping import JobKeeper
-from steradian.jobs.kinds import FOLLOWING
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.liveness import claim, watch_others
 from steradian.jobs.model import Died, JobRequest, JobStatus, QueueUnavailable, requirements_of
@@ -47,7 +46,7 @@ from steradian.storage.repository import utc_now
 from steradian.storage.scanners import PRESENT
 from steradian.storage.states import ReconstructionState, is_terminal
 from steradian.storage.subseconds import with_subseconds
-from steradian.storage.tables import JobRow, ScannerRow, ScanRow
+from steradian.storage.tables import JobRow, ScannerRow
 
 APPLICATION: Final = "steradian"
 APPLICATION_VERSION: Final = "1"
@@ -123,13 +122,10 @@ class JobQueue:
 
     def _queue_of(self, session: Session, row: JobRow) -> str:
         """Name the queue of a job: what follows a scan is best done where its file grows, if a worker there can."""
-        if row.kind not in FOLLOWING:
+        scanner = own_scanner(session, row.kind, row.scan_id)
+        if scanner is None or _is_too_much(row, scanner, workers(session, utc_now())):
             return QUEUE
-        scan = (ScanRow.scanner_id == ScannerRow.id) & (ScanRow.id == row.scan_id) & ScanRow.ended.is_(None)
-        scanner = session.scalar(select(ScannerRow.id).join(ScanRow, scan).where(ScannerRow.follows, PRESENT))
-        there = [has for has in workers(session, utc_now()).values() if has.scanner_id == scanner]
-        is_too_much = bool(there) and not any(has.meet(requirements_of(row)) for has in there)
-        return QUEUE if scanner is None or is_too_much else _queue_at(scanner)
+        return _queue_at(scanner)
 
     def status(self, job_id: str) -> JobStatus:
         """Tell how a job stands; raises :class:`NotFound`."""
@@ -193,22 +189,22 @@ class JobQueue:
             self._client.list_workflows(workflow_ids=list(rows), load_input=False, load_output=False) if rows else []
         )
         states = {job.workflow_id: job.status for job in found}
-        self._leave_to_others([(job.workflow_id, job.queue_name) for job in found if job.status in WAITING])
+        self._leave_to_others([(rows[job.workflow_id], job.queue_name) for job in found if job.status in WAITING])
         doubted = {row.id for row in rows.values() if _disagree(row.state, states.get(row.id))}
         unknown = {row.id for row in rows.values() if row.state is _R.QUEUED and row.id not in states}
         for job_id in unknown | (doubted & self._doubted):
             self._settle(rows[job_id], states.get(job_id))
         self._doubted = frozenset(doubted)
 
-    def _leave_to_others(self, waiting: Sequence[tuple[str, str | None]]) -> None:
-        """Move what waits in the queue of a scanner whose node has no workers any more to everybody's.
+    def _leave_to_others(self, waiting: Sequence[tuple[JobRow, str | None]]) -> None:
+        """Move what waits for a scanner's own workers to everybody's queue where they are gone or cannot do it.
 
         Parameters
         ----------
         waiting
             Jobs and their queues.
         """
-        if not any(queue != QUEUE for _, queue in waiting):
+        if not (elsewhere := [(row, queue) for row, queue in waiting if queue != QUEUE]):
             return
         move = text(
             f"UPDATE {_engine_table(self._database)} SET queue_name = :everybody"  # noqa: S608 - one of two names
@@ -216,11 +212,12 @@ class JobQueue:
         )
         with self._database.write() as session:
             scanners = session.scalars(select(ScannerRow.id).where(ScannerRow.follows, PRESENT))
-            worked = {QUEUE, *map(_queue_at, scanners)}
-            for job, queue in waiting:
-                if queue not in worked:
-                    session.execute(move, {"everybody": QUEUE, "job": job, "queue": queue})
-                    _log.warning("job %s is anybody's: the node of its scanner has no workers", job)
+            worked, known = {_queue_at(scanner): scanner for scanner in scanners}, workers(session, utc_now())
+            for row, queue in elsewhere:
+                scanner = worked.get(queue or "")
+                if scanner is None or _is_too_much(row, scanner, known):
+                    session.execute(move, {"everybody": QUEUE, "job": row.id, "queue": queue})
+                    _log.warning("job %s is anybody's: no worker on its scanner's node can do it", row.id)
 
     def forget(self, job_ids: Sequence[str]) -> None:
         """Let the engine forget jobs that are over."""
@@ -372,6 +369,12 @@ def _gate(has: Capabilities) -> Callable[..., list[ColumnElement[bool]]]:
 
 def _queue_at(scanner_id: str) -> str:
     return f"{QUEUE}-{scanner_id}"
+
+
+def _is_too_much(row: JobRow, scanner_id: str, known: Mapping[str, Capabilities]) -> bool:
+    """Whether a scanner's own workers are there and none of them can do it."""
+    own = [has for has in known.values() if has.scanner_id == scanner_id]
+    return bool(own) and not any(has.meet(requirements_of(row)) for has in own)
 
 
 def _register(runner: JobRunner) -> None:

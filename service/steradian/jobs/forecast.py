@@ -10,7 +10,7 @@ from datetime import datetime, timedelta
 from statistics import fmean, median
 from typing import Any, Final
 
-from sqlalchemy import ColumnElement, func, select, tuple_
+from sqlalchemy import ColumnElement, func, or_, select, tuple_
 from sqlalchemy.orm import Session
 
 from steradian.jobs import capabilities
@@ -65,7 +65,8 @@ def forecast(session: Session, job_id: str, workers: int, now: datetime) -> Fore
     if session.scalar(select(JobRow.id).where(JobRow.id == job_id, *waiting)) is None:
         return Forecast()
     present = capabilities.workers(session, now)
-    if said := capabilities.awaited(row.kind, requirements_of(row), present):
+    own = capabilities.own_scanner(session, row.kind, row.scan_id)
+    if said := capabilities.awaited(own, requirements_of(row), present):
         return Forecast(awaited=said)
     waiting += _passed_over(present)
     earlier = [*waiting, tuple_(*ORDER) < (row.priority, row.turn, row.sequence)]
@@ -113,8 +114,8 @@ def backlog(session: Session, now: datetime, present: Mapping[str, capabilities.
 
 def _passed_over(present: Mapping[str, capabilities.Capabilities]) -> list[ColumnElement[bool]]:
     """Leave out the jobs that no present worker can do: they hold up nobody."""
-    able = list(present.values())
-    return [capabilities.doable(able)] if able else []
+    able = capabilities.who_does(None, present)
+    return [or_(JobRow.kind.in_(FOLLOWING), capabilities.doable(able))] if able else []
 
 
 def _last_end(free: list[datetime], lasting: list[float]) -> datetime:

@@ -8,6 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
+from sqlalchemy import select
 from sqlalchemy.exc import SQLAlchemyError
 
 from steradian.drafts import ENDING
@@ -38,7 +39,7 @@ class JobKeeper:
 
     def __init__(self, settings: Settings, database: Database) -> None:
         self._has_store = settings.store is not None
-        self._arrays = arrays_of(settings, database)
+        self._arrays, self._database = arrays_of(settings, database), database
 
     def announced(self, outcome: Outcome) -> Outcome:
         """Have what was put into the store be known in the transaction that notes the success."""
@@ -58,10 +59,12 @@ class JobKeeper:
             with suppress(NotFound, Superseded, OSError):  # deleted meanwhile, or of a start that no database knows
                 needed = job.state is ReconstructionState.SUCCEEDED and folders[job_id].results()
                 if job.is_over and not needed and not folders[job_id].is_running:
-                    self.put_away(ledger.get(job_id), folders[job_id])
+                    row, start = ledger.get(job_id), folders[job_id].newest
+                    folders[job_id].check(row.fence)
+                    self.put_away(job_id, start, folders[job_id])  # the newest start may have been on another host
 
-    def put_away(self, row: JobRow, folder: JobDirectory) -> None:
-        """Keep the log of a start, and leave nothing in the job's folder.
+    def put_away(self, job_id: str, start: int, folder: JobDirectory) -> None:
+        """Keep the log of a start, unless the job was deleted, and leave nothing in the job's folder.
 
         Raises
         ------
@@ -70,10 +73,13 @@ class JobKeeper:
         """
         if not self._has_store or not folder.log.is_file():
             return
-        folder.check(row.fence)
+        folder.check(start)
         try:
             copy = Path(shutil.copy(folder.log, folder.root / f"{LOG}{ENDING}"))  # who wrote it may have it open
-            self._arrays.keep(result_name(row.id, f"{LOG}-{row.fence:04}.txt"), copy)
+            stored = self._arrays.put(result_name(job_id, f"{LOG}-{start:04}.txt"), copy)
+            with self._database.write() as session:
+                if session.scalar(select(JobRow.id).where(JobRow.id == job_id).with_for_update()) is not None:
+                    self._arrays.announce(session, stored)
             shutil.rmtree(folder.root)
         except (StoreUnavailable, SQLAlchemyError, OSError) as error:
-            _log.warning("the log of job %s stays in %s: %s", row.id, folder.root, error)
+            _log.warning("the log of job %s stays in %s: %s", job_id, folder.root, error)

@@ -183,7 +183,7 @@ class JobRunner:
             _log.warning("job %s: %s", row.id, outcome.message)
             self._note(row.id, outcome.message)
         try:
-            await asyncio.to_thread(self._keeper.put_away, row, self._data.job(row.id))
+            await asyncio.to_thread(self._keeper.put_away, row.id, row.fence, self._data.job(row.id))
             return await self._patiently(lambda: self._ledger.settle(row.id, row.fence, outcome, self._worker))
         except StoreUnavailable as error:  # which had all of it a moment ago
             return await self._settle(row, Interrupted(str(error)))
@@ -193,7 +193,7 @@ class JobRunner:
             return await self._settle(row, Failed("internal", f"the database refuses what it left: {error.orig}"))
 
     async def _cancelled(self, row: JobRow) -> JobRow:
-        await asyncio.to_thread(self._keeper.put_away, row, self._data.job(row.id))
+        await asyncio.to_thread(self._keeper.put_away, row.id, row.fence, self._data.job(row.id))
         return await self._patiently(lambda: self._ledger.cancelled(row.id, self._worker, row.fence))
 
     def _note(self, job_id: str, text: str) -> None:

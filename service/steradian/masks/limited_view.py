@@ -100,6 +100,8 @@ def visible_share(mask: Mask, point: tuple[float, float, float]) -> float:
 
 def _chord(outline: Outline, y: float) -> tuple[float, float]:
     """Where a line at ``y`` enters and leaves a convex polygon; (∞, −∞) where it passes by."""
+    if (upper := outline[outline[:, 1] == y, 0]).size > 1:  # along an edge
+        return float(upper.min()), float(upper.max())
     after = np.roll(outline, -1, axis=0)
     met = (outline[:, 1] <= y) != (after[:, 1] <= y)
     if not met.any():

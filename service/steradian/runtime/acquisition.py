@@ -227,13 +227,13 @@ class Acquisition:
     def _finish(self, identifier: str, end: End) -> None:
         """Lead a scan that ended in good order to its last state."""
         figures = self._figures(identifier)
-        whole = figures.get("stored") == figures.get("points")
+        whole = bool(figures) and figures["stored"] == figures["points"]
         last = _S.COMPLETE if end is End.COMPLETE or whole else _LAST[end]
         if last is not _S.COMPLETE and self._stopping.is_set():
             self._scans.transition(identifier, _S.INTERRUPTED, why="the service ended", summary=figures)
             return
         row = self._scans.get(identifier)
-        if last is _S.PARTIAL and not figures.get("stored"):
+        if last is _S.PARTIAL and figures.get("stored") == 0:
             last = _S.ABORTED  # there is nothing to keep
         press = self._emergency.standing
         why = "every A-line is stored" if last is _S.COMPLETE else press.why if press else row.reason or "requested"

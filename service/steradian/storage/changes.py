@@ -44,8 +44,18 @@ class Changes:
             return None
         try:
             if self._connection is None:
-                self._connection = sqlite3.connect(f"file:{quote(self._path)}?mode=ro", uri=True)
+                url = f"file:{quote(self._path)}?mode=ro"
+                self._connection = sqlite3.connect(url, uri=True, check_same_thread=False)  # whoever drops it closes it
             return int(self._connection.execute("PRAGMA data_version").fetchone()[0])
         except sqlite3.Error:
-            self._connection = None
+            self.close()
             return None
+
+    def close(self) -> None:
+        """Close its own connection; the next question opens another."""
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
+
+    def __del__(self) -> None:
+        self.close()

@@ -10,7 +10,8 @@ from sqlalchemy.orm import undefer
 
 from steradian.errors import NotFound
 from steradian.masks import Mask
-from steradian.storage.repository import Repository
+from steradian.storage.database import Database
+from steradian.storage.repository import Clock, Repository, utc_now
 from steradian.storage.tables import MaskRow
 
 
@@ -18,6 +19,10 @@ class MaskRepository(Repository[MaskRow]):
     """Masks, addressed by their content."""
 
     kind, table = "mask", MaskRow
+
+    def __init__(self, database: Database, clock: Clock = utc_now) -> None:
+        super().__init__(database, clock)
+        self._lines: dict[str, bool] = {}
 
     def put(self, mask: Mask) -> tuple[MaskRow, bool]:
         """Keep a mask; the flag says whether it is new."""
@@ -47,6 +52,18 @@ class MaskRepository(Repository[MaskRow]):
         if row is None:
             raise NotFound(self.kind, identifier)
         return Mask.model_validate_json(row.document)
+
+    def is_line(self, identifier: str) -> bool:
+        """Whether the sensors of a mask lie on a line: looked up once, as the same name is the same mask for ever.
+
+        Raises
+        ------
+        NotFound
+            When there is none.
+        """
+        if identifier not in self._lines:
+            self._lines[identifier] = self.load(identifier).is_line
+        return self._lines[identifier]
 
 
 def to_columns(mask: Mask) -> dict[str, Any]:

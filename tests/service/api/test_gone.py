@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from steradian.api import masks, scan_data
+from steradian.api import arrays, masks, scan_data
 from steradian.api.app import create_app
 from steradian.api.files import RangedFile
 from steradian.api.nodes import Nodes
@@ -86,7 +86,6 @@ FILES = [
     (Whole.image, "/reconstructions/{}/revision"),
     (Whole.image, "/reconstructions/{}/volume"),
     (Whole.image, "/reconstructions/{}/volume.ome.zarr/zarr.json"),
-    (Whole.image, "/jobs/{}/log"),
 ]
 
 
@@ -103,6 +102,26 @@ def test_what_is_deleted_once_it_is_found_is_not_there(bench, monkeypatch, make,
     monkeypatch.setattr(Folder, "open", delete)
     answer = bench.ask("GET", path.format(identifier))
     assert (answer.status_code, answer.json()["code"]) == (404, "not-found")
+
+
+def test_a_volume_too_large_for_one_piece_that_is_deleted_once_it_is_found_is_not_there(bench, monkeypatch):
+    monkeypatch.setattr(arrays, "PIECE_BYTES", 1)
+    test_what_is_deleted_once_it_is_found_is_not_there(bench, monkeypatch, Whole.image, "/reconstructions/{}/volume")
+
+
+def test_a_log_that_moves_into_the_store_while_it_is_asked_for_is_shown(bench, monkeypatch):
+    job, find = bench.image(), Folder.open
+    here = bench.services.data.job(job).log
+    there = here.with_name("log-0001.txt")
+
+    def move(folder, name):
+        if here.exists():
+            here.rename(there)
+        return find(folder, name)
+
+    monkeypatch.setattr(Folder, "open", move)
+    answer = bench.ask("GET", f"/jobs/{job}/log")
+    assert (answer.status_code, answer.text) == (200, "made\n")
 
 
 class GoneBefore(RangedFile):

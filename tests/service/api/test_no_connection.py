@@ -67,3 +67,27 @@ def test_the_event_stream_goes_on_when_connections_are_free_again(app):
 
     asyncio.run(asyncio.wait_for(follow(), 120))
     assert feed.last == 1
+
+
+def test_the_event_stream_outlives_what_cannot_be_understood(app, monkeypatch):
+    services, understood = app.state.services, app.state.services.log.after
+    feed = Feed(services)
+
+    def after(*asked):
+        if not failed:
+            failed.append(asked)
+            raise ValueError("a row that nobody understands")
+        return understood(*asked)
+
+    failed = []
+    monkeypatch.setattr(services.log, "after", after)
+
+    async def follow():
+        async for _ in feed.listen():
+            if failed and feed.last == 0:
+                with services.database.write() as session:
+                    record(session, datetime.now(UTC), "job", "j1", {"state": "queued"})
+            if feed.last >= 1:
+                return
+
+    asyncio.run(asyncio.wait_for(follow(), 120))

@@ -9,7 +9,7 @@ import pytest
 from steradian.jobs.capabilities import Capabilities, Notice
 from steradian.storage.repository import utc_now
 
-from .conftest import api_of
+from .conftest import api_of, make_scan
 
 GIB = 2**30
 
@@ -108,6 +108,14 @@ def test_a_volume_requires_memory_for_its_values_where_its_size_is_known(ask):
     assert fine["requires"]["memory"] == 4 * 64 * 64 * 256, "finer across, not in depth"
     cut = ask(parameters={"modes": 32, "depth_range": [0.0, 1e-3]}).json()
     assert cut["requires"]["memory"] == 0
+
+
+def test_an_image_of_a_line_requires_memory_for_two_axes(http, ask):
+    mask = http.post("/masks", json={"arrangement": "equiangular", "aperture": 1e-2, "depth": 3e-3, "count": 20})
+    plan = http.post("/plans", json={"mask_id": mask.raise_for_status().json()["id"], "samples": 256})
+    scan = make_scan(http, plan.raise_for_status().json()["id"])
+    image = ask(scan_id=scan.raise_for_status().json()["id"], parameters={"modes": 32}, follow=True)
+    assert image.raise_for_status().json()["requires"]["memory"] == 4 * 32 * 256
 
 
 def test_where_workers_are_started_for_what_waits_nothing_is_refused(database, tmp_path):

@@ -16,14 +16,14 @@ def frames(numbers):
 
 
 @asynccontextmanager
-async def log_of(numbers, heard):
-    """Serve streams as the service writes them: to those who come first what ``heard`` says, then the whole log."""
+async def log_of(numbers, heard, whole=None):
+    """Serve streams as the service writes them: to those who come first what ``heard`` says, then the ``whole`` log."""
     streams, tasks = list(heard), []
 
     async def serve(reader, writer):
         tasks.append(asyncio.current_task())
         if b"Last-Event-ID" in await reader.readuntil(b"\r\n\r\n"):
-            said = streams.pop(0) if streams else numbers
+            said = streams.pop(0) if streams else whole or numbers
         else:  # one who asks for the newest
             said = numbers[:1] if streams else numbers[-1:]
         with suppress(ConnectionError):
@@ -36,8 +36,8 @@ async def log_of(numbers, heard):
     await asyncio.gather(*tasks)
 
 
-async def met(numbers, heard):
-    async with log_of(numbers, heard) as url, listening.listening([url], len(heard)) as listeners:
+async def met(numbers, heard, whole=None):
+    async with log_of(numbers, heard, whole) as url, listening.listening([url], len(heard)) as listeners:
         async with asyncio.timeout(250):
             for listener, one in zip(listeners, heard, strict=True):
                 await listener.reach(one[-1])
@@ -61,3 +61,9 @@ def test_what_each_listener_was_told_is_compared_with_the_log(heard, told):
 def test_a_stream_that_ends_early_has_lost_the_rest(monkeypatch):
     monkeypatch.setattr(listening, "PATIENCE", 0.5)
     assert asyncio.run(met([4, 5, 6, 7], [[4, 5]])) == Told(1, 2, 0)
+
+
+def test_where_the_log_itself_is_cut_off_nothing_is_said_of_losses(monkeypatch):
+    monkeypatch.setattr(listening, "PATIENCE", 0.5)
+    with pytest.raises(RuntimeError, match="as far as event 7"):
+        asyncio.run(met([4, 5, 6, 7], [[4, 5]], whole=[4, 5]))

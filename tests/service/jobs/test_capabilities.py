@@ -124,9 +124,9 @@ def test_what_no_worker_has_is_refused_with_what_they_have(ledger, wanted, field
     note(ledger, "large-0", 8 * GIB, 1, "a card")
     with ledger.database.read() as session:
         if field is None:
-            return check_met(session, NOW, "reconstruction", wanted)
+            return check_met(session, NOW, None, wanted)
         with pytest.raises(InvalidInput) as refused:
-            check_met(session, NOW, "reconstruction", wanted)
+            check_met(session, NOW, None, wanted)
     assert refused.value.field == field
     for has in ("2147483648 bytes of memory, 4 cores, no GPU", "8589934592 bytes of memory, 1 core, a card"):
         assert has in str(refused.value)
@@ -139,15 +139,15 @@ def test_a_gpu_that_no_worker_has_is_refused_by_the_parameter_that_asks_for_it(l
         ledger.database.read() as session,
         pytest.raises(InvalidInput, match=r"parameters\.device.*gpu.*memory of unknown size, 4 cores, no GPU"),
     ):
-        check_met(session, NOW, "reconstruction", Requirements(gpu=True))
+        check_met(session, NOW, None, Requirements(gpu=True))
 
 
 def test_where_no_worker_was_here_lately_nothing_is_refused(ledger):
     with ledger.database.read() as session:
-        check_met(session, NOW, "reconstruction", Requirements(memory=2**49, gpu=True))
+        check_met(session, NOW, None, Requirements(memory=2**49, gpu=True))
     note(ledger, "worker-0", GIB, 1, ago=timedelta(hours=2))
     with ledger.database.read() as session:
-        check_met(session, NOW, "reconstruction", Requirements(memory=2**49, gpu=True))
+        check_met(session, NOW, None, Requirements(memory=2**49, gpu=True))
         assert workers(session, NOW) == {}
 
 
@@ -162,18 +162,18 @@ def test_a_waiting_job_says_what_worker_it_waits_for_once_the_one_that_could_is_
     with ledger.database.read() as session:
         present = workers(session, NOW)
         assert set(present) == {"small-0", "large-0"}
-        assert awaited("echo", wanted, present) is None
+        assert awaited(None, wanted, present) is None
         assert count_unmet(session, present) == 0
 
     note(ledger, "large-0", 8 * GIB, 2, "a card", ago=timedelta(minutes=5))
     with ledger.database.read() as session:
         present = workers(session, NOW)
-        said = awaited("echo", wanted, present)
+        said = awaited(None, wanted, present)
         assert said == (
             "a worker with 4294967296 bytes of memory and a GPU; present: 1073741824 bytes of memory, 2 cores, no GPU"
         )
         assert count_unmet(session, present) == 1
-        assert awaited("echo", Requirements(), present) is None
+        assert awaited(None, Requirements(), present) is None
         first, second = (forecast(session, job, 2, NOW) for job in ("j1", "j2"))
     assert (first.position, first.awaited) == (None, said)
     assert second.position == 1, "what nobody here can do holds up nobody"
@@ -186,12 +186,50 @@ def test_a_worker_of_a_scanner_s_node_counts_for_images_that_grow_and_nothing_el
     wanted = Requirements(memory=2 * GIB)
     with ledger.database.read() as session:
         present = workers(session, NOW)
-        check_met(session, NOW, "reconstruction", wanted)  # of those who would do it nothing is known
-        assert awaited("reconstruction", wanted, present) is None
+        check_met(session, NOW, None, wanted)  # of those who would do it nothing is known
+        assert awaited(None, wanted, present) is None
         with pytest.raises(InvalidInput, match=r"requires\.memory"):
-            check_met(session, NOW, LIVE, wanted)
-        assert awaited(LIVE, wanted, present).startswith("a worker with 2147483648 bytes")
-        check_met(session, NOW, LIVE, Requirements(gpu=True))
+            check_met(session, NOW, "scanner-0", wanted)
+        assert awaited("scanner-0", wanted, present).startswith("a worker with 2147483648 bytes")
+        check_met(session, NOW, "scanner-0", Requirements(gpu=True))
+
+
+def test_a_worker_of_another_scanner_s_node_makes_no_image_of_this_one(ledger):
+    note(ledger, "any-0", GIB, 2)
+    note(ledger, "scanner-1-0", GIB, 2, "a card", "scanner-1")
+    wanted = Requirements(gpu=True)
+    with ledger.database.read() as session:
+        present = workers(session, NOW)
+        with pytest.raises(InvalidInput, match=r"parameters\.device"):
+            check_met(session, NOW, "scanner-0", wanted)
+        assert awaited("scanner-0", wanted, present).startswith("a worker with a GPU; present: 1073741824 bytes")
+        assert awaited("scanner-1", wanted, present) is None
+
+
+def test_what_waits_counts_while_only_a_scanner_s_own_workers_are_here(ledger):
+    note(ledger, "scanner-0-0", GIB, 2, None, "scanner-0")
+    with ledger.database.write() as session:
+        ledger.add(session, JobRequest("j1", "echo", {}, requires=Requirements(gpu=True)))
+    with ledger.database.read() as session:
+        assert backlog(session, NOW + timedelta(seconds=7), workers(session, NOW)).oldest == 7
+
+
+def test_what_only_a_scanner_s_own_worker_could_do_holds_up_nobody(ledger):
+    note(ledger, "any-0", GIB, 2)
+    note(ledger, "scanner-1-0", GIB, 2, "a card", "scanner-1")
+    with ledger.database.write() as session:
+        ledger.add(session, JobRequest("j1", "echo", {}, requires=Requirements(gpu=True)))
+        ledger.add(session, JobRequest("j2", "echo", {}))
+    with ledger.database.read() as session:
+        assert forecast(session, "j2", 2, NOW).position == 1
+
+
+def test_a_growing_image_that_no_worker_can_make_is_counted(ledger):
+    note(ledger, "any-0", GIB, 2)
+    with ledger.database.write() as session:
+        ledger.add(session, JobRequest("j1", LIVE, {}, requires=Requirements(gpu=True)))
+    with ledger.database.read() as session:
+        assert count_unmet(session, workers(session, NOW)) == 1
 
 
 @pytest.mark.parametrize("ahead", [timedelta(minutes=-30), timedelta(minutes=30)])

@@ -103,3 +103,11 @@ def test_an_image_that_a_scanner_s_own_workers_cannot_make_is_anybody_s(idle, gr
     Notice(database, "far-0", Capabilities(5000, 2)).write()
     assert queue_of(idle, growing("small", memory=1000)) == "jobs-scanner-0"
     assert queue_of(idle, growing("large", memory=1001)) == "jobs"
+
+
+def test_an_image_that_waits_for_workers_which_turn_out_too_small_is_anybody_s(idle, growing):
+    job = growing("large", memory=1001)
+    assert queue_of(idle, job) == "jobs-scanner-0", "of the workers there nothing is known yet"
+    Notice(idle.queue.ledger.database, "scanner-0-0", Capabilities(1000, 2, None, "scanner-0")).write()
+    idle.queue.reconcile()
+    assert queue_of(idle, job) == "jobs"

@@ -12,6 +12,7 @@ from steradian.masks.picture import draw_mask
 from steradian.masks.point_spread import point_spread
 from steradian.masks.promises import density_map, promises
 from steradian.masks.sensor import attenuation_db
+from steradian.masks.weights import outline_of
 
 APERTURE, DEPTH = 13.56e-3, 3.6e-3
 MASK = equi_steradian_mask(APERTURE, DEPTH, 1600)
@@ -76,6 +77,13 @@ def test_of_a_disc_the_share_and_the_edges_are_those_of_its_cone_and_its_chords(
     passes_by = limited_view(mask, deepest=8e-3, y=1.01 * radius)
     assert (passes_by.steepest_left < 0).all()
     assert not passes_by.detection_region.any()
+
+
+def test_a_section_along_either_edge_of_the_aperture_meets_all_of_it():
+    mask = grid_mask(1e-2, 51, 1e-4)
+    lower, upper = (limited_view(mask, deepest=8e-3, y=y).ends for y in np.unique(outline_of(mask)[:, 1]))
+    assert lower == pytest.approx((-51 * 0.5e-4, 51 * 0.5e-4))
+    assert upper == lower
 
 
 def test_the_film_loses_what_the_paper_says():

@@ -15,6 +15,7 @@ from acquisition_bench import Bench, Port
 from fabry_perot.simulator import launch
 from steradian.errors import Conflict, DamagedFile
 from steradian.runtime.acquisition import Acquisition, count_alines
+from steradian.scans.control import End
 from steradian.storage.arrays import Folder
 from steradian.storage.states import DesiredScanState, ScanState
 from support.waiting import until
@@ -306,3 +307,13 @@ def test_a_resume_is_refused_where_the_a_lines_that_were_stored_are_not(tmp_path
     bench.work.step()
     assert bench.scans.get(identifier).state is S.COMPLETE
     bench.close()
+
+
+@pytest.mark.parametrize(("end", "state"), [(End.ABORTED, "aborted"), (End.STOPPED, "partial")])
+def test_a_scan_whose_a_lines_cannot_be_counted_is_not_called_complete(bench, monkeypatch, end, state):
+    scan = bench.queue()
+    for following in (ScanState.ARMING, ScanState.RUNNING):
+        bench.scans.transition(scan, following, why="test")
+    bench.data.scan_file(scan).write_bytes(b"no scan")
+    bench.work._finish(scan, end)
+    assert bench.scans.get(scan).state == state

@@ -1,5 +1,9 @@
 """One who waits for something in a database looks when somebody has written, and now and then in any case."""
 
+import os
+from contextlib import suppress
+from pathlib import Path
+
 import pytest
 
 from steradian.storage.changes import Changes
@@ -51,6 +55,26 @@ def test_one_looks_again_in_time_and_whenever_the_file_tells_nothing(database, t
     assert [eager.any() for _ in range(3)] == [True] * 3
     missing = Changes(Database(f"sqlite:///{tmp_path / 'none' / 'steradian.sqlite'}"), at_least=1e6)
     assert [missing.any() for _ in range(3)] == [True] * 3
+
+
+def test_its_connection_goes_with_it(database):
+    changes = Changes(database)
+    changes.any()
+    path = Path(database.name)
+    database.close()  # SQLite closes no file of which another connection holds a lock
+    assert opened(path) == 1
+    del changes
+    assert opened(path) == 0
+
+
+def opened(path):
+    """How often this process has a file open to read only."""
+    found = 0
+    for link in Path("/proc/self/fd").iterdir():
+        with suppress(FileNotFoundError):  # that of the folder itself
+            flags = int(Path(f"/proc/self/fdinfo/{link.name}").read_text().split("flags:")[1].split()[0], 8)
+            found += link.resolve() == path.resolve() and not flags & (os.O_WRONLY | os.O_RDWR)
+    return found
 
 
 def test_of_a_server_nothing_is_known_without_asking():

@@ -220,6 +220,31 @@ def test_what_is_left_of_a_job_that_no_start_of_the_database_made_is_left_alone(
     assert [folder.root.exists() for folder in folders] == [True, False]
 
 
+def test_a_log_that_a_host_puts_away_late_replaces_no_later_start_s(store, rows, seaweed, tmp_path):
+    """As where a host was cut off in start 1, another one did start 2, and the first one is back."""
+    ledger = JobLedger(rows)
+    with rows.write() as session:
+        ledger.add(session, JobRequest("j1", "sound-speed", {}))
+    for host in ("cut off", "other"):
+        start, data = ledger.start("j1", host).fence, DataDirectory(tmp_path / host)
+        data.job("j1").begin(start)
+        data.job("j1").log.write_text(f"of {host}")
+    ledger.settle("j1", start, Succeeded({"speed": 1500}), "other")
+    for host in ("other", "cut off"):
+        JobKeeper(settings_of(tmp_path / host, seaweed, store.place), rows).tidy(ledger, DataDirectory(tmp_path / host))
+    told = {name: store.open(name).read_text() for name in store.names("jobs/j1/")}
+    assert told == {"jobs/j1/log-0001.txt": "of cut off", "jobs/j1/log-0002.txt": "of other"}
+
+
+def test_the_log_of_a_job_that_was_deleted_meanwhile_is_not_kept(store, rows, seaweed, tmp_path):
+    folder = DataDirectory(tmp_path / "here").job("j1")
+    folder.begin(1)
+    folder.log.write_text("what it said")
+    JobKeeper(settings_of(tmp_path / "here", seaweed, store.place), rows).put_away("j1", 1, folder)
+    assert list(store.names("jobs/j1/")) == []
+    assert store.sweep(NOW) == 1
+
+
 def test_a_service_does_not_start_without_the_store_that_has_its_scans(store, rows, seaweed, tmp_path):
     with_store = settings_of(tmp_path / "here", seaweed, store.place)
     belonging.bind(with_store, rows)
