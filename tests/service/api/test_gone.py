@@ -104,9 +104,17 @@ def test_what_is_deleted_once_it_is_found_is_not_there(bench, monkeypatch, make,
     assert (answer.status_code, answer.json()["code"]) == (404, "not-found")
 
 
-def test_a_volume_too_large_for_one_piece_that_is_deleted_once_it_is_found_is_not_there(bench, monkeypatch):
+def test_a_large_volume_that_is_deleted_before_its_first_value_is_read_is_not_there(bench, monkeypatch):
+    image, header = bench.image(), arrays._npy_header
+
+    def delete(*about):
+        bench.services.data.job(image).volume.unlink()
+        return header(*about)
+
     monkeypatch.setattr(arrays, "PIECE_BYTES", 1)
-    test_what_is_deleted_once_it_is_found_is_not_there(bench, monkeypatch, Whole.image, "/reconstructions/{}/volume")
+    monkeypatch.setattr(arrays, "_npy_header", delete)
+    answer = bench.ask("GET", f"/reconstructions/{image}/volume", headers={"Accept": arrays.NPY})
+    assert (answer.status_code, answer.json()["code"]) == (404, "not-found")
 
 
 def test_a_log_that_moves_into_the_store_while_it_is_asked_for_is_shown(bench, monkeypatch):
