@@ -15,7 +15,6 @@ LONGER = {
     "fabry_perot/host/scanner",
     "steradian/cli/mask",
     "steradian/imaging/engines/numba/depth",
-    "steradian/jobs/engine",
     "steradian/jobs/ledger",
     "steradian/reconstructions/live",
     "steradian/runtime/supervisor",

@@ -2,8 +2,8 @@
 
 from functools import cached_property
 
-from steradian.jobs.engine import JobQueue
 from steradian.jobs.model import JobRequest
+from steradian.jobs.queue import JobQueue
 
 
 class EchoQueue:

@@ -49,7 +49,7 @@ from steradian.storage.tables import JobRow
 from steradian.storage.usage import usage
 
 if TYPE_CHECKING:
-    from steradian.jobs.engine import JobQueue
+    from steradian.jobs.queue import JobQueue
 
 _log = logging.getLogger(__name__)
 QUEUE_PATIENCE = 30.0
@@ -251,7 +251,7 @@ class Services:
 
     def _open_queue(self) -> None:
         """Open the queue, however often that fails; readiness tells that it is not open."""
-        from steradian.jobs.engine import JobQueue
+        from steradian.jobs.queue import JobQueue
 
         while not self._over.is_set():
             try:

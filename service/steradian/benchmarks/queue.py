@@ -25,7 +25,7 @@ from steradian.settings import Settings
 CLOCK = (sys.executable, "-P", "-m", "steradian.benchmarks.clock_job")
 WORKER = f"""
 from steradian.settings import Settings
-from steradian.jobs.engine import run_worker
+from steradian.jobs.worker import run_worker
 run_worker(Settings.create(), 0, {{"clock": {CLOCK!r}}})
 """
 READ_EVERY = 0.02
@@ -60,8 +60,8 @@ def queue(
 
 def latency(settings: Settings, *, jobs: int = 30, progress: Progress | None = None) -> dict[str, Any]:
     """Measure how long a job waits for an idle worker, and how old progress is when it can be read."""
-    from steradian.jobs.engine import JobQueue
     from steradian.jobs.model import JobRequest
+    from steradian.jobs.queue import JobQueue
 
     client = JobQueue(settings)
     starts: list[float] = []

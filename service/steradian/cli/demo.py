@@ -111,7 +111,7 @@ def _scan(plan: ScanPlan, data: DataDirectory, scan_id: str, speed: float) -> Sc
 
 def _reconstruct_queued(scan_id: str, data: DataDirectory, output: Path) -> None:
     """Send a job through the same queue and worker process that the service uses; move scan and results out."""
-    from steradian.jobs.engine import JobQueue, new_job_id
+    from steradian.jobs.queue import JobQueue, new_job_id
     from steradian.jobs.requests import ReconstructionRequest, job_of
     from steradian.runtime.supervisor import running_worker
     from steradian.settings import Settings

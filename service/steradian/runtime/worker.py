@@ -36,7 +36,7 @@ def main(slot: int) -> None:
         if gpu is not None:
             sign.tell_gpu(gpu)
         from steradian.jobs.capabilities import Capabilities
-        from steradian.jobs.engine import run_worker
+        from steradian.jobs.worker import run_worker
 
         has = Capabilities.of_this_machine(settings, gpu)
         run_worker(settings, slot, dict.fromkeys(KINDS, CHILD), has)

@@ -229,7 +229,7 @@ def test_a_service_ends_after_what_looks_after_it(server, monkeypatch):
         services.ledger.unfinished()
         ended.set()
 
-    monkeypatch.setattr("steradian.jobs.engine.JobQueue.reconcile", reconcile)
+    monkeypatch.setattr("steradian.jobs.queue.JobQueue.reconcile", reconcile)
     services.open()
     assert begun.wait(250)
     services.close()

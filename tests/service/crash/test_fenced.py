@@ -17,7 +17,7 @@ R = ReconstructionState
 SUBMIT = """
 import os, signal, sys
 from sqlalchemy import event
-from steradian.jobs.engine import JobQueue
+from steradian.jobs.queue import JobQueue
 from steradian.jobs.model import JobRequest
 from steradian.settings import Settings
 moment, name, folder = sys.argv[1:]

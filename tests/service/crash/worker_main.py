@@ -6,8 +6,8 @@ import sys
 import threading
 from pathlib import Path
 
-from steradian.jobs.engine import run_worker
 from steradian.jobs.joining import join
+from steradian.jobs.worker import run_worker
 from steradian.logs import configure_logging
 from steradian.runtime.heartbeat import Heartbeat
 from steradian.runtime.lifeline import end_with_stdin

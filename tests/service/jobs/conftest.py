@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from steradian.jobs.engine import JobQueue
+from steradian.jobs.queue import JobQueue
 from steradian.settings import Settings
 from support.echo import EchoQueue
 from support.waiting import until
@@ -14,7 +14,7 @@ from support.waiting import until
 WORKER = """
 import sys
 from steradian.settings import Settings
-from steradian.jobs.engine import run_worker
+from steradian.jobs.worker import run_worker
 run_worker(Settings.create(), 0, {"echo": [sys.executable, sys.argv[1]]})
 """
 

@@ -27,7 +27,7 @@ WORKER = """
 import sys
 from steradian.settings import Settings
 from steradian.jobs.capabilities import Capabilities
-from steradian.jobs.engine import run_worker
+from steradian.jobs.worker import run_worker
 _, slot, memory, cores, gpu, job = sys.argv
 has = Capabilities(int(memory), int(cores), gpu or None)
 run_worker(Settings.create(), int(slot), {"echo": [sys.executable, job]}, has)

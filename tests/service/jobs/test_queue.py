@@ -9,8 +9,8 @@ from contextlib import closing
 import pytest
 
 from steradian.errors import Conflict, NotFound
-from steradian.jobs.engine import JobQueue
 from steradian.jobs.model import JobRequest
+from steradian.jobs.queue import JobQueue
 from steradian.storage.states import ReconstructionState
 from support.processes import are_gone
 from support.waiting import until

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sqlalchemy import select, text
 
-from steradian.jobs.engine import JobQueue
 from steradian.jobs.forecast import forecast
 from steradian.jobs.kinds import LIVE
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import JobRequest, Succeeded
+from steradian.jobs.queue import JobQueue
 from steradian.jobs.turns import ORDER, place
 from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steradian.jobs.engine import JobQueue
 from steradian.jobs.ledger import JobLedger
+from steradian.jobs.queue import JobQueue
 from steradian.jobs.requests import ReconstructionRequest, job_of
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan

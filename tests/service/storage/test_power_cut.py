@@ -23,7 +23,8 @@ import httpx
 import pytest
 from sqlalchemy import create_engine, select, text
 
-from steradian.jobs.engine import JobQueue, queue_url
+from steradian.jobs.engine import queue_url
+from steradian.jobs.queue import JobQueue
 from steradian.scans.store import create_scan_file
 from steradian.settings import Settings
 from steradian.storage.database import Database
