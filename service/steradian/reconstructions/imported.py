@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from steradian.errors import DamagedFile, SteradianError
 from steradian.plans import ScanPlan
 from steradian.scans import schema
-from steradian.scans.broken import BROKEN
+from steradian.scans.broken import reading
 from steradian.scans.importing.planned import read_plan
 from steradian.scans.locking import open_to_read
 
@@ -45,12 +44,7 @@ def read_imported(path: Path) -> Imported:
     InvalidInput
         When a value in it is out of range.
     """
-    try:
-        with open_to_read(path) as file:
-            stored = int((np.asarray(file["alines/status"]) == schema.STORED).sum())
-            summary = {"points": len(file["alines/status"]), "stored": stored, "fired": int(file["fired"][()])}
-            return Imported(read_plan(file), bool(file.attrs["simulated"]), summary)
-    except SteradianError:
-        raise
-    except (OSError, *BROKEN) as error:
-        raise DamagedFile(f"{path.name} cannot be read as a scan: {error}") from error
+    with reading(path.name, "scan"), open_to_read(path) as file:
+        stored = int((np.asarray(file["alines/status"]) == schema.STORED).sum())
+        summary = {"points": len(file["alines/status"]), "stored": stored, "fired": int(file["fired"][()])}
+        return Imported(read_plan(file), bool(file.attrs["simulated"]), summary)

@@ -31,6 +31,7 @@ from steradian.imaging import Axes, Volume
 from steradian.reconstructions.lattice import Lattice
 from steradian.reconstructions.levels import chunks_of, coarser_shapes
 from steradian.reconstructions.projections import Projections, project
+from steradian.scans.broken import reading
 
 FORMAT, VERSION = "steradian-volume", 2
 READABLE = (1, VERSION)
@@ -154,11 +155,11 @@ def read_projection(path: Path, axis: Literal["x", "y", "z"]) -> NDArray[np.floa
     """
     if not path.is_file():
         raise NotFound("file", str(path))
-    try:
-        with h5py.File(path, "r") as file:
-            return np.asarray(file[f"mip_{axis}" if f"mip_{axis}" in file else "values"])
-    except (OSError, KeyError, ValueError) as error:
-        raise DamagedFile(f"{path} cannot be read as a volume: {error}") from error
+    with reading(path, "volume"), h5py.File(path, "r") as file:
+        image = np.asarray(file[f"mip_{axis}" if f"mip_{axis}" in file else "values"])
+    if image.ndim != 2:
+        raise DamagedFile(f"{path}: the projection along {axis} has {image.ndim} axes, not 2")
+    return image
 
 
 def require_volume(file: h5py.File, path: Path) -> None:
@@ -179,14 +180,11 @@ def read_volume(path: Path) -> Volume:
     """
     if not path.is_file():
         raise NotFound("file", str(path))
-    try:
-        with h5py.File(path, "r") as file:
-            require_volume(file, path)
-            values = file["values"]
-            spacing, origin = (tuple(map(float, values.attrs[name])) for name in ("spacing_m", "origin_m"))
-            lines = zip(origin, spacing, values.shape, strict=True)
-            x, *y, z = (first + step * np.arange(count) for first, step, count in lines)
-            speed = json.loads(file.attrs["parameters"]).get("sound_speed")
-            return Volume(np.asarray(values), Axes(x, y[0] if y else None, z), spacing, speed)
-    except (OSError, KeyError, ValueError) as error:
-        raise DamagedFile(f"{path} cannot be read as a volume: {error}") from error
+    with reading(path, "volume"), h5py.File(path, "r") as file:
+        require_volume(file, path)
+        values = file["values"]
+        spacing, origin = (tuple(map(float, values.attrs[name])) for name in ("spacing_m", "origin_m"))
+        lines = zip(origin, spacing, values.shape, strict=True)
+        x, *y, z = (first + step * np.arange(count) for first, step, count in lines)
+        speed = json.loads(file.attrs["parameters"]).get("sound_speed")
+        return Volume(np.asarray(values), Axes(x, y[0] if y else None, z), spacing, speed)

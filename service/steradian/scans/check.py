@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from steradian.errors import DamagedFile, NotFound
 from steradian.progress import Progress
 from steradian.scans import schema
-from steradian.scans.broken import BROKEN
+from steradian.scans.broken import reading
 from steradian.scans.layout import geometry_checksum
 from steradian.scans.locking import open_to_read
 from steradian.scans.rows import RowTable
@@ -80,13 +80,10 @@ def check_scan_file(path: Path, *, repair: bool = True, progress: Progress | Non
     """
     if not path.is_file():
         raise NotFound("file", str(path))
-    try:
-        with open_to_read(path) as file:
-            _check_frame(path, file)
-            table = RowTable.of_file(file)
-            whole, strength = _verify(file, table, progress)
-    except (OSError, *BROKEN) as error:
-        raise DamagedFile(f"{path} cannot be read as a scan: {error}") from error
+    with reading(path, "scan"), open_to_read(path) as file:
+        _check_frame(path, file)
+        table = RowTable.of_file(file)
+        whole, strength = _verify(file, table, progress)
     listed = table.stored
     damaged, unlisted = np.flatnonzero(listed & ~whole), np.flatnonzero(~listed & whole)
     if repair and (len(damaged) or len(unlisted)):

@@ -12,9 +12,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import DamagedFile, InvalidInput, SteradianError
+from steradian.errors import InvalidInput
 from steradian.scans import schema
-from steradian.scans.broken import BROKEN
+from steradian.scans.broken import reading
 from steradian.scans.locking import open_to_read
 from steradian.scans.reading import _check_kind, list_frames, shots_of
 from steradian.scans.recording import Recording, Shots
@@ -76,18 +76,13 @@ class ScanFollower:
 
     def __init__(self, path: Path, frame: int = 0) -> None:
         self.path = path
-        try:
-            with open_to_read(path) as file:
-                _check_kind(path, file)
-                points = len(file["mask/weights"])
-                frames = len(file["alines/status"]) // points
-                if not 0 <= frame < frames:
-                    raise InvalidInput("frame", frame, f"0 to {frames - 1}")
-                self.whole = _planned(file, slice(frame * points, (frame + 1) * points))
-        except SteradianError:
-            raise
-        except (OSError, *BROKEN) as error:
-            raise DamagedFile(f"{path} cannot be read as a scan: {error}") from error
+        with reading(path, "scan"), open_to_read(path) as file:
+            _check_kind(path, file)
+            points = len(file["mask/weights"])
+            frames = len(file["alines/status"]) // points
+            if not 0 <= frame < frames:
+                raise InvalidInput("frame", frame, f"0 to {frames - 1}")
+            self.whole = _planned(file, slice(frame * points, (frame + 1) * points))
         self._first = frame * self.whole.planned
         self._seen = np.zeros(self.whole.planned, bool)
         self._checksums = np.zeros(self.whole.planned, np.uint32)
@@ -108,13 +103,8 @@ class ScanFollower:
         DamagedFile
             When the file cannot be read any more.
         """
-        try:
-            with open_to_read(self.path) as file:
-                return self._take(file, most)
-        except SteradianError:
-            raise
-        except (OSError, *BROKEN) as error:
-            raise DamagedFile(f"{self.path} cannot be read as a scan: {error}") from error
+        with reading(self.path, "scan"), open_to_read(self.path) as file:
+            return self._take(file, most)
 
     def forget(self) -> None:
         """Take all A-lines again at the next call."""
@@ -178,7 +168,7 @@ class Quiet:
         """A-lines stored, and to be stored; -1 of 0 when there is no file yet."""
         if not self._path.is_file():
             return -1, 0
-        with open_to_read(self._path) as file:
+        with reading(self._path, "scan"), open_to_read(self._path) as file:
             status = np.asarray(file["alines/status"])
             return int((status == schema.STORED).sum()), len(status)
 

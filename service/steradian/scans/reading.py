@@ -8,9 +8,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from steradian.errors import DamagedFile, InvalidInput, SteradianError
+from steradian.errors import DamagedFile, InvalidInput
 from steradian.scans import schema
-from steradian.scans.broken import BROKEN
+from steradian.scans.broken import reading
 from steradian.scans.course import Course
 from steradian.scans.locking import open_to_read
 from steradian.scans.recording import Recording, Shots
@@ -49,14 +49,11 @@ def list_frames(path: Path) -> tuple[Frame, ...]:
     DamagedFile
         When the file is truncated, of another kind or newer.
     """
-    try:
-        with open_to_read(path) as file:
-            _check_kind(path, file)
-            course = Course.of_file(file)
-            stored = np.asarray(file["alines/status"]).reshape(-1, course.points) == schema.STORED
-            fired = np.asarray(file["alines/fire_time_s"]).reshape(stored.shape)
-    except (OSError, *BROKEN) as error:
-        raise DamagedFile(f"{path} cannot be read as a scan: {error}") from error
+    with reading(path, "scan"), open_to_read(path) as file:
+        _check_kind(path, file)
+        course = Course.of_file(file)
+        stored = np.asarray(file["alines/status"]).reshape(-1, course.points) == schema.STORED
+        fired = np.asarray(file["alines/fire_time_s"]).reshape(stored.shape)
     times = [frame[those] for frame, those in zip(fired, stored, strict=True)]
     return tuple(
         Frame(number, light, len(shots), *((float(shots.min()), float(shots.max())) if len(shots) else ()))
@@ -84,14 +81,9 @@ def read_scan(path: Path, frame: int = 0) -> Recording:
     DamagedFile
         When the file is truncated, of another kind or newer, or holds no A-line.
     """
-    try:
-        with open_to_read(path) as file:
-            _check_kind(path, file)
-            return _read(path, file, frame)
-    except SteradianError:
-        raise
-    except (OSError, *BROKEN) as error:
-        raise DamagedFile(f"{path} cannot be read as a scan: {error}") from error
+    with reading(path, "scan"), open_to_read(path) as file:
+        _check_kind(path, file)
+        return _read(path, file, frame)
 
 
 def _check_kind(path: Path, file: h5py.File) -> None:

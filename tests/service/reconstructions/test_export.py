@@ -19,6 +19,7 @@ from steradian.errors import Cancelled, Conflict, DamagedFile, InvalidInput, Not
 from steradian.imaging import Axes, Volume
 from steradian.reconstructions.exporting import export_volume
 from steradian.reconstructions.volume_file import read_volume, write_volume
+from support.damage import BITS, spoil
 
 SHAPE, SPACING, ORIGIN = (24, 18, 40), (60e-6, 80e-6, 12e-6), (-0.72e-3, -0.6e-3, 1.2e-3)
 BALL = (0.24e-3, -0.28e-3, 1.44e-3)
@@ -265,6 +266,28 @@ def test_a_missing_library_is_named_with_its_extra(tmp_path, volume, monkeypatch
     assert list(tmp_path.iterdir()) == []
     for other in ("hdf5", "nrrd", "vtkhdf", "png"):
         export_volume(volume, tmp_path / FORMATS[other], format=other)
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_values_that_cannot_be_read_end_an_export_as_damage_and_leave_nothing(tmp_path, volume, format):
+    """Where HDF5 finds no chunk any more, which shows when the first is read."""
+    bad, out = tmp_path / "bad.h5", tmp_path / "out"
+    whole = volume.read_bytes()
+    assert whole.count(b"TREE\x01") > 0
+    bad.write_bytes(whole.replace(b"TREE\x01", b"EERT\x01"))
+    spoil(bad, "mip_z")  # which has no chunks
+    with pytest.raises(DamagedFile, match=r"bad\.h5"):
+        export_volume(bad, out / FORMATS[format], format=format)
+    assert list(out.iterdir()) == []
+
+
+@pytest.mark.parametrize("bit", BITS)
+def test_a_damaged_header_is_told_before_anything_is_written(tmp_path, volume, bit):
+    bad = Path(shutil.copy(volume, tmp_path / "bad.h5"))
+    spoil(bad, "values", bit)
+    with pytest.raises(DamagedFile, match=r"bad\.h5"):
+        export_volume(bad, tmp_path / "out" / "a.nrrd", format="nrrd")
+    assert not (tmp_path / "out").exists()
 
 
 def test_what_is_no_volume_or_format_is_refused(tmp_path, volume):

@@ -7,13 +7,13 @@ from steradian.errors import DamagedFile
 from steradian.imaging import Axes, Volume
 from steradian.reconstructions.imported import read_imported
 from steradian.reconstructions.stored_volume import StoredVolume
-from steradian.reconstructions.volume_file import write_volume
+from steradian.reconstructions.volume_file import read_projection, read_volume, write_volume
 from steradian.scans.check import check_scan_file
-from steradian.scans.following import ScanFollower
+from steradian.scans.following import Quiet, ScanFollower
 from steradian.scans.reading import list_frames, read_scan
 from steradian.scans.settling import count_alines
 from steradian.scans.store import AlineStore, create_scan_file
-from support.damage import BITS, spoil
+from support.damage import BITS, NAMED_TYPE, SCALAR, spoil
 
 
 @pytest.fixture
@@ -54,10 +54,33 @@ def test_a_scan_that_is_followed_and_damaged_meanwhile_is_so(path):
         follower.take()
 
 
-def test_a_volume_whose_values_are_none_is_damaged(tmp_path):
+@pytest.mark.parametrize("bit", BITS)
+def test_a_scan_of_which_nobody_knows_whether_it_is_over_is_damaged(path, bit):
+    is_over = Quiet(path, patience=1e3)
+    assert is_over()
+    spoil(path, "alines/status", bit)
+    with pytest.raises(DamagedFile, match=path.name):
+        is_over()
+
+
+@pytest.fixture
+def volume_file(tmp_path):
     path, axis = tmp_path / "volume.h5", np.arange(4) * 1e-4
     volume = Volume(np.ones((4, 4, 4), np.float32), Axes(axis, axis, axis), (1e-4,) * 3)
     write_volume(path, volume, parameters={}, provenance={})
-    spoil(path, "values")
-    with pytest.raises(DamagedFile, match=path.name):
-        StoredVolume(path)
+    return path
+
+
+@pytest.mark.parametrize("bit", BITS)
+@pytest.mark.parametrize("read", [StoredVolume, read_volume])
+def test_a_volume_whose_values_are_none_is_damaged(volume_file, read, bit):
+    spoil(volume_file, "values", bit)
+    with pytest.raises(DamagedFile, match=volume_file.name):
+        read(volume_file)
+
+
+@pytest.mark.parametrize("bit", [NAMED_TYPE, SCALAR])
+def test_a_projection_that_is_none_is_damaged(volume_file, bit):
+    spoil(volume_file, "mip_z", bit)
+    with pytest.raises(DamagedFile, match=volume_file.name):
+        read_projection(volume_file, "z").shape[1]

@@ -38,10 +38,10 @@ def write_hdf5(source: VolumeSource, path: Path) -> None:
         values.attrs.update({name: said for name, said in old.attrs.items() if not name.startswith("DIMENSION_")})
         for start in range(0, old.shape[0], chunks[0]):
             source.check(start, old.shape[0])
-            values[start : start + chunks[0]] = old[start : start + chunks[0]]
+            values[start : start + chunks[0]] = source.read(np.s_[start : start + chunks[0]])
             if source.progress:
                 source.progress("planes", min(start + chunks[0], old.shape[0]), old.shape[0])
         for name in ("mip_x", "mip_y", "mip_z"):
             if name in old.parent:
-                file.create_dataset(name, data=old.parent[name][()])
+                file.create_dataset(name, data=source.read((), name))
         attach_axes(file)

@@ -42,7 +42,7 @@ def _projection(source: VolumeSource, axis: Axis, depths: int) -> NDArray[Any]:
     if axis != "z" or depths == source.values.shape[-1]:
         image = read_projection(Path(source.values.file.filename), axis)
         return image if axis == "z" else image[..., -depths:]
-    return np.stack([plane[:, -depths:].max(axis=-1) for plane in source.values])
+    return np.stack([source.read(np.s_[x, :, -depths:]).max(axis=-1) for x in range(source.values.shape[0])])
 
 
 def _frame(source: VolumeSource) -> Volume:

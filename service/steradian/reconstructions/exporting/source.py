@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from steradian.errors import Cancelled, DamagedFile, NotFound
 from steradian.progress import IsCancelled, Progress
 from steradian.reconstructions.volume_file import require_volume
+from steradian.scans.broken import reading
 
 SLAB_BYTES = 32 << 20
 
@@ -68,6 +69,11 @@ class VolumeSource:
         x, *y, z = self.origin
         return x, y[0] if y else 0.0, z
 
+    def read(self, index: Any, name: str = "values") -> NDArray[Any]:
+        """Read some of the values, or of another dataset beside them; raises :class:`DamagedFile`."""
+        with reading(self.values.file.filename, "volume"):
+            return np.asarray(self.values.parent[name][index])
+
     def depth_slabs(self) -> Iterator[NDArray[Any]]:
         """Give the values as [z, y, x], a few depths at a time, x fastest: the order of most image formats.
 
@@ -75,6 +81,8 @@ class VolumeSource:
         ------
         Cancelled
             When the caller's ``cancelled`` said so.
+        DamagedFile
+            When the values cannot be read.
         """
         nx, ny, nz = self.shape
         step = max(1, SLAB_BYTES // (nx * ny * self.dtype.itemsize))
@@ -82,7 +90,7 @@ class VolumeSource:
         step = max(deep, step // deep * deep)  # each chunk is read once
         for start in range(0, nz, step):
             self.check(start, nz)
-            block = self.values[..., start : start + step]
+            block = self.read(np.s_[..., start : start + step])
             yield np.ascontiguousarray(block.reshape(nx, ny, -1).T, self.dtype)
             self.report(min(start + step, nz), nz)
 
@@ -110,19 +118,14 @@ def open_volume(path: Path, progress: Progress | None, cancelled: IsCancelled | 
     """
     if not path.is_file():
         raise NotFound("file", str(path))
-    try:
-        file = h5py.File(path, "r")
-    except OSError as error:
-        raise DamagedFile(f"{path} cannot be read as a volume: {error}") from error
-    with file:
-        require_volume(file, path)
-        try:
+    with ExitStack() as opened:
+        with reading(path, "volume"):
+            file = opened.enter_context(h5py.File(path, "r"))
+            require_volume(file, path)
             values = file["values"]
             spacing, origin = (tuple(map(float, values.attrs[name])) for name in ("spacing_m", "origin_m"))
             names = tuple(str(values.attrs["axes"]).split(", "))
             parameters, provenance = (str(file.attrs[name]) for name in ("parameters", "provenance"))
-        except KeyError as error:
-            raise DamagedFile(f"{path} cannot be read as a volume: {error}") from error
-        if not len(names) == len(spacing) == len(origin) == values.ndim or values.ndim not in (2, 3):
-            raise DamagedFile(f"{path}: values of shape {values.shape} with axes {names} and spacing {spacing}")
+            if not len(names) == len(spacing) == len(origin) == len(values.shape) or len(names) not in (2, 3):
+                raise DamagedFile(f"{path}: values of shape {values.shape} with axes {names} and spacing {spacing}")
         yield VolumeSource(values, names, spacing, origin, parameters, provenance, progress, cancelled)
