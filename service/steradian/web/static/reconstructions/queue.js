@@ -59,7 +59,7 @@ function show() {
   const done = items.filter(isOver);
   const focused = /** @type {HTMLElement | null} */ (document.activeElement)?.dataset.key;
   replace(panel, told, placed, h("div", { class: "scrolls" }, h("table", { class: "queue" },
-    h("thead", null, h("tr", null, ["", "State", "Time", "Method", "Scan", "Asked for, by", "Priority", ""].map((name) => h("th", null, name)))),
+    h("thead", null, h("tr", null, ["", "State", "Method", "Scan", "Asked for, by", "Priority", ""].map((name) => h("th", null, name)))),
     h("tbody", null, [...open, ...done].map(row)))));
   if (focused) /** @type {HTMLElement | null} */ (panel.querySelector(`[data-key="${CSS.escape(focused)}"]`))?.focus();
   showChosen();
@@ -83,16 +83,16 @@ function row(one) {
     showChosen();
   });
   return h("tr", { dataset: { row: one.id, state: one.state, ...(isWaiting(one) ? { waits: "" } : {}) } },
-    h("td", null, isWaiting(one) ? handle(one.id, waitingRows, (to) => put(one.id, to), hold) : box), h("td", { class: "state-cell" }, stateOf(one)), h("td", { class: "nowrap" }, timeOf(one)),
+    h("td", null, isWaiting(one) ? handle(one.id, waitingRows, (to) => put(one.id, to), hold) : box), h("td", { class: "state-cell" }, h("div", null, stateOf(one)), timeOf(one)),
     h("td", { class: "nowrap" }, methodOf(one)), h("td", { class: "named" }, h("a", { href: `/scans/${one.scan_id}`, title: `${names.get(one.scan_id) ?? ""} ${one.scan_id}` }, names.get(one.scan_id) || `…${one.scan_id.slice(-5)}`)),
     h("td", { class: "nowrap" }, clock(one.created), h("span", { class: "by dim small", title: askedBy(one) }, askedBy(one))), h("td", { class: "nowrap" }, priorityOf(one)), h("td", null, h("div", { class: "actions" }, ...actionsOf(one))));
 }
 
 /** @param {any} one */
 function timeOf(one) {
-  if (!isOver(one)) return one.queue?.expected_end ? `done at about ${clock(one.queue.expected_end)}` : "–";
-  if (!one.started || !one.ended) return "–";
-  return `took ${duration((new Date(one.ended).getTime() - new Date(one.started).getTime()) / 1e3)}`;
+  const say = (/** @type {string} */ text) => h("div", { class: "dim small nowrap" }, text);
+  if (!isOver(one)) return one.queue?.expected_end ? say(`done at about ${clock(one.queue.expected_end)}`) : null;
+  return one.started && one.ended ? say(`took ${duration((new Date(one.ended).getTime() - new Date(one.started).getTime()) / 1e3)}`) : null;
 }
 
 /** @param {any} one */
@@ -197,7 +197,7 @@ function start() {
   for (const kind of /** @type {const} */ (["reconstruction", "job", "again"])) live.on(kind, soon);
   live.on("progress", (seen) => {
     const one = items.find(({ id }) => id === seen.id);
-    const cell = panel.querySelector(`[data-row="${CSS.escape(String(seen.id))}"] .state-cell`);
+    const cell = panel.querySelector(`[data-row="${CSS.escape(String(seen.id))}"] .state-cell > :first-child`);
     if (!one || !cell) return;
     one.progress = { stage: seen.stage, done: seen.done, total: seen.total };
     replace(cell, stateOf(one));

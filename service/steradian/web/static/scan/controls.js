@@ -31,6 +31,8 @@ export class Controls {
     this.spare = 0;
     /** @type {[number, number][]} when, how many */
     this.steps = [];
+    /** @type {number | null} seconds, as the service told last */
+    this.eta = null;
   }
 
   /** @param {any} scan @param {any} plan @param {any} coverage what the service counts, if there is anything to count */
@@ -44,8 +46,8 @@ export class Controls {
       this.total = scan.progress.total;
       this.stored = scan.summary?.stored ?? scan.progress.done;
     }
-    if (scan.state !== "running") this.steps = [];
-    this.count(null);
+    if (scan.state !== "running") [this.steps, this.eta] = [[], null];
+    this.count();
     const drawn = [scan.state, scan.desired_state, scan.error?.detail, JSON.stringify(scan.labels), scan.summary?.stored].join();
     if (drawn !== this.drawn) {
       this.drawn = drawn;
@@ -56,16 +58,17 @@ export class Controls {
   /** @param {{done: number, total: number, eta: number | null}} event */
   advance({ done, total, eta }) {
     [this.stored, this.total] = [Math.max(this.stored, done), total];
-    this.count(eta);
+    this.eta = eta ?? this.eta;
+    this.count();
   }
 
-  /** Say how many, how fast and how long. @param {number | null} eta */
-  count(eta) {
+  /** Say how many, how fast and how long. */
+  count() {
     const now = performance.now();
     this.steps = [...this.steps.filter(([at]) => now - at < WINDOW), /** @type {[number, number]} */ ([now, this.stored])];
     const [[since, before]] = this.steps;
     const rate = now - since > 400 ? ((this.stored - before) * 1e3) / (now - since) : 0;
-    const left = eta ?? (rate > 0 ? (this.total - this.stored) / rate : null);
+    const left = this.eta ?? (rate > 0 ? (this.total - this.stored) / rate : null);
     const parts = [`${count(this.stored)} of ${count(this.total)} A-lines`];
     if (this.spare) parts.push(`${count(this.spare)} shots without an A-line`);
     if (this.scan?.state === "running" && rate > 0) parts.push(`${figure(rate, 2)} a second`, ...(left ? [`${duration(left)} left`] : []));
