@@ -42,7 +42,7 @@ def test_labels_holders_reasons_links_and_problems(service, open_page, markup):
     page.goto(f"{service.url}/scans/{scan}")
     expect(page.locator("section.head")).to_contain_text(markup)
     service.http.put("/scanners/scanner-0/lease", json={"holder": markup, "seconds": 60})
-    expect(page.locator("#scanner")).to_contain_text(f"held by {markup}")
+    expect(page.locator("#scanner")).to_contain_text(f"reserved by {markup}")
     service.http.post("/scanners/scanner-0/emergency-stop", json={"reason": markup})
     try:
         expect(page.locator("#stopped")).to_contain_text(markup)

@@ -187,9 +187,9 @@ def test_interlock_key_shutter_and_lease_stand_beside_the_scan(service, open_pag
     lease = service.http.put("/scanners/scanner-0/lease", json={"holder": "Ada", "seconds": 60}).json()["lease"]
     page = open_page(service, f"/scans/{scan}")
     guards = page.get_by_role("group", name="Interlock, key, shutter and lease")
-    for text in ("Interlock closed", "key on", "shutter open", "held by Ada until"):
+    for text in ("Interlock closed", "key on", "shutter open", "reserved by Ada until"):
         expect(guards).to_contain_text(text)
     service.http.delete("/scanners/scanner-0/lease", headers={"Scanner-Lease": str(lease["fence"])})
     end(service, scan)
-    for text in ("Interlock unknown", "shutter unknown", "nobody holds the scanner"):
+    for text in ("Interlock unknown", "shutter unknown", "not reserved by anybody"):
         expect(guards).to_contain_text(text)

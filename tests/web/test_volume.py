@@ -68,7 +68,7 @@ def test_a_region_is_numpy_s(page, made):
         for key, wanted in (("mean", one.mean()), ("deviation", one.std())):
             told = page.get_attribute(f"[data-result='{name}'] [data-figure='{key}']", "data-value")
             assert float(told) == pytest.approx(wanted, rel=1e-4)
-            assert page.inner_text(f"[data-result='{name}'] [data-figure='{key}']").endswith("arb. u.")
+            assert page.inner_text(f"[data-result='{name}'] [data-figure='{key}']").endswith("arb.\u00a0u.")
     assert figure(page, "contrast") == pytest.approx((inside.mean() - outside.mean()) / outside.std(), rel=1e-3)
 
 

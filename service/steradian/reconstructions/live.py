@@ -167,6 +167,7 @@ class LiveView:
         self._growing = GrowingReconstruction(plan)
         self.latest: NDArray[Any] | None = None
         self.number = 0
+        self.coverage: dict[str, float] = {}
 
     @property
     def whole(self) -> Recording:
@@ -230,7 +231,7 @@ class LiveView:
         quality = quality_of(image, self.latest)
         self.latest = image
         points = int(growing.measured.sum())
-        coverage = {
+        self.coverage = {
             "points": points / whole.planned,
             "area": growing.share,
             "largest_gap_m": largest_gap(whole.positions[growing.measured], whole.aperture),
@@ -240,7 +241,7 @@ class LiveView:
             number=self.number,
             points=points,
             planned=whole.planned,
-            coverage=coverage,
+            coverage=self.coverage,
             quality=quality,
             image={"shape": volume.values.shape, "spacing_m": volume.spacing, **asdict(self.preview)},
             weights=f"{self.parameters.weights} weights of the whole plan, fitted to the points so far",
@@ -255,12 +256,17 @@ class LiveView:
 
 def _final_revision(output: Path, report: Report, view: LiveView | None, seconds: float) -> Revision:
     """Write ``revision.json`` of the full reconstruction."""
+    coverage = {"points": report.sensors / report.planned}
+    if report.sensors == report.planned:
+        coverage["area"] = 1.0
+    elif view and view.coverage.get("points") == coverage["points"]:  # nothing came after the last look
+        coverage = view.coverage
     revision = Revision(
         number=(view.number if view else 0) + 1,
         points=report.sensors,
         planned=report.planned,
         final=True,
-        coverage={"points": report.sensors / report.planned},
+        coverage=coverage,
         image={"shape": report.shape, "spacing_m": report.spacing_m, "decimation": 1},
         weights=f"{report.parameters['weights']} of the points measured",
         seconds=report.seconds | {"total": round(seconds, 4)},

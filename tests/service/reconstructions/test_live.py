@@ -130,6 +130,25 @@ def test_revisions_appear_as_alines_come_and_the_last_is_the_reconstruction_from
     assert {path.name for path in reference.iterdir()} | {"revision.json"} == {path.name for path in output.iterdir()}
 
 
+def test_what_a_stopped_scan_has_sensed_is_told_as_area_not_as_a_share_of_points(
+    scan: GrowingScan, tmp_path: Path
+) -> None:
+    """A mask's points stand for areas that differ tenfold."""
+    told: list[Revision] = []
+    looks = iter([False, False, True])
+
+    def is_over() -> bool:
+        return next(looks, True)
+
+    scan.measure(60)
+    follow_scan(scan.path, tmp_path / "out", PARAMETERS, is_over=is_over, interval=0.0, revised=told.append)
+    weights = scan.plan.mask.weights
+    sensed = weights[scan.plan.visit[:60]].sum() / weights.sum()
+    assert told[-1].final
+    assert told[-1].coverage["area"] == pytest.approx(sensed, rel=1e-6)
+    assert abs(sensed - 60 / len(weights)) > 0.01
+
+
 @pytest.mark.parametrize("detail", ["full", "preview"])
 @pytest.mark.parametrize("order", ["progressive", "snake"])
 def test_the_image_grown_from_all_alines_is_the_one_made_from_the_file_at_once(

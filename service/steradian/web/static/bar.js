@@ -219,7 +219,7 @@ function showScanner() {
     h("span", { class: scanner.connection === "disconnected" ? "fault" : "" }, `${name}: ${link}`),
     laser === "on" ? h("span", { class: "laser" }, "laser on") : h("span", { class: laser ? "fault" : "dim" }, laser || (connected ? "idle, laser off" : "idle")),
     interlock === "open" ? h("span", { class: "fault" }, "interlock open") : null,
-    lease ? h("span", { class: "dim" }, `held by ${lease.holder} until ${clock(lease.ends)}`) : null);
+    lease ? h("span", { class: "dim" }, `reserved by ${lease.holder} until ${clock(lease.ends)}`) : null);
   if (scanner.last_error && !connected) pill.title = scanner.last_error;
   else pill.removeAttribute("title");
 }

@@ -6,7 +6,7 @@ const NONE = "–";
 const GAP = "\u00a0"; // a unit stands on the line of its figure
 
 /** Unit of an image's values. */
-export const PRESSURE = "arb. u.";
+export const PRESSURE = `arb.${GAP}u.`;
 
 /** @param {number} value @param {number} digits significant ones */
 export function figure(value, digits = 3) {

@@ -10,7 +10,7 @@ import { showForm } from "./ask.js";
 import { handle } from "./drag.js";
 import { inOrder, toPlace } from "./order.js";
 import { showSide } from "./side.js";
-import { askedBy, methodOf, namesOfScans, stateOf } from "./state.js";
+import { askedBy, methodOf, namesOfScans, speedOf, stateOf } from "./state.js";
 
 const MOST_SIDE = 4;
 const LOOKED_UP = 12; // jobs not over whose place in the queue is asked for
@@ -59,7 +59,7 @@ function show() {
   const done = items.filter(isOver);
   const focused = /** @type {HTMLElement | null} */ (document.activeElement)?.dataset.key;
   replace(panel, told, placed, h("div", { class: "scrolls" }, h("table", { class: "queue" },
-    h("thead", null, h("tr", null, ["", "State", "Method", "Scan", "Asked for, by", "Priority", ""].map((name) => h("th", null, name)))),
+    h("thead", null, h("tr", null, [h("span", { class: "small" }, "compare"), "State", "Method", "Scan", "Asked for, by", "Priority", ""].map((name) => h("th", null, name)))),
     h("tbody", null, [...open, ...done].map(row)))));
   if (focused) /** @type {HTMLElement | null} */ (panel.querySelector(`[data-key="${CSS.escape(focused)}"]`))?.focus();
   showChosen();
@@ -84,7 +84,7 @@ function row(one) {
   });
   return h("tr", { dataset: { row: one.id, state: one.state, ...(isWaiting(one) ? { waits: "" } : {}) } },
     h("td", null, isWaiting(one) ? handle(one.id, waitingRows, (to) => put(one.id, to), hold) : box), h("td", { class: "state-cell" }, h("div", null, stateOf(one)), timeOf(one)),
-    h("td", { class: "nowrap" }, methodOf(one)), h("td", { class: "named" }, h("a", { href: `/scans/${one.scan_id}`, title: `${names.get(one.scan_id) ?? ""} ${one.scan_id}` }, names.get(one.scan_id) || `…${one.scan_id.slice(-5)}`)),
+    h("td", { class: "nowrap" }, methodOf(one), h("div", { class: "dim small" }, [speedOf(one), one.id.slice(-5)].filter(Boolean).join(", "))), h("td", { class: "named" }, h("a", { href: `/scans/${one.scan_id}`, title: `${names.get(one.scan_id) ?? ""} ${one.scan_id}` }, names.get(one.scan_id) || `…${one.scan_id.slice(-5)}`)),
     h("td", { class: "nowrap" }, clock(one.created), h("span", { class: "by dim small", title: askedBy(one) }, askedBy(one))), h("td", { class: "nowrap" }, priorityOf(one)), h("td", null, h("div", { class: "actions" }, ...actionsOf(one))));
 }
 

@@ -20,13 +20,17 @@ export function methodOf(one) {
   return `${kind}${method ?? ""}${modes ? `, ${modes} modes` : ""}`;
 }
 
+/** The speed of sound that was taken. @param {any} one */
+export const speedOf = (one) => (one.parameters?.sound_speed ? `${one.parameters.sound_speed}\u00a0m/s` : "");
+
 /** @param {any} one */
 export function stateOf(one) {
   const { progress } = one;
   if (one.state === "running") {
     const bar = h("progress", { "aria-label": "Progress", ...(progress.total ? { value: progress.done, max: progress.total } : {}) });
+    const [stage, ...more] = (progress.stage ?? "running").split(", "); // iterations, misfit 47.8 %
     const share = progress.total ? ` ${percent(progress.done / progress.total)}` : "";
-    return h("span", { class: "stack tight live" }, h("span", null, one.desired_state === "cancelled" ? "being cancelled" : `${progress.stage ?? "running"}${share}`), bar);
+    return h("span", { class: "stack tight live" }, h("span", null, one.desired_state === "cancelled" ? "being cancelled" : [`${stage}${share}`, ...more].join(", ")), bar);
   }
   if (one.state === "queued") return h("span", { class: "live" }, one.queue?.position ? `waiting, ${one.queue.position === 1 ? "next" : `number ${one.queue.position}`}` : "waiting");
   if (one.state === "failed") return h("span", { class: "fault", title: one.error?.detail }, "failed");

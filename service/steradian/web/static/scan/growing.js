@@ -126,9 +126,10 @@ export class Growing {
     context.putImageData(image, 0, 0);
     this.canvas.style.aspectRatio = `${nx * dx} / ${ny * dy}`;
     this.final = revision.final;
-    const share = revision.coverage?.area ?? revision.coverage?.points;
-    const gap = revision.coverage?.largest_gap_m ?? null;
-    this.caption.textContent = `Maximum along z, ${mm(nx * dx, 1)} × ${mm(ny * dy, 1)}; ${revision.final ? "the whole image" : `revision ${revision.number}`} of ${count(revision.points)} A-lines, ${percent(share)} of the area${gap === null ? "" : `, largest gap ${length(gap)}`}`;
+    const { area = null, largest_gap_m: gap = null } = revision.coverage ?? {};
+    const [of, whole] = [`${count(revision.points)} of ${count(revision.planned)} A-lines`, revision.points === revision.planned];
+    const made = !revision.final ? `revision ${revision.number}, of ${of}` : whole ? `the whole image of ${count(revision.points)} A-lines` : `the final image, of ${of}`;
+    this.caption.textContent = `Maximum along z, ${mm(nx * dx, 1)} × ${mm(ny * dy, 1)}; ${made}${area === null ? "" : `, ${percent(area)} of the area`}${gap === null ? "" : `, largest gap ${length(gap)}`}`;
     if (!this.canvas.isConnected) replace(this.host, this.canvas, this.caption, this.outcome, h("a", { class: "button", href: `/volumes/${this.job.id}` }, "Open the volume"));
     const open = /** @type {HTMLElement} */ (this.host.querySelector(":scope > a.button"));
     open.hidden = !revision.final;

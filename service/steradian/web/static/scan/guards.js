@@ -29,8 +29,8 @@ export class Guards {
       const read = h("span", { class: wrong ? "fault" : value === "unknown" ? "dim" : "" }, `${name} ${value}`);
       return n ? [h("span", { class: "dim", "aria-hidden": "true" }, "·"), read] : [read];
     });
-    const silent = [interlock, key, shutter].every((value) => value === "unknown") ? h("span", { class: "dim" }, "(the scanner tells them while a scan runs)") : null;
-    const held = lease ? `held by ${lease.holder} until ${clock(lease.ends)}${lease.note ? `: ${lease.note}` : ""}` : "nobody holds the scanner";
+    const silent = [interlock, key, shutter].every((value) => value === "unknown") ? h("span", { class: "dim" }, "(not read since: look at the scanner; it tells them while a scan runs)") : null;
+    const held = lease ? `reserved by ${lease.holder} until ${clock(lease.ends)}${lease.note ? `: ${lease.note}` : ""}` : "not reserved by anybody";
     replace(this.line, said, silent, h("span", { class: "dim" }, held));
   }
 }

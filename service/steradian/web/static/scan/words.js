@@ -5,8 +5,8 @@ import { count } from "../units.js";
 /** States in words, and whether they are faults. */
 export const STATES = /** @type {Record<string, string>} */ ({
   queued: "waits", arming: "begins", running: "runs", pausing: "is being paused", paused: "paused", stopping: "is being stopped",
-  recovering: "finds its scanner again", completing: "ends", aborting: "is being given up", interrupted: "interrupted",
-  complete: "complete", partial: "stopped, part is kept", aborted: "given up", failed: "failed",
+  recovering: "finds its scanner again", completing: "ends", aborting: "is being ended at once", interrupted: "interrupted",
+  complete: "complete", partial: "stopped, part is kept", aborted: "ended at once", failed: "failed",
 });
 
 export const OVER = new Set(["complete", "partial", "aborted", "failed"]);

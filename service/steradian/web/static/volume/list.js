@@ -5,7 +5,7 @@ import { byId, h, replace } from "../dom.js";
 import { live } from "../live.js";
 import { empty, failed, loading } from "../states.js";
 import { clock, length } from "../units.js";
-import { methodOf, namesOfScans } from "../reconstructions/state.js";
+import { methodOf, namesOfScans, speedOf } from "../reconstructions/state.js";
 import { firstBelow, sourceOf } from "./arrays.js";
 import { paint, table } from "./colours.js";
 
@@ -48,7 +48,7 @@ function card(one) {
   const axis = shape.length === 3 ? "z" : "y";
   return h("li", null, h("a", { href: `/volumes/${one.id}` },
     picture(one, axis),
-    h("strong", null, names.get(one.scan_id) || "without labels"), h("span", null, `made ${clock(one.ended ?? one.created)}`), h("span", null, `${methodOf(one)}, ${one.parameters.sound_speed} m/s`), h("span", { class: "dim" }, extent), h("span", { class: "dim" }, `${one.simulated ? "simulated, " : ""}scan ${one.scan_id.slice(-5)}, ${one.id.slice(-5)}`)));
+    h("strong", null, names.get(one.scan_id) || "without labels"), h("span", null, `made ${clock(one.ended ?? one.created)}`), h("span", null, [methodOf(one), speedOf(one)].filter(Boolean).join(", ")), h("span", { class: "dim" }, extent), h("span", { class: "dim" }, `${one.simulated ? "simulated, " : ""}scan ${one.scan_id.slice(-5)}, ${one.id.slice(-5)}`)));
 }
 
 /** Pictures are read when they come into sight. */
