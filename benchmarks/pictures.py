@@ -182,6 +182,8 @@ def take_data(camera, files):
             page.get_by_label(name, exact=True).fill(str(value))
         page.get_by_role("button", name="Import").click()
         page.wait_for_selector(".chart canvas, .chart .bk-Figure")
+        page.get_by_text("Imported as").wait_for()
+        page.evaluate("scrollTo(0, 0)")
 
     camera.take("data", "/data", "#files", act=drop)
     camera.take("data-understood", "/data", "#files", act=bring)

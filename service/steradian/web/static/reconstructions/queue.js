@@ -10,7 +10,7 @@ import { showForm } from "./ask.js";
 import { handle } from "./drag.js";
 import { inOrder, toPlace } from "./order.js";
 import { showSide } from "./side.js";
-import { askedBy, methodOf, namesOfScans, speedOf, stateOf } from "./state.js";
+import { askedBy, methodOf, namesOfScans, speedOf, stateOf, tookOf } from "./state.js";
 
 const MOST_SIDE = 4;
 const LOOKED_UP = 12; // jobs not over whose place in the queue is asked for
@@ -92,7 +92,8 @@ function row(one) {
 function timeOf(one) {
   const say = (/** @type {string} */ text) => h("div", { class: "dim small nowrap" }, text);
   if (!isOver(one)) return one.queue?.expected_end ? say(`done at about ${clock(one.queue.expected_end)}`) : null;
-  return one.started && one.ended ? say(`took ${duration((new Date(one.ended).getTime() - new Date(one.started).getTime()) / 1e3)}`) : null;
+  const took = tookOf(one);
+  return took === null ? null : say(`took ${duration(took)}`);
 }
 
 /** @param {any} one */

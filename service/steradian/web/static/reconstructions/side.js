@@ -10,6 +10,7 @@ import { SliceView } from "../volume/slices.js";
 import { Stage } from "../volume/stage.js";
 import { Store } from "../volume/store.js";
 import { differences, groupsOf, spokenPath, told, valueAt } from "./schema.js";
+import { tookOf } from "./state.js";
 
 /** @typedef {import("../volume/view_state.js").Axis} Axis */
 
@@ -23,7 +24,8 @@ export async function showSide(panel, identifiers) {
     const store = new Store();
     const stages = usable.map(({ source }) => new Stage(/** @type {any} */ (source), store));
     await Promise.all(stages.map((stage) => stage.survey()));
-    for (const stage of stages) stage.home = stages[0].home;
+    const brightest = Math.max(...stages.map((stage) => stage.ownWindow[1]));
+    for (const stage of stages) [stage.home, stage.ownWindow] = [stages[0].home, [0, brightest]]; // one scale, or the fainter would look as bright
     fill(panel, groups, usable.map(({ one }) => one), stages, store);
   } catch (error) {
     failed(panel, error, () => void showSide(panel, identifiers));
@@ -45,7 +47,7 @@ function fill(panel, groups, found, stages, store) {
   };
   choice.addEventListener("change", show);
   const close = h("a", { class: "button", href: "/reconstructions" }, "Close");
-  replace(panel, h("header", null, h("h2", null, "Side by side"), choice, cursor, close), tiles, table(groups, found));
+  replace(panel, h("header", null, h("h2", null, "Side by side"), choice, h("span", { class: "dim", dataset: { scale: "" } }, `colours of all: 0 to ${pressure(stages[0]?.ownWindow[1] ?? NaN)}`), cursor, close), tiles, table(groups, found));
   show();
 }
 
@@ -73,5 +75,5 @@ function table(groups, found) {
       line("A-lines", (one) => count(one.report?.sensors)),
       line("Voxels", (one) => one.report?.shape?.join(" × ") ?? "–"),
       line("Misfit", (one) => (one.report?.fit?.misfit === null || one.report?.fit?.misfit === undefined ? "–" : figure(one.report.fit.misfit))),
-      line("Took", (one) => duration(Object.values(one.report?.seconds ?? {}).reduce((all, some) => all + Number(some), 0))))));
+      line("Took", (one) => duration(tookOf(one))))));
 }

@@ -20,6 +20,9 @@ export function methodOf(one) {
   return `${kind}${method ?? ""}${modes ? `, ${modes} modes` : ""}`;
 }
 
+/** How long its last start took, in seconds, once it is over. @param {any} one */
+export const tookOf = (one) => (one.started && one.ended ? (new Date(one.ended).getTime() - new Date(one.started).getTime()) / 1e3 : null);
+
 /** The speed of sound that was taken. @param {any} one */
 export const speedOf = (one) => (one.parameters?.sound_speed ? `${one.parameters.sound_speed}\u00a0m/s` : "");
 

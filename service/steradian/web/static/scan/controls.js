@@ -22,7 +22,7 @@ export class Controls {
     this.said = h("div", { class: "remarks", role: "alert" });
     this.bar = h("progress", { max: 1, value: 0, "aria-label": "A-lines stored" });
     this.labels = h("span");
-    host.append(h("div", { class: "row spread" }, this.state, this.bar, this.pace, this.buttons), h("div", { class: "row" }, this.labels, this.advice), this.said);
+    host.append(h("div", { class: "row spread" }, this.state, this.bar, this.pace, this.buttons), h("div", { class: "row below" }, this.labels, this.advice), this.said);
     /** @type {any} */
     this.scan = null;
     this.drawn = "";
