@@ -96,7 +96,7 @@ def test_a_newer_image_is_told_and_asked_for_once(service, open_page):
     expect(page.locator("section.image")).to_contain_text("revision")
     until(lambda: page.evaluate("1") and answers.count(200) >= 3)
     end(service, scan)
-    expect(page.locator("section.image")).to_contain_text("the whole image")
+    expect(page.locator("section.image")).to_contain_text("the final image")
     last = service.get(f"/reconstructions/{live}/revision").json()
     assert last["final"]
     assert len(answers) <= last["number"] + 4
