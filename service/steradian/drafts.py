@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 ENDING = ".new"
@@ -52,6 +52,14 @@ def signed(name: str, check: Callable[[], object]) -> Iterator[None]:
         yield
     finally:
         _signature, _check = before
+
+
+def sweep_older(folder: Path, oldest: float, names: str = "*") -> None:
+    """Remove the files of a folder that were last written before a time (s since 1970)."""
+    for path in folder.glob(names):
+        with suppress(FileNotFoundError):  # a draft has got its name, or somebody else removes it
+            if path.stat().st_mtime < oldest:
+                path.unlink()
 
 
 def sweep(folder: Path) -> None:

@@ -197,6 +197,12 @@ class Services:
             known = self.measure()
         return self.disk.available(known.used + self.arrivals.came - known.came)
 
+    def promised(self, session: Session, measured: Measured | None = None) -> int:
+        """Return the bytes that will still be written here: of several nodes, by the scans of this one's scanner."""
+        if self.settings.role == "service":
+            return promised(session, self.data, measured)
+        return promised(session, self.data, measured, self.settings.scanner_id) if self.settings.has_scanner else 0
+
     def require_room(
         self, session: Session, need: int, what: str, measured: Measured, *, for_scan: bool = False
     ) -> None:
@@ -215,7 +221,7 @@ class Services:
         if self.settings.role != "service" and not (for_scan and self.settings.has_scanner):
             return  # who does the work has a disk of its own
         take_turns(session, ROOM_LOCK)  # else none of two that come at once sees what the other is promised
-        taken = promised(session, self.data, measured) + self.arrivals.awaited
+        taken = self.promised(session, measured) + self.arrivals.awaited
         disk = replace(self.disk, reserve=0) if for_scan else self.disk
         disk.require(need, what, taken, measured.used + self.arrivals.came - measured.came)
 

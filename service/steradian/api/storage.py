@@ -10,7 +10,6 @@ from steradian.api.dependencies import ServicesNeeded
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
 from steradian.errors import StoreUnavailable
-from steradian.storage.disk import promised
 
 router = APIRouter(prefix=f"{V1}/storage", tags=["service"], route_class=GuardedRoute)
 
@@ -42,7 +41,7 @@ async def read_storage(services: ServicesNeeded) -> StorageView:
 def _view(services: Services, used: dict[str, int]) -> StorageView:
     disk = services.disk
     with services.database.read() as session:
-        waiting = promised(session, services.data) + services.arrivals.awaited
+        waiting = services.promised(session) + services.arrivals.awaited
     return StorageView(
         used_bytes=used,
         quota_bytes=disk.quota,

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import logging
-from contextlib import suppress
 from datetime import timedelta
 from typing import TYPE_CHECKING
 
 from sqlalchemy import select
 
-from steradian.drafts import remove, sweep
+from steradian.drafts import remove, sweep, sweep_older
 from steradian.jobs.kinds import KINDS, resource_of
 from steradian.storage.arrays import upload_name
 from steradian.storage.deletion import waiting_import
@@ -35,10 +34,8 @@ def tidy(services: Services, *, shared: bool = True) -> None:
     """
     now = services.clock()
     oldest = (now - UPLOADS_KEPT).timestamp()
-    for path in services.data.references.glob("*"):
-        with suppress(FileNotFoundError):  # a draft has got its name, or its scan was deleted
-            if path.stat().st_mtime < oldest:
-                path.unlink()
+    sweep_older(services.data.references, oldest)
+    sweep_older(services.data.uploads, oldest, "*.part")  # of a process that was killed
     _sweep_drafts(services)
     if not shared:
         return

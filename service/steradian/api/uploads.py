@@ -23,7 +23,6 @@ from steradian.errors import InvalidInput, NotFound
 from steradian.jobs.requests import Identifier, check_described
 from steradian.storage import deletion
 from steradian.storage.arrays import upload_name
-from steradian.storage.disk import promised
 from steradian.storage.repository import new_id
 from steradian.validation import Value
 
@@ -174,7 +173,7 @@ def _look(description: dict[str, Any] | None, *uploads: Path) -> bytes:
 
 def _promised(services: Services) -> int:
     with services.database.read() as session:
-        return promised(session, services.data)
+        return services.promised(session)
 
 
 def _is_name(upload_id: str) -> bool:

@@ -22,7 +22,7 @@ from steradian.storage.job_directory import LOG, JobDirectory
 from steradian.storage.object_store import arrays_of
 from steradian.storage.paths import DataDirectory
 from steradian.storage.states import ReconstructionState
-from steradian.storage.tables import JobRow
+from steradian.storage.tables import JobRow, ObjectRow
 
 STORED: Final = "in the store"
 """Under which name a report says what of it is kept; no report of a job has it."""
@@ -30,8 +30,12 @@ _log = logging.getLogger(__name__)
 
 
 def put_results(arrays: Arrays, folder: JobDirectory) -> dict[str, Any]:
-    """Put all that a job left into the store, in its own process; returns what its report says of it."""
-    return {STORED: [arrays.put(result_name(folder.root.name, path.name), path).as_json() for path in folder.results()]}
+    """Put all that a job left into the store, in its own process; returns what its report says of it.
+
+    The volume first, which takes longest: until the success is noted, what has gone can be had from nowhere.
+    """
+    largest = sorted(folder.results(), key=lambda path: path.stat().st_size, reverse=True)
+    return {STORED: [arrays.put(result_name(folder.root.name, path.name), path).as_json() for path in largest]}
 
 
 class JobKeeper:
@@ -57,11 +61,19 @@ class JobKeeper:
         folders = {path.name: data.job(path.name) for path in data.job_folders()} if self._has_store else {}
         for job_id, job in ledger.statuses(list(folders)).items():
             with suppress(NotFound, Superseded, OSError):  # deleted meanwhile, or of a start that no database knows
-                needed = job.state is ReconstructionState.SUCCEEDED and folders[job_id].results()
+                needed = job.state is ReconstructionState.SUCCEEDED and self._has_more(folders[job_id])
                 if job.is_over and not needed and not folders[job_id].is_running:
                     row, start = ledger.get(job_id), folders[job_id].newest
                     folders[job_id].check(row.fence)
                     self.put_away(job_id, start, folders[job_id])  # the newest start may have been on another host
+
+    def _has_more(self, folder: JobDirectory) -> bool:
+        """Whether a job's folder has results that the store has not."""
+        return any(not self._is_kept(result_name(folder.root.name, path.name)) for path in folder.results())
+
+    def _is_kept(self, name: str) -> bool:
+        with self._database.read() as session:
+            return session.get(ObjectRow, name) is not None
 
     def put_away(self, job_id: str, start: int, folder: JobDirectory) -> None:
         """Keep the log of a start, unless the job was deleted, and leave nothing in the job's folder.

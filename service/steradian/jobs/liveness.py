@@ -53,7 +53,7 @@ def watch_others(
     missed: Counter[str] = Counter()
     while not stopping.wait(LOOK_FOR_DEAD):
         try:
-            hold = lock.renew()
+            hold = lock.keep(CLAIM_PATIENCE)
             if hold is Hold.TAKEN:
                 _log.error("another worker took over the name %s; this one ends", lock.name)
                 logging.shutdown()

@@ -6,13 +6,14 @@ import hashlib
 import json
 import logging
 import shutil
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from steradian.drafts import draft, sync_folder
+from steradian.drafts import draft, sweep_older, sync_folder
 from steradian.errors import Conflict, InvalidInput
 from steradian.jobs import requests
 from steradian.jobs.work import Work
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from steradian.storage.database import Database
 
 _log = logging.getLogger(__name__)
+REFERENCES_KEPT = 86_400.0
+"""Seconds for which the image of all A-lines is kept for other jobs."""
 PATIENCE = 600.0
 """Seconds for which a job waits for the image that another one makes."""
 
@@ -50,14 +53,19 @@ def follow(work: Work, job: requests.ReconstructionRequest) -> dict[str, Any]:
     from steradian.storage.states import SETTLED_SCAN_STATES
 
     with _database() as database:
-        scans, scan = ScanRepository(database), work.data.scan_file(job.scan_id)
+        scans, here = ScanRepository(database), work.data.scan_file(job.scan_id)
+        scan = work.folder / here.name  # the job's own name for it, as several may follow it on a host
+        scan.unlink(missing_ok=True)
+        scan.symlink_to(here)
         made = ReconstructionRepository(database)
 
         def is_over() -> bool:
             if scans.get(job.scan_id).state not in SETTLED_SCAN_STATES:
                 return False
             if not scan.exists() and not isinstance(work.arrays, Folder):  # it was measured on another host
-                scan.symlink_to(work.scan(job.scan_id))
+                kept = work.scan(job.scan_id)
+                scan.unlink()
+                scan.symlink_to(kept)
             return True
 
         def tell(revision: Revision) -> None:
@@ -71,8 +79,7 @@ def follow(work: Work, job: requests.ReconstructionRequest) -> dict[str, Any]:
         try:
             report = follow_scan(scan, work.folder, job.parameters, is_over=is_over, **how)
         finally:
-            if scan.is_symlink():
-                scan.unlink()
+            scan.unlink()
     return asdict(report)
 
 
@@ -131,6 +138,7 @@ def _image_of_all(work: Work, job: requests.ReconstructionRequest, recording: Re
             if path.is_file() and took.is_file():
                 path.touch()
                 return Made(read_volume(path), json.loads(took.read_text()))
+            sweep_older(path.parent, time.time() - REFERENCES_KEPT)  # where no service looks through the folder
             image = make(recording, job.parameters, progress=work.progress)
             with draft(took) as file:
                 file.write_text(json.dumps(image.seconds))

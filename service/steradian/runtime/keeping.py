@@ -12,11 +12,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
+from sqlalchemy import select
 from sqlalchemy.exc import SQLAlchemyError
 
 from steradian.errors import NotFound, StoreUnavailable
 from steradian.logs import caused_by
-from steradian.storage.arrays import scan_name
+from steradian.storage.arrays import Stored, scan_name
 from steradian.storage.moved_on import has_moved_on
 from steradian.storage.object_store import CLOCK, ObjectStore
 from steradian.storage.paths import PRIVATE, DataDirectory
@@ -28,6 +29,8 @@ LOOK_EVERY: Final = 1.0
 """Seconds between looks at the scans of this host."""
 LEFT_FOR: Final = 600.0
 """Seconds for which the file of a scan that is kept stays: who has begun to read it may end."""
+DRAFTS: Final = "keeping"
+"""Folder of what is being sent, beside the copies."""
 _log = logging.getLogger(__name__)
 
 
@@ -46,6 +49,8 @@ class ScanKeeper:
 
     def __init__(self, store: ObjectStore, scans: ScanRepository, data: DataDirectory) -> None:
         self._store, self._scans, self._data = store, scans, data
+        self._sent: dict[str, float] = {}
+        """When scans came to the store, which may be long after the time as of which they are kept."""
         self._known: set[str] = set()
         """Scans of files that are here, last seen at rest: one that another node deletes then takes its file along.
 
@@ -54,11 +59,15 @@ class ScanKeeper:
 
     def run(self, stopping: threading.Event) -> None:
         """Work until asked to stop; while store or database do not answer, wait for them."""
+        for left in (self._data.cache / DRAFTS).glob("*"):  # by a process that was killed
+            left.unlink(missing_ok=True)
         while not stopping.wait(LOOK_EVERY):
             try:
                 self.step()
             except (StoreUnavailable, SQLAlchemyError, OSError) as error:
                 _log.warning("scans are not kept yet, trying again: %s", error)
+            except Exception:  # nobody else would notice that this thread has ended
+                _log.exception("scans are not kept yet, trying again")
 
     def step(self) -> None:
         """Look once at all files of scans."""
@@ -79,21 +88,31 @@ class ScanKeeper:
             # Without a change, too: what was resumed in vain is to count again where its file is not.
             if kept is None or changed > kept.created.timestamp() + CLOCK or has_moved_on(scan, kept):
                 self._keep(scan, path)
-            elif is_terminal(scan.state) and time.time() - kept.created.timestamp() > LEFT_FOR:
+            elif is_terminal(scan.state) and time.time() - self._sent.get(scan.id, kept.created.timestamp()) > LEFT_FOR:
                 path.unlink()
+                self._sent.pop(scan.id, None)
 
     def _keep(self, scan: ScanRow, path: Path) -> None:
         """Keep what no one writes to any more as it is, of what may be resumed a copy."""
-        if is_terminal(scan.state):
-            keep(self._store, self._data, scan_name(scan.id), path)
-        else:
-            with _draft(self._data) as draft:
+        as_of = self._scans.clock()
+        with _draft(self._data) as draft:
+            if is_terminal(scan.state):
+                os.link(path, draft)
+            else:
                 shutil.copy2(path, draft)
-                if self._scans.get(scan.id).revision != scan.revision:  # it was resumed meanwhile
-                    return
-                self._store.keep(scan_name(scan.id), draft)
-        with caused_by(scan.request_id):
-            _log.info("scan %s is in the store", scan.id)
+            if self._announce(scan, self._store.put(scan_name(scan.id), draft, as_of)):
+                self._sent[scan.id] = time.time()
+                with caused_by(scan.request_id):
+                    _log.info("scan %s is in the store", scan.id)
+
+    def _announce(self, scan: ScanRow, stored: Stored) -> bool:
+        """Make known what was sent, unless the scan was deleted, resumed or settled meanwhile: it is swept then."""
+        with self._scans.database.write() as session:
+            now = session.scalar(select(ScanRow.revision).where(ScanRow.id == scan.id).with_for_update())
+            if now is None or not (is_terminal(scan.state) or now == scan.revision):
+                return False
+            self._store.announce(session, stored)
+        return True
 
 
 def keep(store: ObjectStore, data: DataDirectory, name: str, path: Path) -> None:
@@ -106,7 +125,7 @@ def keep(store: ObjectStore, data: DataDirectory, name: str, path: Path) -> None
 @contextmanager
 def _draft(data: DataDirectory) -> Iterator[Path]:
     """Yield a path beside the copies of what the store keeps: what is put there becomes one."""
-    folder = data.cache / "keeping"
+    folder = data.cache / DRAFTS
     folder.mkdir(mode=PRIVATE, parents=True, exist_ok=True)
     draft = folder / f"{os.getpid()}-{threading.get_ident()}"
     draft.unlink(missing_ok=True)

@@ -39,7 +39,8 @@ def move_to_store(store: ObjectStore, database: Database, data: DataDirectory, p
     found = list(_over(database, data))
     for number, (name, path) in enumerate(found):
         progress(STAGE, number, len(found))
-        if (row := store.kept(name)) is None or row.size != path.stat().st_size:
+        row = store.kept(name)
+        if row is None or row.sha256 != _sha256(path):  # a scan that was resumed has the same size
             keep(store, data, name, path)
         if not store.is_whole(name):
             raise DamagedFile(f"{name} reads otherwise from the store than it was written; it stays in the folder")

@@ -62,7 +62,7 @@ def _holding(lock: SessionLock, refusal: str) -> Iterator[Callable[[], None]]:
 
     def stay() -> None:  # a thread's work: a connection that is cut off answers late, and the children are tended
         while not over.wait(OWNER_INTERVAL):
-            if lock.renew() is Hold.TAKEN:
+            if lock.keep(OWNER_INTERVAL) is Hold.TAKEN:
                 taken.set()
 
     def check() -> None:

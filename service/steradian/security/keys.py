@@ -15,7 +15,7 @@ from enum import StrEnum
 from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
-from steradian.errors import NotFound, SteradianError
+from steradian.errors import InvalidInput, NotFound, SteradianError
 from steradian.storage.database import Database, take_turns
 from steradian.storage.repository import Clock, utc_now
 from steradian.storage.tables import KeyRow, TicketRow
@@ -29,6 +29,8 @@ STREAM_SECONDS = 12 * 3600.0
 """For how long a ticket lets it come back at all, from the first opening."""
 FIRST_LOCK = 0x57E2AD1F
 """Number of the PostgreSQL advisory lock under which a first key is made."""
+LONGEST_NAME = 100
+"""Characters; what a principal is called has twenty more and is written down in columns of 120."""
 _WORTHLESS = "the ticket is unknown, used or too old"
 _NAME = re.compile(r"key .* \(([0-9a-f]+)\)", re.DOTALL)
 """What a principal with a key is called; see :meth:`KeyStore.check`."""
@@ -108,6 +110,8 @@ class KeyStore:
         return True
 
     def _create(self, session: Session, name: str, scopes: Iterable[Scope], lifetime: timedelta | None) -> str:
+        if not 1 <= len(name) <= LONGEST_NAME:
+            raise InvalidInput("name", f"{len(name)} characters", f"1 to {LONGEST_NAME}")
         identifier, secret = secrets.token_hex(6), secrets.token_urlsafe(32)
         now = self.clock()
         row = KeyRow(

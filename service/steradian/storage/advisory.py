@@ -80,6 +80,11 @@ class SessionLock:
         self._session, self._held_by = session, session.info.backend_pid
         return Hold.HELD
 
+    def keep(self, seconds: float) -> Hold:
+        """Make sure that the lock is held; where it is found taken, try for a while: some borrow it for a moment."""
+        hold = self.renew()
+        return self.acquire(seconds) if hold is Hold.TAKEN else hold
+
     def acquire(self, seconds: float) -> Hold:
         """Try for a while to get the lock."""
         deadline = time.monotonic() + seconds

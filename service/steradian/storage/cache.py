@@ -83,9 +83,9 @@ class Cache:
             draft.unlink(missing_ok=True)
 
     def _alone(self, name: str) -> filelock.BaseFileLock:
-        """Keep others from fetching the same; a few locks serve all names."""
+        """Keep others from fetching the same; some thousand locks serve all names, so that few wait for another's."""
         (self._folder / LOCKS).mkdir(mode=0o700, parents=True, exist_ok=True)
-        return filelock.FileLock(self._folder / LOCKS / name[:1])
+        return filelock.FileLock(self._folder / LOCKS / name[:3])
 
     def _hold(self, path: Path) -> bool:
         """Keep a file from going, and note that it is used; ``False`` when it is not there."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from sqlalchemy import ColumnElement, or_, select
+from sqlalchemy import ColumnElement, false, or_, select
 from sqlalchemy.orm import Session
 
 from steradian.errors import DiskFull
@@ -163,7 +163,9 @@ def scan_bytes(plan: PlanRow) -> int:
     return samples + alines * BYTES_PER_ALINE
 
 
-def promised(session: Session, data: DataDirectory, measured: Measured | None = None) -> int:
+def promised(
+    session: Session, data: DataDirectory, measured: Measured | None = None, scanner_id: str | None = None
+) -> int:
     """Return the bytes that scans and jobs which wait or run will still write, by what they were let in with.
 
     A scan's file has its full size from the start.
@@ -172,10 +174,14 @@ def promised(session: Session, data: DataDirectory, measured: Measured | None = 
     ----------
     measured
         What the folder held when it was looked at: what was written since is not in there, and so still promised.
+    scanner_id
+        Only what the scans of this scanner will write: of a node whose jobs are others' to do.
     """
     before = written(session, data) if measured is None else measured.written
     jobs = select(JobRow.id, JobRow.promised).where(_going(JobRow, measured), JobRow.promised > 0)
     scans = select(ScanRow.id, PlanRow).join(PlanRow, PlanRow.id == ScanRow.plan_id).where(_going(ScanRow, measured))
+    if scanner_id is not None:
+        jobs, scans = jobs.where(false()), scans.where(ScanRow.scanner_id == scanner_id)
     total = sum(scan_bytes(plan) for scan, plan in session.execute(scans) if scan not in before.scans)
     return total + sum(max(0, most - before.jobs.get(job_id, 0)) for job_id, most in session.execute(jobs))
 

@@ -10,7 +10,7 @@ import logging
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
-from datetime import timedelta
+from datetime import datetime, timedelta
 from pathlib import Path, PurePosixPath
 from typing import Final
 from uuid import uuid4
@@ -85,11 +85,12 @@ class ObjectStore:
         made = row.created.timestamp()
         return self._cache.get(_copy_of(row), row.size, made, lambda draft: self._fetch(row, draft))
 
-    def put(self, name: str, file: Path) -> Stored:
-        """Send a file; it becomes this host's copy."""
+    def put(self, name: str, file: Path, as_of: datetime | None = None) -> Stored:
+        """Send a file, which becomes this host's copy, as what was there at a time: now, if nothing is said."""
+        created = as_of or self._clock()  # before it is read, which takes a while
         with file.open("rb") as opened:
             sha256 = hashlib.file_digest(opened, "sha256").hexdigest()
-        stored = Stored(name, file.stat().st_size, self._clock(), sha256)
+        stored = Stored(name, file.stat().st_size, created, sha256)
         if self._bucket.size(_key(stored)) != stored.size:
             self._bucket.create(_key(stored), file)
         self._cache.take(_copy_of(stored), file, stored.created.timestamp())

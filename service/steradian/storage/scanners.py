@@ -19,6 +19,8 @@ from steradian.storage.tables import ScannerRow, ScanRow
 
 SCANNER_ID = FIRST_SCANNER
 """The scanner where nobody says which."""
+MOST_CHARACTERS = 120
+"""Of a principal's name in a column."""
 ENSURE_LOCK = 0x57E2AD1E
 """Number of the PostgreSQL advisory lock under which a scanner is noted."""
 
@@ -227,7 +229,7 @@ class ScannerRepository(Repository[ScannerRow]):
         carried
             Whether its node may not know of it yet: a press that stands keeps its number.
         """
-        now = self.clock()
+        now, who = self.clock(), who[:MOST_CHARACTERS]  # a stop is noted, whatever it is called that pressed it
         with self.database.write() as session:
             row = self._find(session, self.id, lock=True)
             row.stopped_at, row.stopped_by, row.stop_reason = row.stopped_at or now, row.stopped_by or who, reason

@@ -275,6 +275,15 @@ def test_what_goes_while_a_folder_is_tidied_keeps_nothing_else_from_going(bench,
     assert not second.exists()
 
 
+def test_what_a_killed_api_left_of_an_upload_goes_from_each_node_s_folder(bench):
+    old, new = (bench.services.data.uploads / f"{name}.part" for name in ("u1", "u2"))
+    for path in (old, new):
+        path.write_bytes(b"half of it")
+    os.utime(old, (0, 0))
+    tidy(bench.services, shared=False)
+    assert (old.exists(), new.exists()) == (False, True)
+
+
 def test_a_scanner_that_is_retired_while_it_is_looked_for_is_followed_by_nobody(tmp_path):
     class Retired(dict):
         def __contains__(self, scanner_id):

@@ -16,6 +16,7 @@ from steradian.storage import disk
 from steradian.storage.disk import Arrivals, promised
 from steradian.storage.scans import ScanRepository
 from steradian.storage.states import ScanState
+from support.pairs import Pair
 
 from .conftest import api_of, make_scan
 
@@ -170,6 +171,21 @@ def test_an_import_under_way_counts_once(tmp_path):
                 assert promised(session, server.data) == left * MIB
     finally:
         server.close()
+
+
+def test_a_node_that_leaves_jobs_to_others_keeps_no_room_for_them(tmp_path):
+    """An API node: what a thousand volumes will take is taken on the workers' disks."""
+    pair = Pair(tmp_path)
+    try:
+        with pair.database.write() as session:
+            JobLedger(pair.database).add(session, JobRequest("j1", "sound-speed", {}, promised=10**15))
+        assert pair.http.post("/uploads", content=b"x" * 1000).status_code == 201
+        told = pair.http.get("/storage").json()
+        assert (told["promised_bytes"], told["available_bytes"] > 0) == (0, True)
+        whole = httpx.post(f"{pair.scanner.url}/api/v1/uploads", content=b"x" * 1000)
+        assert (whole.status_code, whole.json()["code"]) == (507, "disk-full"), "where jobs are done there is none"
+    finally:
+        pair.close()
 
 
 def test_what_a_job_writes_after_the_folder_was_measured_is_still_promised(tmp_path):

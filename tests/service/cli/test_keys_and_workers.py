@@ -8,6 +8,7 @@ import pytest
 from steradian.security.keys import KeyStore, Scope, Unauthorized
 from steradian.storage.database import Database
 from steradian.storage.paths import DataDirectory
+from steradian.storage.tables import ScannerRow
 from support.commands import command as run
 
 
@@ -44,6 +45,13 @@ def test_a_key_may_end_by_itself_and_reads_only_unless_more_is_said(tmp_path, ke
     keys.clock = lambda: datetime.now(UTC) + timedelta(days=1)
     with pytest.raises(Unauthorized):
         keys.check(key)
+
+
+def test_a_key_s_name_fits_where_it_will_be_written_down(tmp_path, keys):
+    refused = run("key", "create", "a" * 101, "--data", tmp_path)
+    assert (refused.returncode, "name" in refused.stderr, "1 to 100" in refused.stderr) == (2, True, True)
+    longest = keys.check(run("key", "create", "a" * 100, "--data", tmp_path).stdout.strip())
+    assert len(longest.name) <= ScannerRow.stopped_by.type.length
 
 
 def test_a_wrong_scope_or_key_is_one_line_that_says_what_there_is(tmp_path):

@@ -1,6 +1,7 @@
 """Each kind of job does what it is asked, in the program that workers start, on real files and a real database."""
 
 import json
+import os
 import zipfile
 
 import h5py
@@ -124,11 +125,15 @@ def test_a_sweep_of_masks_costs_one_reconstruction_more_than_it_has_masks(place,
 
     for module in (job, what_if):
         monkeypatch.setattr(module, "reconstruct_recording", counted)
+    old = place.data.reference("of-another-scan")  # on a worker's host, where no service looks through the folder
+    old.write_bytes(b"image")
+    os.utime(old, (0, 0))
     parameters, reports = {"modes": 12}, []
     for mask in (place.sparse, place.mask, place.sparse):
         through = {"mask_id": mask.id, "points": "exact"}
         reports.append(place.do("what-if", scan_id=place.scan, through=through, parameters=parameters)[1])
     assert sorted(sensors) == [16, 16, 64, 64], "each mask once, and all A-lines once"
+    assert not old.exists()
     chosen = ReconstructionParameters.create(**parameters)
     alone = what_if.what_if(place.data.scan_file(place.scan), place.sparse, place.data.root / "alone", chosen)
     for report in reports[::2]:

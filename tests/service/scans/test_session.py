@@ -207,9 +207,9 @@ def test_a_lost_link_that_comes_back_is_told_and_costs_nothing(plan, whole, tmp_
             super().progress(done, total)
             if done >= 20 and not self.phases.count("unplugged"):
                 self.phases.append("unplugged")
-                simulator.command("unplug", seconds=20.0)
+                simulator.command("unplug", seconds=4.0)
 
-    with launch(speed=20.0, **QUIET) as simulator:
+    with launch(speed=4.0, **QUIET) as simulator:
         control = Unplugs()
         within = Recovery(within=60.0)  # when the laser may come back is not asked here, and a busy machine is late
         summary = run_scan(plan, simulator.url, tmp_path / "a.h5", control=control, recovery=within)

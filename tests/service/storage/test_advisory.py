@@ -4,6 +4,7 @@ import contextlib
 import os
 import signal
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -52,6 +53,29 @@ def test_one_holds_a_name_and_the_next_when_its_session_is_gone(url, lock):
     lock.release()
     assert other.acquire(30) is Hold.HELD
     assert lock.renew() is Hold.TAKEN
+    other.release()
+
+
+def test_a_name_that_somebody_borrows_for_a_moment_is_not_given_up(url, lock, monkeypatch):
+    """After a restart of the database: who is back first looks whether the others are."""
+    other, asked = SessionLock(url, "other"), threading.Event()
+    assert other.acquire(30) is Hold.HELD
+    renew = lock.renew
+
+    def seen():
+        hold = renew()
+        if hold is Hold.TAKEN:
+            asked.set()
+        return hold
+
+    monkeypatch.setattr(lock, "renew", seen)
+    lock.release()
+    with ThreadPoolExecutor(1) as pool:
+        with other.borrowed("me") as free:
+            assert free
+            kept = pool.submit(lock.keep, 60)
+            assert asked.wait(60)
+        assert kept.result() is Hold.HELD
     other.release()
 
 

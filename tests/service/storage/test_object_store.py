@@ -1,6 +1,7 @@
 """The object store: nothing half-written is seen, nothing foreign is taken, orphans go, copies are bounded."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -22,11 +23,13 @@ from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import JobRequest, Succeeded
 from steradian.runtime.acquisition import Acquisition, ScannerPort
 from steradian.runtime.keeping import ScanKeeper
+from steradian.runtime.moving import move_to_store
 from steradian.scans.settling import count_alines
 from steradian.scans.store import AlineStore, create_scan_file
 from steradian.settings import Settings
 from steradian.storage import belonging
 from steradian.storage.arrays import result_name, scan_name, upload_name
+from steradian.storage.cache import Cache
 from steradian.storage.database import Database
 from steradian.storage.masks import MaskRepository
 from steradian.storage.object_store import ObjectStore
@@ -167,6 +170,18 @@ def test_many_who_ask_at_once_get_one_copy(store, make_store, tmp_path):
     assert len({path.stat().st_ino for path in found}) == 1
 
 
+def test_a_large_copy_under_way_holds_up_no_other(tmp_path):
+    """Two of one first digit: a picture is had while a volume is fetched."""
+    cache, copies = Cache(tmp_path, MIB), []
+
+    def fetch(draft):
+        copies.append(cache.get("a2f.png", 1, 0.0, lambda picture: picture.write_bytes(b"p")))
+        draft.write_bytes(b"v")
+
+    copies.append(cache.get("a1f.h5", 1, 0.0, fetch))
+    assert [copy.read_bytes() for copy in copies] == [b"p", b"v"]
+
+
 def test_a_signed_address_is_readable_by_anybody_in_ranges(store, tmp_path):
     store.keep(scan_name("s1"), file_of(tmp_path, b"0123456789"))
     answer = httpx.get(store.url(scan_name("s1"), 60), headers={"Range": "bytes=2-5"}, timeout=90)
@@ -218,6 +233,27 @@ def test_what_is_left_of_a_job_that_no_start_of_the_database_made_is_left_alone(
         folders.append(folder)
     JobKeeper(settings_of(tmp_path / "here", seaweed, store.place), rows).tidy(ledger, data)
     assert [folder.root.exists() for folder in folders] == [True, False]
+
+
+def test_results_that_the_store_has_of_another_host_stay_nowhere_else(store, rows, seaweed, tmp_path):
+    """A start was cut off when its volume was written; another host made it anew."""
+    ledger = JobLedger(rows)
+    with rows.write() as session:
+        ledger.add(session, JobRequest("j1", "sound-speed", {}))
+        ledger.add(session, JobRequest("j2", "sound-speed", {}))
+    here, there = DataDirectory(tmp_path / "cut off"), DataDirectory(tmp_path / "other")
+    for job in ("j1", "j2"):
+        for data, host in ((here, "cut off"), (there, "other")):
+            fence, folder = ledger.start(job, host).fence, data.job(job)
+            folder.begin(fence)
+            folder.log.write_text("what it said")
+            (folder.root / "curve.json").write_text(f"of {host}")
+    keeper = JobKeeper(settings_of(tmp_path / "cut off", seaweed, store.place), rows)
+    ledger.settle("j1", fence, keeper.announced(Succeeded(put_results(store, there.job("j1")))), "other")
+    ledger.settle("j2", fence, Succeeded({"speed": 1500}), "other")  # of before there was a store
+    keeper.tidy(ledger, here)
+    assert [here.job(job).root.exists() for job in ("j1", "j2")] == [False, True]
+    assert store.open("jobs/j1/curve.json").read_text() == "of other"
 
 
 def test_a_log_that_a_host_puts_away_late_replaces_no_later_start_s(store, rows, seaweed, tmp_path):
@@ -364,6 +400,136 @@ def test_of_a_scan_that_went_on_and_was_lost_with_its_node_counts_what_the_store
     assert count_alines(other.open(name)) == row.summary, "who asks for it gets what is told of it"
     keeper.step()  # the lost folder turns up: what it has is newer
     assert count_alines(other.open(name))["stored"] == 9
+
+
+@pytest.fixture
+def interrupted(rows, plan, tmp_path):
+    """A scan that may be resumed, with its repository and folder, and a file."""
+    MaskRepository(rows).put(plan.mask)
+    scans, data = ScanRepository(rows), DataDirectory(tmp_path / "here")
+
+    def make():
+        scan = scans.queue(PlanRepository(rows).put(plan)[0], simulated=True).id
+        for state in (ScanState.ARMING, ScanState.RUNNING, ScanState.INTERRUPTED):
+            scans.transition(scan, state, why="test")
+        data.scan_file(scan).write_bytes(b"half of it")
+        return scan
+
+    return scans, data, make
+
+
+def resume(scans, scan, data):
+    for state in (ScanState.ARMING, ScanState.RUNNING, ScanState.COMPLETING):
+        scans.transition(scan, state, why="test")
+    data.scan_file(scan).write_bytes(b"all of it!")
+    scans.transition(scan, ScanState.COMPLETE, why="test")
+
+
+@pytest.mark.parametrize("when", ["while it is copied", "while it is sent"])
+def test_a_scan_that_is_deleted_while_it_is_kept_is_not_known_and_the_next_one_is_kept(
+    store, rows, objects, interrupted, when, monkeypatch
+):
+    scans, data, make = interrupted
+    gone, other = sorted([make(), make()])
+
+    def delete_it():
+        with rows.write() as session:
+            session.execute(delete(ScanRow).where(ScanRow.id == gone))
+
+    copy, put = shutil.copy2, store.put
+
+    def copied(source, target):
+        copy(source, target)
+        if when == "while it is copied" and source == data.scan_file(gone):
+            delete_it()
+
+    def sent(name, *about):
+        stored = put(name, *about)
+        if when == "while it is sent" and name == scan_name(gone):
+            delete_it()
+        return stored
+
+    monkeypatch.setattr("steradian.runtime.keeping.shutil.copy2", copied)
+    monkeypatch.setattr(store, "put", sent)
+    keeper = ScanKeeper(store, scans, data)
+    keeper.step()
+    assert (store.kept(scan_name(gone)), store.kept(scan_name(other)) is None) == (None, False)
+    keeper.step()
+    assert not data.scan_file(gone).exists()
+    store.sweep(NOW)
+    assert [key.rpartition("/")[0] for key in keys(objects)] == [scan_name(other)]
+
+
+def test_what_is_stored_while_an_earlier_state_is_sent_is_kept_too(
+    store, interrupted, make_store, tmp_path, monkeypatch
+):
+    """It was interrupted, and a person resumed it at once: the few A-lines that it lacked took no time."""
+    scans, data, make = interrupted
+    scan, put = make(), store.put
+
+    def sent(name, *about):
+        if scans.get(scan).state is ScanState.INTERRUPTED:
+            resume(scans, scan, data)
+        return put(name, *about)
+
+    monkeypatch.setattr(store, "put", sent)
+    monkeypatch.setattr("steradian.runtime.keeping.LEFT_FOR", -1)
+    keeper = ScanKeeper(store, scans, data)
+    for _ in range(4):
+        keeper.step()
+    assert not data.scan_file(scan).exists()
+    assert make_store(tmp_path / "there", store).open(scan_name(scan)).read_bytes() == b"all of it!"
+
+
+def test_a_scan_that_was_resumed_since_it_was_kept_moves_to_the_store_as_it_is(
+    store, rows, interrupted, make_store, tmp_path
+):
+    """The store was away when it was over. A scan's file has its full size from the start."""
+    scans, data, make = interrupted
+    scan = make()
+    ScanKeeper(store, scans, data).step()
+    resume(scans, scan, data)
+    assert move_to_store(store, rows, data, lambda *_: None) == 1
+    assert not data.scan_file(scan).exists()
+    assert make_store(tmp_path / "there", store).open(scan_name(scan)).read_bytes() == b"all of it!"
+
+
+def test_a_keeper_goes_on_whatever_is_raised_and_clears_what_a_killed_one_left(store, interrupted, monkeypatch, caplog):
+    scans, data, make = interrupted
+    scan, over, looks = make(), Event(), []
+    left = data.cache / "keeping" / "1-1"
+    left.parent.mkdir(parents=True)
+    left.write_bytes(b"half of a copy")
+    keeper = ScanKeeper(store, scans, data)
+    step = keeper.step
+
+    def look():
+        looks.append(left.exists())
+        if len(looks) == 1:
+            raise NotFound("scan", scan)
+        step()
+        over.set()
+
+    monkeypatch.setattr(keeper, "step", look)
+    monkeypatch.setattr("steradian.runtime.keeping.LOOK_EVERY", 0.01)
+    keeper.run(over)
+    assert (looks, store.kept(scan_name(scan)) is None) == ([False, False], False)
+
+
+def test_pictures_of_a_job_stay_until_its_volume_has_been_sent(store, tmp_path, monkeypatch):
+    folder = DataDirectory(tmp_path / "here").job("r1")
+    folder.root.mkdir(parents=True)
+    for name, size in (("mip-x.png", 10), ("revision.json", 1), ("volume.h5", 1000)):
+        (folder.root / name).write_bytes(b"x" * size)
+    put, there = store.put, []
+
+    def sent(name, path):
+        there.append((path.name, (folder.root / "mip-x.png").exists()))
+        return put(name, path)
+
+    monkeypatch.setattr(store, "put", sent)
+    put_results(store, folder)
+    assert there[0] == ("volume.h5", True)
 
 
 def write(path, plan, points):

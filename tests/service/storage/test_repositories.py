@@ -83,6 +83,15 @@ def test_the_oldest_scan_is_next(scans, plan_row):
     assert scans.next_queued().id == first.id
 
 
+def test_a_stop_is_noted_whatever_it_is_called_that_pressed_it(rows):
+    """PostgreSQL keeps to the lengths of its columns."""
+    scanners = ScannerRepository(rows)
+    scanners.ensure(simulated=True)
+    scanners.stop(f"key {'a' * 200} (0123456789ab)", "smoke")
+    noted = scanners.get(scanners.id)
+    assert (noted.stop_reason, noted.stopped_by[:7]) == ("smoke", "key aaa")
+
+
 def test_a_scanner_s_node_has_to_do_with_its_own_scans_alone(database, clock, plan_row, scans):
     scanners = [ScannerRepository(database, clock, name) for name in ("scanner-0", "scanner-1")]
     for scanner in scanners:
