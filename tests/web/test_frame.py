@@ -182,6 +182,43 @@ def test_who_gets_no_answer_is_sent_to_the_hardware_switch(service, open_page, r
     page.faults.clear()  # the presses that were lost
 
 
+def test_a_press_whose_answer_never_comes_is_sent_again(service, open_page, released):
+    """As behind a proxy that holds a connection which leads nowhere."""
+    page = open_page(service, "/data")
+    held = []
+    page.route("**/api/v1/emergency-stop", lambda route: route.continue_() if held else held.append(route))
+    page.get_by_role("button", name="Emergency stop").click()
+    expect(page.locator("#stopped")).to_contain_text("no answer: use the hardware switch")
+    expect(page.locator("#stopped")).to_contain_text("no scan ran", timeout=60_000)
+    assert laser(service) == "idle"
+    page.faults.clear()
+
+
+def test_a_page_whose_requests_hang_says_that_nobody_answers(service, open_page):
+    """Its event stream seems open: a connection that leads nowhere tells no end."""
+    page = open_page(service, "/scans")
+    expect(page.locator("body")).to_have_attribute("data-live", "live")
+    expect(page.locator("#scanner")).to_contain_text("canner")
+    page.route("**/api/v1/**", lambda route: None)
+    expect(page.locator("#scanner")).to_contain_text("the service does not answer", timeout=60_000)
+    expect(page.locator("#cut")).to_contain_text("Not live since")
+    page.context.close()
+    page.faults.clear()
+
+
+def test_the_bar_follows_the_scan_that_it_names(service, open_page, released):
+    scan = slow_scan(service)
+    page = open_page(service, "/data")
+    expect(page.locator("#running")).to_contain_text(" of ")
+    page.evaluate(
+        "async () => (await import('/static/live.js')).live"
+        "._tell('progress', { kind: 'scan', id: 'another', done: 7, total: 9, eta: null })"
+    )
+    expect(page.locator("#running a")).to_have_attribute("href", f"/scans/{scan}")
+    assert "7 of 9" not in page.locator("#running").inner_text()
+    service.http.post("/emergency-stop").raise_for_status()
+
+
 def test_a_page_whose_stream_was_cut_is_live_again(service, open_page):
     page = open_page(service, "/scans")
     expect(page.locator("body")).to_have_attribute("data-live", "live")

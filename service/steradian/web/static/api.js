@@ -27,24 +27,28 @@ export class Problem extends Error {
 
 let underWay = 0;
 let hurried = 0; // requests that cannot wait; while there is one, no other begins
-/** @type {(() => void)[]} */
-const waiting = [];
+/** @type {Set<(none: null) => void>} */
+const waiting = new Set();
 /** @type {Set<AbortController>} those that only read: they are given up for one that cannot wait, and asked again */
 const reading = new Set();
 
 /** @param {AbortSignal} [signal] */
 async function turn(signal) {
-  while (underWay >= AT_ONCE || hurried) await new Promise((go) => waiting.push(() => go(null)));
-  underWay += 1;
-  if (signal?.aborted) {
-    leave();
-    throw signal.reason;
+  while (!signal?.aborted && (underWay >= AT_ONCE || hurried)) {
+    await new Promise((go) => {
+      waiting.add(go);
+      signal?.addEventListener("abort", () => waiting.delete(go) && go(null), { once: true });
+    });
   }
+  if (signal?.aborted) throw signal.reason;
+  underWay += 1;
 }
 
 function leave() {
   underWay -= 1;
-  waiting.shift()?.();
+  const [next] = waiting;
+  waiting.delete(next);
+  next?.(null);
 }
 
 /** Leave connections and service to a request that cannot wait: downloads may hold what this page does not. */
@@ -55,7 +59,8 @@ function hurry() {
 
 function settle() {
   hurried -= 1;
-  for (const go of waiting.splice(0)) go(); // each looks whether it has its turn
+  for (const go of waiting) go(null); // each looks whether it has its turn
+  waiting.clear();
 }
 
 /**

@@ -10,6 +10,7 @@ const stopOf = (name) => `/scanners/${name}/emergency-stop`;
 const EVERY_STOP = "/emergency-stop"; // who exists, the service knows, also without its database
 const PATIENCE = 1500;
 const LOOK = 3000;
+const HANGS = 10_000; // a press that has no answer by then is sent anew
 const TRY_AGAIN = 500;
 const UNDER_WAY = ["arming", "running", "pausing", "paused", "stopping", "recovering", "completing", "aborting"].map((state) => `state=${state}`).join("&");
 const SWITCH = "use the hardware switch";
@@ -24,6 +25,7 @@ const watchers = new Set();
 let press = null;
 /** @type {string} */
 let shown = "";
+let looks = 0; // under way
 
 /** Be told, now and whenever it is looked at, how the first scanner stands, and all; null while nobody answers. @param {(scanner: any, all: any[]) => void} act */
 export function watchScanner(act) {
@@ -43,13 +45,13 @@ export function startBar() {
   live.on("again", look);
   live.on("scan", lookAtScan);
   live.on("again", lookAtScan);
-  live.on("progress", (one) => one.kind === "scan" && showProgress(one));
+  live.on("progress", (one) => one.kind === "scan" && one.id === scan?.id && showProgress(one));
   live.watch(({ is, since }) => {
     const line = byId("cut");
     line.hidden = is !== "cut";
     line.textContent = is === "cut" ? `Not live since ${clock(since)}, trying again. The emergency stop works.` : "";
   });
-  setInterval(() => document.hidden || look(), LOOK);
+  setInterval(() => document.hidden || looks || look(), LOOK);
 }
 
 /** Press the stop of every scanner; it is sent again until the service has taken it. */
@@ -71,7 +73,7 @@ async function stop() {
 async function send(mine) {
   while (press === mine && !mine.answers) {
     try {
-      const { items } = await api.post(EVERY_STOP, { reason: "pressed on the page" }, { urgent: true });
+      const { items } = await api.post(EVERY_STOP, { reason: "pressed on the page" }, { urgent: true, signal: AbortSignal.timeout(HANGS) });
       mine.answers = new Map(items.map((/** @type {any} */ one) => [one.id, one.emergency_stop]));
     } catch (error) {
       mine.silent = true;
@@ -166,8 +168,9 @@ async function releaseOne([name, { number }], reason) {
 
 async function look() {
   const answered = press?.answers ? press : null; // a look from before it may know nothing of it
+  looks += 1;
   try {
-    scanners = (await api.get("/scanners")).items.toSorted((/** @type {any} */ a, /** @type {any} */ b) => (a.id < b.id ? -1 : 1));
+    scanners = (await api.get("/scanners", { signal: AbortSignal.timeout(5 * LOOK) })).items.toSorted((/** @type {any} */ a, /** @type {any} */ b) => (a.id < b.id ? -1 : 1));
     scanner = scanners[0] ?? null;
     // From when the service knows of each press what the answer said, what stands is what it says: others release, too.
     const isKnown = (/** @type {[string, any]} */ [name, stop]) => {
@@ -179,10 +182,13 @@ async function look() {
     if (answered?.answers.size && press === answered && [...answered.answers].every(isKnown)) press = null;
     if (scanner) for (const watcher of watchers) watcher(scanner, scanners);
     showStop();
-  } catch {
+  } catch (error) {
     scanner = null;
     for (const watcher of watchers) watcher(null, []);
-    tell(h("span", { class: "fault" }, "the service does not answer"));
+    tell(h("span", { class: "fault" }, error instanceof Problem ? error.message : "the service does not answer"));
+    if (!(error instanceof Problem)) live.doubt();
+  } finally {
+    looks -= 1;
   }
 }
 

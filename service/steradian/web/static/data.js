@@ -27,7 +27,7 @@ const OF_FIELDS = { s: [1e9, "ns"], m: [1e3, "mm"] };
 const GUESSES = { sound_speed: 1500 };
 
 const host = byId("data");
-const files = h("input", { type: "file", multiple: true, id: "files", class: "visually-hidden", onchange: () => take([...(files.files ?? [])]) });
+const files = h("input", { type: "file", multiple: true, id: "files", class: "visually-hidden", onchange: () => take(chosenFiles()) });
 const drop = h("section", { class: "panel drop", "data-steradian": "data-drop" },
   h("strong", null, "Drop a recording here"),
   h("span", { class: "dim" }, "IPASC, k-Wave or MATLAB HDF5, .npy, .npz, .csv, or a scan file; positions may come beside it as .csv or .npy"),
@@ -49,6 +49,13 @@ drop.addEventListener("drop", (event) => {
   event.preventDefault();
   take([...(event.dataTransfer?.files ?? [])]);
 });
+
+/** What was chosen; the same may be chosen again. */
+function chosenFiles() {
+  const given = [...(files.files ?? [])];
+  files.value = "";
+  return given;
+}
 
 /** The largest file is the recording, a smaller one beside it its positions. @param {File[]} given */
 async function take(given) {
@@ -218,11 +225,13 @@ async function bring() {
 function done(id) {
   const wrong = h("div", { class: "remarks", role: "alert" });
   const start = h("button", { type: "button", class: "primary", onclick: async () => {
+    start.disabled = true;
     try {
       const made = await api.post("/reconstructions", { scan_id: id }, { headers: onceOnly() });
       location.assign(`/reconstructions/${made.id}`);
     } catch (error) {
       replace(wrong, ...words(error));
+      start.disabled = false;
     }
   } }, "Reconstruct");
   replace(result, h("section", { class: "panel row spread" }, h("span", null, h("strong", null, "Imported"), " as the scan ", identifierOf(id, `/scans/${id}`)), wrong, start));

@@ -139,6 +139,11 @@ class Live {
     this._timer = setTimeout(() => this._open(), RETRY);
   }
 
+  /** Somebody had no answer: a stream that has gone quiet may be gone, too, and is opened anew. */
+  doubt() {
+    if (this._source && this.state.is === "live") this._fail();
+  }
+
   /** @param {State["is"]} is */
   _become(is) {
     if (this.state.is === is) return;

@@ -16,6 +16,7 @@ export function tuningField(design, changed) {
   async function take() {
     const chosen = file.files?.[0];
     if (!chosen) return;
+    file.value = ""; // the same may be chosen again, changed
     try {
       give(mapOf(chosen.name, await chosen.text()));
     } catch (error) {
@@ -27,7 +28,6 @@ export function tuningField(design, changed) {
   /** @param {Design["map"]} map */
   function give(map) {
     design.map = map;
-    if (!map) file.value = "";
     replace(remarks);
     show();
     changed();

@@ -10,6 +10,8 @@ import { differences, groupsOf, spokenPath, told, valueAt } from "./schema.js";
 
 const panel = byId("reconstruction");
 const said = h("div", { role: "alert" });
+/** @type {any} as it was read last */
+let about = null;
 
 async function load() {
   try {
@@ -19,6 +21,7 @@ async function load() {
       api.ask("GET", `/jobs/${id}/log`, undefined, { accept: "text/plain" }).then((answer) => answer.text()),
       api.get(`/jobs/${id}/attempts`),
     ]);
+    about = one;
     show(one, groups, log, attempts.items);
   } catch (error) {
     failed(panel, error, load);
@@ -73,6 +76,6 @@ for (const kind of /** @type {const} */ (["reconstruction", "job"])) live.on(kin
 live.on("again", soon);
 live.on("progress", (seen) => {
   const cell = panel.querySelector(".state-cell");
-  if (seen.id === identifier() && cell) replace(cell, stateOf({ state: "running", progress: seen }));
+  if (seen.id === identifier() && cell) replace(cell, stateOf({ ...about, state: "running", progress: seen }));
 });
 void load();

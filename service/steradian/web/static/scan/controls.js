@@ -29,6 +29,7 @@ export class Controls {
     this.stored = 0;
     this.total = 0;
     this.spare = 0;
+    this.isAsking = false;
     /** @type {[number, number][]} when, how many */
     this.steps = [];
     /** @type {number | null} seconds, as the service told last */
@@ -116,11 +117,14 @@ export class Controls {
 
   /** @param {any} [more] */
   async reconstruct(more = {}) {
+    if (this.isAsking) return; // it was pressed twice
+    this.isAsking = true;
     try {
       const made = await api.post("/reconstructions", { scan_id: this.scan.id, ...more }, { headers: onceOnly() });
       location.assign(`/reconstructions/${made.id}`);
     } catch (error) {
       replace(this.said, ...words(error));
+      this.isAsking = false;
     }
   }
 

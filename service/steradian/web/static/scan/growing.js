@@ -56,7 +56,7 @@ export class Growing {
       empty(this.host, "No image was followed", "What is stored can be reconstructed now.", ...this.offers());
       return;
     }
-    const start = h("button", { type: "button", class: "primary", onclick: () => void this.follow() }, "Watch the image grow");
+    const start = h("button", { type: "button", class: "primary", onclick: () => { start.disabled = true; void this.follow(); } }, "Watch the image grow");
     empty(this.host, "No image yet", "A worker can reconstruct what is there every few seconds.", start);
   }
 
@@ -102,8 +102,9 @@ export class Growing {
       const answer = await api.ask("GET", path, undefined, { headers: this.etag ? { "If-None-Match": this.etag } : {} });
       if (answer.status === 200) {
         const revision = await answer.json();
-        const image = await api.ask("GET", `/reconstructions/${this.job.id}/mip?axis=z&dtype=uint8&max_size=${SIZE}`, undefined, { accept: "application/octet-stream" });
-        this.show(revision, image.headers, new Uint8Array(await image.arrayBuffer()));
+        const axis = revision.image.shape.length === 3 ? "z" : "y"; // of a line there is one section;
+        const image = await api.ask("GET", `/reconstructions/${this.job.id}/mip?axis=${axis}&dtype=uint8&max_size=${SIZE}`, undefined, { accept: "application/octet-stream" });
+        this.show(revision, axis, image.headers, new Uint8Array(await image.arrayBuffer()));
         this.etag = answer.headers.get("ETag") ?? "";
       }
     } catch (error) {
@@ -111,8 +112,8 @@ export class Growing {
     }
   }
 
-  /** @param {any} revision @param {Headers} headers @param {Uint8Array} values [x, y] */
-  show(revision, headers, values) {
+  /** @param {any} revision @param {"z" | "y"} axis @param {Headers} headers @param {Uint8Array} values [x, y], or [x, z] of a line */
+  show(revision, axis, headers, values) {
     const [nx, ny] = (headers.get("X-Shape") ?? "1,1").split(",").map(Number);
     const [dx, dy] = (headers.get("X-Spacing") ?? "1,1").split(",").map(Number);
     if (values.length < nx * ny) return;
@@ -122,14 +123,14 @@ export class Growing {
     const image = context.createImageData(nx, ny);
     const pixels = new Uint32Array(image.data.buffer);
     const colours = table("inferno");
-    for (let i = 0; i < nx; i++) for (let j = 0; j < ny; j++) pixels[(ny - 1 - j) * nx + i] = colours[values[i * ny + j]];
+    for (let i = 0; i < nx; i++) for (let j = 0; j < ny; j++) pixels[(axis === "z" ? ny - 1 - j : j) * nx + i] = colours[values[i * ny + j]];
     context.putImageData(image, 0, 0);
     this.canvas.style.aspectRatio = `${nx * dx} / ${ny * dy}`;
     this.final = revision.final;
     const { area = null, largest_gap_m: gap = null } = revision.coverage ?? {};
     const [of, whole] = [`${count(revision.points)} of ${count(revision.planned)} A-lines`, revision.points === revision.planned];
     const made = !revision.final ? `revision ${revision.number}, of ${of}` : whole ? `the whole image of ${count(revision.points)} A-lines` : `the final image, of ${of}`;
-    this.caption.textContent = `Maximum along z, ${mm(nx * dx, 1)} × ${mm(ny * dy, 1)}; ${made}${area === null ? "" : `, ${percent(area)} of the area`}${gap === null ? "" : `, largest gap ${length(gap)}`}`;
+    this.caption.textContent = `Maximum along ${axis}, ${mm(nx * dx, 1)} × ${mm(ny * dy, 1)}; ${made}${area === null ? "" : `, ${percent(area)} of the area`}${gap === null ? "" : `, largest gap ${length(gap)}`}`;
     if (!this.canvas.isConnected) replace(this.host, this.canvas, this.caption, this.outcome, h("a", { class: "button", href: `/volumes/${this.job.id}` }, "Open the volume"));
     const open = /** @type {HTMLElement} */ (this.host.querySelector(":scope > a.button"));
     open.hidden = !revision.final;

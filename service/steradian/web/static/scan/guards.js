@@ -17,7 +17,7 @@ export class Guards {
 
   /** @param {any} first null: the service does not answer @param {any[]} all */
   show(first, all) {
-    const scanner = all.find(({ id }) => id === this.of) ?? (all.length === 1 ? first : null);
+    const scanner = all.find(({ id }) => id === this.of) ?? (this.of === null && all.length === 1 ? first : null);
     if (!scanner) {
       const why = first ? `${this.of ?? "its scanner"} is not there` : "the service does not answer";
       replace(this.line, h("span", { class: "dim" }, `Interlock, key and shutter: unknown, ${why}`));

@@ -23,6 +23,8 @@ export class Downloads {
     this.element = h("div", { class: "stack" });
     /** @type {Map<string, any>} the newest export of each format */
     this.jobs = new Map();
+    /** @type {Set<string>} formats that are being made for this page */
+    this.asked = new Set();
     live.on("job", (one) => this.jobs.size && [...this.jobs.values()].some((job) => job.id === one.id) && void this.open());
   }
 
@@ -71,6 +73,8 @@ export class Downloads {
 
   /** @param {string} format */
   async make(format) {
+    if (this.asked.has(format)) return; // it was pressed twice
+    this.asked.add(format);
     const asked = { kind: "export", reconstruction_id: this.about.id, format };
     try {
       let job = await api.post("/jobs", asked, { headers: onceOnly() });
@@ -86,6 +90,8 @@ export class Downloads {
       this.jobs.delete(format);
       this.show();
       this.element.append(h("div", { role: "alert", class: "fault" }, ...words(error)));
+    } finally {
+      this.asked.delete(format);
     }
   }
 }

@@ -88,7 +88,10 @@ export class Histogram {
     const counts = new Float64Array(BINS);
     for (const values of this.planes()) {
       if (!values) continue;
-      for (let n = 0; n < values.length; n++) counts[Math.floor(((values[n] - low) / (high - low)) * BINS * 0.999999)] += 1;
+      for (let n = 0; n < values.length; n++) {
+        const bin = Math.floor(((values[n] - low) / (high - low || 1)) * BINS);
+        if (bin >= 0) counts[Math.min(bin, BINS - 1)] += 1; // neither what is no number nor what lies below
+      }
     }
     const most = Math.log1p(Math.max(...counts)) || 1;
     context.clearRect(0, 0, WIDTH, HEIGHT);

@@ -116,6 +116,7 @@ export class SliceView {
   }
 
   resize() {
+    if (!this.element.isConnected) return; // its pane is being replaced
     const ratio = devicePixelRatio || 1;
     for (const canvas of [this.image, this.overlay]) {
       canvas.width = Math.max(1, Math.round(this.element.clientWidth * ratio));
