@@ -210,12 +210,13 @@ def test_the_bar_follows_the_scan_that_it_names(service, open_page, released):
     scan = slow_scan(service)
     page = open_page(service, "/data")
     expect(page.locator("#running")).to_contain_text(" of ")
-    page.evaluate(
-        "async () => (await import('/static/live.js')).live"
-        "._tell('progress', { kind: 'scan', id: 'another', done: 7, total: 9, eta: null })"
+    shown = page.evaluate(
+        "async () => { const { live } = await import('/static/live.js');"
+        " live._tell('progress', { kind: 'scan', id: 'another', done: 7, total: 9, eta: null });"
+        " return document.getElementById('running').innerHTML; }"
     )
-    expect(page.locator("#running a")).to_have_attribute("href", f"/scans/{scan}")
-    assert "7 of 9" not in page.locator("#running").inner_text()
+    assert scan in shown
+    assert "7 of 9" not in shown
     service.http.post("/emergency-stop").raise_for_status()
 
 
