@@ -111,6 +111,41 @@ def test_the_queue_can_be_moved_and_cancelled(open_page, service, client, scan):
     page.wait_for_selector(f"[data-row='{long.id}'][data-state='cancelled']")
 
 
+def test_what_waits_is_listed_however_much_came_later(open_page, service, made):
+    """The newest hundred are not all: here the service answers as if this one were not among them."""
+    page = open_page(service, "/healthz")
+    old = service.get(f"/reconstructions/{made[0].id}").json() | {"state": "queued", "created": "2026-01-01T00:00:00Z"}
+
+    def answer(route):
+        found = route.fetch().json()
+        found["items"] = [one for one in found["items"] if one["id"] != old["id"]]
+        if "state=queued" in route.request.url:
+            found["items"].append(old)
+        route.fulfill(json=found)
+
+    page.route("**/api/v1/reconstructions?*", answer)
+    page.route(f"**/api/v1/reconstructions/{old['id']}", lambda route: route.fulfill(json=old))
+    page.goto(f"{service.url}/reconstructions")
+    expect(page.locator(f"[data-row='{old['id']}']")).to_have_attribute("data-state", "queued")
+
+
+def test_an_image_is_asked_for_again_of_a_scan_that_is_no_longer_listed(open_page, service, scan, made):
+    page = open_page(service, "/healthz")
+    page.route("**/api/v1/scans?*", lambda route: route.fulfill(json={"items": []}))
+    page.goto(f"{service.url}/reconstructions?again={made[0].id}")
+    expect(page.locator("#of-scan")).to_have_value(scan.id)
+
+
+def test_what_is_pressed_twice_is_asked_for_once(open_page, service, made):
+    page = open_page(service, f"/volumes/{made[0].id}")
+    asked = []
+    page.on("request", lambda one: asked.append(one.url) if one.method == "POST" else None)
+    page.get_by_role("tab", name="Files").click()
+    page.locator("[data-format='nrrd']").get_by_role("button", name="Make").dblclick()
+    expect(page.locator("[data-format='nrrd'] a")).to_have_text("Download", timeout=120_000)
+    assert len(asked) == 1
+
+
 @pytest.fixture
 def queue(client, scan):
     """Jobs that wait behind a long one, of equal priority, oldest first; and the long one."""

@@ -104,7 +104,7 @@ async function exchange(method, path, body, how) {
     else leave();
   }
   if (!answer) return exchange(method, path, body, how); // it gave way
-  return answer.status === 401 && (await signIn(answer)) ? exchange(method, path, body, how) : answer;
+  return answer.status === 401 && (await signIn(answer, method !== "GET")) ? exchange(method, path, body, how) : answer;
 }
 
 /**

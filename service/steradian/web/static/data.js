@@ -168,11 +168,13 @@ function name(missing) {
     const input = /** @type {HTMLInputElement} */ (form.querySelector(`input[name="${field}"]`));
     const found = missing.find((one) => (one.field === "positions" ? "interval" : one.field) === field);
     remark.textContent = found ? `needed: ${inFieldsUnit(found.allowed)}` : input.dataset.guess === input.value ? guessed(input.value) : "";
+    remark.className = found ? "fault small" : "dim small"; // a guess is no fault
     if (found) input.setAttribute("aria-invalid", "true");
     else input.removeAttribute("aria-invalid");
     if (!found || !(field in GUESSES) || input.value !== "") continue;
     input.value = input.dataset.guess = String(GUESSES[field]);
     remark.textContent = guessed(input.value);
+    remark.className = "dim small";
     input.removeAttribute("aria-invalid");
     lookSoon();
   }

@@ -8,6 +8,7 @@ const SESSION = "/api/v1/session";
 let token = null;
 /** @type {Promise<boolean> | null} */
 let asking = null;
+let isDeclined = false; // nobody is asked again before a person does something
 
 /** Learn what changes must bring; asked for when the page begins, so that the stop does not wait for it. */
 export async function startSession() {
@@ -25,6 +26,7 @@ function learn(session) {
   const out = document.getElementById("sign-out");
   if (!out) return;
   out.hidden = !token;
+  out.textContent = "Sign out";
   out.title = `Sign out ${session.principal}`;
   out.onclick = () => void signOut();
 }
@@ -47,11 +49,23 @@ export async function authorize(method, headers) {
   if (token) headers.set("X-CSRF-Token", token);
 }
 
-/** Ask for a key, once for all who were refused; false when it was not given. @param {Response} refused */
-export async function signIn(refused) {
+/** Ask for a key, once for all who were refused; false when it was not given. @param {Response} refused @param {boolean} isWish something that a person does, no look */
+export async function signIn(refused, isWish) {
+  if (isDeclined && !isWish) return false;
   const why = (await refused.clone().json().catch(() => null))?.detail ?? "a key is needed";
-  asking ??= show(why).finally(() => (asking = null));
+  asking ??= show(why).then((isIn) => {
+    isDeclined = !isIn;
+    if (isDeclined) offer();
+    return isIn;
+  }).finally(() => (asking = null));
   return asking;
+}
+
+/** Leave a way in to who did not want to. */
+function offer() {
+  const way = document.getElementById("sign-out");
+  if (!way) return;
+  Object.assign(way, { hidden: false, textContent: "Sign in", title: "", onclick: () => location.reload() });
 }
 
 /** Open a session, or say why there is none. @param {string} key @returns {Promise<string>} */

@@ -46,7 +46,7 @@ export class Understood {
   async draw({ rows, traces, sampling_interval: interval, time_zero: zero }) {
     const across = (/** @type {number} */ n) => (interval === null ? n : (zero + n * interval) * 1e6);
     const lines = traces.map((/** @type {number[]} */ y, /** @type {number} */ n) => ({ name: `A-line ${rows[n]}`, x: y.map((_, k) => across(k)), y }));
-    await line(this.chart, lines, { x: interval === null ? "sample" : "time (µs)", y: "as in the file" });
+    await line(this.chart, lines, { x: interval === null ? "sample" : "time (µs)", y: "amplitude (as in the file)" });
   }
 }
 

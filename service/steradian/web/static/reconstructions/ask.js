@@ -22,7 +22,10 @@ export async function showForm(panel, wanted, done) {
       wanted.again ? api.get(`/reconstructions/${wanted.again}`) : null,
       api.get("/scans?limit=200"),
     ]);
-    fill(panel, groups, origin, scans.items, wanted, done);
+    const of = origin?.scan_id ?? wanted.scan;
+    const isListed = !of || scans.items.some((/** @type {any} */ one) => one.id === of);
+    const older = isListed ? [] : [await api.get(`/scans/${of}`)];
+    fill(panel, groups, origin, [...scans.items, ...older], wanted, done);
   } catch (error) {
     failed(panel, error, () => void showForm(panel, wanted, done));
   }

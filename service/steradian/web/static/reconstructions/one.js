@@ -10,6 +10,7 @@ import { differences, groupsOf, spokenPath, told, valueAt } from "./schema.js";
 
 const panel = byId("reconstruction");
 const said = h("div", { role: "alert" });
+const LOG_EVERY = 2000;
 /** @type {any} as it was read last */
 let about = null;
 
@@ -74,7 +75,21 @@ loading(panel);
 const soon = settled(load, 250);
 for (const kind of /** @type {const} */ (["reconstruction", "job"])) live.on(kind, (seen) => seen.id === identifier() && soon());
 live.on("again", soon);
+let lastLog = 0;
+
+/** Show what was logged meanwhile. */
+async function readLog() {
+  const log = panel.querySelector("pre.log");
+  const now = performance.now();
+  if (now - lastLog < LOG_EVERY) return;
+  lastLog = now;
+  if (!log) return void soon();
+  const answer = await api.ask("GET", `/jobs/${identifier()}/log`, undefined, { accept: "text/plain" }).catch(() => null);
+  if (answer) log.textContent = await answer.text();
+}
+
 live.on("progress", (seen) => {
+  if (seen.id === identifier()) void readLog();
   const cell = panel.querySelector(".state-cell");
   if (seen.id === identifier() && cell) replace(cell, stateOf({ ...about, state: "running", progress: seen }));
 });

@@ -35,13 +35,14 @@ const isOver = (one) => !["queued", "running", "cancelling"].includes(one.state)
 async function load() {
   const mine = (loads += 1);
   try {
-    const [page, known] = await Promise.all([api.get("/reconstructions?limit=100"), namesOfScans()]);
+    const [under, newest, known] = await Promise.all([api.get("/reconstructions?state=queued&state=running&limit=200"), api.get("/reconstructions?limit=100"), namesOfScans()]);
     names = known;
-    const open = soonest(page.items.filter((/** @type {any} */ one) => !isOver(one))).slice(0, LOOKED_UP);
+    const all = [...new Map([...under.items, ...newest.items].map((one) => [one.id, one])).values()].sort((one, other) => (one.created < other.created ? 1 : -1));
+    const open = soonest(all.filter((one) => !isOver(one))).slice(0, LOOKED_UP);
     const looked = await Promise.all(open.map((/** @type {any} */ one) => api.get(`/reconstructions/${one.id}`).catch(() => one)));
     if (mine !== loads || moves || isHeld) return; // older than what is shown, or not to be shown now
     const by = new Map(looked.map((one) => [one.id, one]));
-    items = page.items.map((/** @type {any} */ one) => by.get(one.id) ?? one);
+    items = all.map((one) => by.get(one.id) ?? one);
     show();
   } catch (error) {
     failed(panel, error, load);

@@ -62,7 +62,7 @@ export class Downloads {
   row([name, what, , compressed]) {
     const job = this.jobs.get(name);
     const done = job?.state === "succeeded" && job.files.length;
-    const size = done ? bytes(job.result?.bytes) : name === "png" ? "–" : `${compressed ? "≤" : "≈"} ${bytes(this.size)}`;
+    const size = done ? bytes(job.result?.bytes) : name === "png" ? "small" : `${compressed ? "≤" : "≈"} ${bytes(this.size)}`;
     const about = job && !done ? `making … ${job.progress.total ? percent(job.progress.done / job.progress.total) : ""}` : null;
     const button = done
       ? h("a", { class: "button", href: `${BASE}/jobs/${job.id}/files/${encodeURIComponent(job.files[0])}`, download: job.files[0] }, "Download")

@@ -10,19 +10,22 @@ import { firstBelow, sourceOf } from "./arrays.js";
 import { paint, table } from "./colours.js";
 
 const PIXELS = 256;
+const MOST = 200; // that the service lists at once
 const BRIGHTEST = 190; // of 255: what is brighter is shown as bright as that
 const panel = byId("volumes");
 const search = h("input", { type: "search", placeholder: "Search: labels, method, identifier", "aria-label": "Search", dataset: { search: "" } });
 /** @type {any[]} */
 let items = [];
+let page = 0; // how many the service listed
 /** @type {Map<string, string>} */
 let names = new Map();
 
 async function load() {
   try {
-    const [page, known] = await Promise.all([api.get("/reconstructions?state=succeeded&limit=200"), namesOfScans()]);
+    const [found, known] = await Promise.all([api.get(`/reconstructions?state=succeeded&limit=${MOST}`), namesOfScans()]);
     names = known;
-    items = page.items.filter((/** @type {any} */ one) => one.report?.shape);
+    page = found.items.length;
+    items = found.items.filter((/** @type {any} */ one) => one.report?.shape);
     if (!items.length) {
       empty(panel, "There is no volume yet", "Reconstruct a scan, and it will be here.", h("a", { class: "button primary", href: "/reconstructions?scan" }, "Reconstruct a scan"));
       return;
@@ -36,7 +39,8 @@ async function load() {
 function show() {
   const wanted = search.value.trim().toLowerCase();
   const some = items.filter((one) => [one.id, one.scan_id, names.get(one.scan_id), methodOf(one), ...(one.report.notes ?? [])].join(" ").toLowerCase().includes(wanted));
-  const grid = some.length ? h("ul", { class: "gallery" }, some.map(card)) : h("p", { class: "dim" }, "Nothing has all of this.");
+  const told = h("p", { class: "dim small" }, `Maxima along z (sections of lines), each with its own scale.${page === MOST ? ` The newest ${MOST} are searched.` : ""}`);
+  const grid = h("div", { class: "stack" }, some.length ? [told, h("ul", { class: "gallery" }, some.map(card))] : h("p", { class: "dim" }, "Nothing has all of this."));
   if (panel.contains(search)) panel.lastElementChild?.replaceWith(grid);
   else replace(panel, h("header", null, search), grid);
 }

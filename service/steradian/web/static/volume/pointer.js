@@ -235,7 +235,8 @@ function nudge(view, [right, down], by) {
 /** Tell the value and the place under the cursor. @param {SliceView} view @param {Point} point */
 function tell(view, point) {
   const [a, b] = view.toPlace(point.x, point.y);
-  const value = view.plane ? sample(view.plane, a, b) : NaN;
+  const plane = view.blinked && view.other ? view.other : view.plane;
+  const value = plane ? sample(plane, a, b) : NaN;
   if (Number.isNaN(value)) return view.hover(null);
   const [across, up] = PLANES[view.axis];
   const range = view.stage.range(view.axis);
@@ -243,5 +244,6 @@ function tell(view, point) {
   /** @type {Partial<Record<import("./view_state.js").Axis, number | null>>} */
   const place = { [across]: a, [up]: b };
   place[view.axis] = slice ? placeOf(view.stage.source, view.axis, range.from) : null;
-  view.hover({ value, place, of: view.name });
+  const whose = !view.other ? "" : plane === view.other ? "the reference" : "this image";
+  view.hover({ value, place, of: view.name, whose });
 }

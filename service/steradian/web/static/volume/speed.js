@@ -80,7 +80,8 @@ function chart(speeds, sharpness, own, pick) {
   const y = (/** @type {number} */ value) => HEIGHT - BOTTOM - ((HEIGHT - BOTTOM - TOP) * (value - bottom)) / (top - bottom || 1);
   return s("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "profile", role: "group", "aria-label": "Sharpness against the speed of sound" },
     ticks(low, high, 4).map((speed) => s("text", { x: x(speed), y: HEIGHT - 22, "text-anchor": "middle" }, String(speed))),
-    s("text", { x: 2, y: 11 }, "sharpness (relative)"), s("text", { x: (LEFT + WIDTH) / 2, y: HEIGHT - 5, "text-anchor": "middle" }, "speed of sound (m/s)"),
+    s("text", { x: 2, y: 11 }, "sharpness (% of the best)"),
+    [top, bottom].map((value) => s("text", { x: LEFT - 4, y: y(value) + 4, "text-anchor": "end" }, String(Math.round((100 * value) / top)))), s("text", { x: (LEFT + WIDTH) / 2, y: HEIGHT - 5, "text-anchor": "middle" }, "speed of sound (m/s)"),
     s("path", { class: "axis", d: `M${LEFT} ${TOP - 6}V${HEIGHT - BOTTOM}H${WIDTH}` }),
     own && own >= low && own <= high ? s("path", { class: "width", d: `M${x(own)} ${TOP - 6}V${HEIGHT - BOTTOM}` }) : null,
     s("path", { class: "curve", d: speeds.map((speed, n) => `${n ? "L" : "M"}${x(speed).toFixed(1)} ${y(sharpness[n]).toFixed(1)}`).join("") }),

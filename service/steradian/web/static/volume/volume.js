@@ -11,6 +11,7 @@ import { PRESSURE_MAPS } from "./colours.js";
 import { Compare } from "./compare.js";
 import { Downloads } from "./downloads.js";
 import { Histogram } from "./histogram.js";
+import { latest } from "./latest.js";
 import { made } from "./made.js";
 import { mmOf, pane, solidPane } from "./panes.js";
 import { SliceView } from "./slices.js";
@@ -80,8 +81,9 @@ async function show(panel, about, source) {
     view.read(null);
   }
   document.addEventListener("steradian:resized", () => views.forEach((view) => view.draw()));
-  store.on((_view, changed) => (changed.has("cut") || changed.has("map")) && void look(stage, views, histogram));
-  void surveyed.catch(() => null).then(() => solid?.open()); // what failed the views tell themselves
+  const again = latest(() => look(stage, views, histogram), () => null); // what failed the views tell themselves
+  store.on((_view, changed) => (changed.has("cut") || changed.has("map")) && again(null));
+  void surveyed.catch(() => null).then(() => solid?.open());
   keys(stage, side);
   void compare.open();
   document.dispatchEvent(new CustomEvent("steradian:volume", { detail: { about, stage, views, store } }));
@@ -107,13 +109,13 @@ function heading(about, cursor) {
     h("span", null, "of ", h("a", { href: `/scans/${about.scan_id}`, title: about.scan_id }, `scan …${about.scan_id.slice(-5)}`)), cursor, link);
 }
 
-/** @param {{value: number, place: Partial<Record<Axis, number | null>>, of: string}} seen */
-function placeText({ value, place }) {
+/** @param {{value: number, place: Partial<Record<Axis, number | null>>, of: string, whose: string}} seen */
+function placeText({ value, place, whose }) {
   const where = AXES.map((axis) => {
     const mm = place[axis];
     return mm === null || mm === undefined ? `${axis} (maximum)` : `${axis} ${mmOf(mm)}`;
   });
-  return `${where.join("  ")}  value ${pressure(value, 4)}`;
+  return `${where.join("  ")}  value ${pressure(value, 4)}${whose ? ` in ${whose}` : ""}`;
 }
 
 /** @param {Stage} stage */
