@@ -35,6 +35,8 @@ class Phase(StrEnum):
     RUNNING = "running"
     RECOVERING = "recovering"
     """Line or device failed; the driver is taking the scan up again."""
+    RESCUING = "rescuing"
+    """What was fired before this session is fetched from the scanner; the file is written to from now on."""
     PAUSING = "pausing"
     PAUSED = "paused"
     STOPPING = "stopping"

@@ -115,7 +115,7 @@ class ScanSession:
         return end
 
     def _measure(self, segment: Segment) -> End:
-        if self._phase is not Phase.RUNNING:
+        if self._phase not in {Phase.RUNNING, Phase.RESCUING}:
             self._enter(Phase.ARMING)
         tune_excitation(self._scanner, segment.excitation)
         tag = 1 + secrets.randbelow(0xFFFFFFFE)
@@ -258,6 +258,8 @@ class ScanSession:
         and nothing but this acknowledges.
         """
         if batch:
+            if self._phase is None:
+                self._enter(Phase.RESCUING)
             self._taken.append(batch)
         while self._taken:
             first = self._taken[0]

@@ -27,6 +27,7 @@ _S = ScanState
 _STATES = {
     Phase.RUNNING: (_S.RUNNING, "A-lines are stored"),
     Phase.RECOVERING: (_S.RECOVERING, "the scanner is silent or its link lost; it is being taken up again"),
+    Phase.RESCUING: (_S.RECOVERING, "what was fired before is fetched from the scanner"),
     Phase.PAUSING: (_S.PAUSING, ""),
     Phase.PAUSED: (_S.PAUSED, "the laser is off; what was fired is stored"),
     Phase.ARMING: (_S.ARMING, ""),
