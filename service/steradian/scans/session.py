@@ -334,7 +334,7 @@ class ScanSession:
 
     def _note_fired(self) -> None:
         """Note the scanner's count; after it has booted anew that begins at 0, until the report at the end."""
-        if self._phase is not None:
+        if self._phase not in {None, Phase.RESCUING}:  # the shots of the session before count otherwise
             self._count(self._fired_before + self._scanner.status.shots - self._shots_before)
 
     def _count(self, fired: int) -> None:
