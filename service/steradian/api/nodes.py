@@ -12,14 +12,14 @@ import socket
 import threading
 from collections import defaultdict
 from collections.abc import AsyncIterator, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
 from http import HTTPStatus
 from http.client import HTTPConnection, HTTPException, HTTPResponse, HTTPSConnection
 from typing import Final
 from urllib.parse import urlsplit
 
-from anyio import CapacityLimiter, to_thread
+from anyio import CapacityLimiter, fail_after, to_thread
 from fastapi import Request, Response
 from starlette.datastructures import Headers
 from starlette.responses import StreamingResponse
@@ -212,7 +212,8 @@ class Nodes:
         """Have a scanner's node answer a request; raises :class:`NodeUnavailable`."""
         self.refuse_rounds(request, scanner_id)
         question, limiter = await Question.of(request), self._threads[scanner_id]
-        answer = await to_thread.run_sync(self.ask, scanner_id, question, limiter=limiter)
+        async with _place(limiter, scanner_id):
+            answer = await to_thread.run_sync(self.ask, scanner_id, question, limiter=CapacityLimiter(1))
         if answer.status == HTTPStatus.UNAUTHORIZED:  # this node, and not who asks
             answer.close()
             raise NodeUnavailable(f"the node of {scanner_id} has another STERADIAN_NODE_SECRET than this one")
@@ -259,6 +260,21 @@ def _as_it_came(answer: HTTPResponse, passed_back: Response) -> Response:
 def _cut(connection: socket.socket) -> None:
     with suppress(OSError):  # it has just ended
         connection.shutdown(socket.SHUT_RDWR)
+
+
+@asynccontextmanager
+async def _place(limiter: CapacityLimiter, scanner_id: str) -> AsyncIterator[None]:
+    """Wait for a place among those that ask a node, no longer than for its answer; raises :class:`NodeUnavailable`."""
+    who = object()
+    try:
+        with fail_after(PATIENCE):
+            await limiter.acquire_on_behalf_of(who)
+    except TimeoutError:
+        raise NodeUnavailable(f"the node of {scanner_id} is slow: {AT_ONCE} others wait for its answer") from None
+    try:
+        yield
+    finally:
+        limiter.release_on_behalf_of(who)
 
 
 async def _pieces(answer: HTTPResponse, limiter: CapacityLimiter) -> AsyncIterator[bytes]:
