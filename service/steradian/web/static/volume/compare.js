@@ -112,7 +112,7 @@ export class Compare {
     const blink = view.how === "blink";
     this.told.textContent = !reference ? "Choose a reconstruction to compare this one with."
       : blink ? `Seen now: ${this.turned ? "the reference" : "this image"}.`
-        : this.stage.fits ? `Blue: less than the reference; orange: more; dark: alike. Colours end at ±${pressure(this.stage.differenceEnd)}. Projections: the difference of the two maxima; 3-D: this image alone.`
+        : this.stage.fits ? `Blue: less than the reference; orange: more; dark: alike. Colours end at ±${pressure(this.stage.differenceEnd)}; projections: the difference of the two maxima; 3-D: this image alone`
           : "They are of different voxels and cannot be subtracted: blink between them, or reconstruct with the same modes and depths.";
   }
 
