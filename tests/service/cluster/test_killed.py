@@ -14,11 +14,14 @@ from datetime import timedelta
 
 import httpx
 import pytest
+from sqlalchemy import select
 
 from fabry_perot.simulator import launch
 from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url
+from steradian.storage.moved_on import has_moved_on
 from steradian.storage.object_store import ObjectStore
+from steradian.storage.tables import ScanRow
 from support.cluster import Cluster
 from support.waiting import until
 
@@ -176,13 +179,21 @@ def ended(client, job_id):
     return job if job["state"] in OVER else None
 
 
+def is_kept_whole(store, database, scan):
+    """Tell whether the store has the scan's last version, not only what an interruption had kept."""
+    with database.read() as session:
+        row = session.scalar(select(ScanRow).where(ScanRow.id == scan))
+    found = store.kept(f"scans/{scan}.h5")
+    return found is not None and not has_moved_on(row, found)
+
+
 def kept(cluster, seen, jobs, scan, capsys):
     """Compare what is in the store with what it should be."""
     settings = Settings.create(data=cluster.first.folder, **cluster.shared)
     database = Database(metadata_url(settings))
     try:
         store = ObjectStore(settings, database)
-        until(lambda: store.kept(f"scans/{scan}.h5"))
+        until(lambda: is_kept_whole(store, database, scan))
         before = store.contents(timedelta(0))
         swept = store.sweep(timedelta(0))
         after, rows = store.contents(timedelta(0)), store.rows()
