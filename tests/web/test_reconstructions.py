@@ -56,6 +56,29 @@ def test_again_with_changes_marks_what_is_changed(open_page, service, client, ma
     page.wait_for_selector(f"[data-row='{again.id}'][data-state='succeeded']")
 
 
+def test_a_frame_is_chosen_of_a_scan_that_has_several(open_page, service, client, scan):
+    """By number and excitation wavelength; none is asked for of a scan that has one, and the origin's is kept."""
+    plan = service.plan(count=60, pulse_rate=1000, frames=2, excitation=[750e-9, 850e-9])
+    several = service.start_scan(plan)["id"]
+    until(lambda: service.get(f"/scans/{several}").json()["state"] == "complete")
+    page = open_page(service, f"/reconstructions?scan={several}")
+    expect(page.locator("#of-frame option")).to_have_text(
+        ["1 of 4, 750 nm", "2 of 4, 750 nm", "3 of 4, 850 nm", "4 of 4, 850 nm"]
+    )
+    page.select_option("#of-scan", scan.id)
+    expect(page.locator("#of-frame")).to_be_hidden()
+    page.select_option("#of-scan", several)
+    expect(page.locator("#of-frame")).to_be_visible()
+    page.select_option("#of-frame", "2")
+    page.fill("#field-modes", "24")
+    page.click("#asking button.primary")
+    page.wait_for_function("() => document.querySelector('#asking').hidden")
+    (made,) = client.reconstructions.list(scan_id=several)
+    assert made.frame == 2
+    page.goto(f"{service.url}/reconstructions?again={made.id}")
+    expect(page.locator("#of-frame")).to_have_value("2")
+
+
 def test_every_field_explains_itself(open_page, service, made):
     """Each field has a label, an explanation that is seen with the focus, and its default; advanced ones are folded."""
     page = open_page(service, f"/reconstructions?again={made[0].id}")

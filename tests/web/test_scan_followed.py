@@ -1,6 +1,7 @@
 """A scan as it is followed: what the page reads, counts and draws, with the event stream and without it."""
 
 import re
+from urllib.parse import parse_qs, urlsplit
 
 import h5py
 import numpy as np
@@ -100,6 +101,26 @@ def test_a_newer_image_is_told_and_asked_for_once(service, open_page):
     last = service.get(f"/reconstructions/{live}/revision").json()
     assert last["final"]
     assert len(answers) <= last["number"] + 4
+
+
+def test_the_final_image_begins_below_the_near_field(service, open_page):
+    """As on the volume's page: what the sensors' own noise brightens is not seen."""
+    scan = begin(service)
+    live = follow(service, scan)
+    page = open_page(service, "/scans")
+    asked = []
+    page.on("request", lambda one: asked.append(parse_qs(urlsplit(one.url).query)) if "/mip?" in one.url else None)
+    page.goto(f"{service.url}/scans/{scan}")
+    expect(page.locator("section.image")).to_contain_text("revision")
+    assert "slab" not in asked[-1], "of a revision the service leaves it out"
+    end(service, scan)
+    expect(page.locator("section.image")).to_contain_text("the final image")
+    with h5py.File(service.folder / "jobs" / live / "volume.h5") as file:
+        near, z = float(file["values"].attrs["near_field_m"]), file["z"][:]
+    first = int(asked[-1]["slab"][0].removesuffix(":")) if "slab" in asked[-1] else 0
+    assert z[first] >= near - 1e-9
+    assert first == 0 or z[first - 1] < near
+    assert near > 0
 
 
 def test_an_image_that_is_not_whole_when_its_scan_is_over_says_what_becomes_of_it(service, open_page):

@@ -111,6 +111,25 @@ def test_the_histogram_s_bar_is_that_of_the_handles(page, made):
     page_.wait_for_function(f"() => {{ const [r,, b] = ({BAR})(); return r > b; }}")
 
 
+KEY = """() => { const canvas = document.querySelector("[data-view='3-D']"), y = canvas.clientHeight - 13;
+return [...canvas.getContext("2d").getImageData(12, y, 110, 1).data]; }"""
+
+
+def test_the_3_d_view_tells_its_box_and_which_colour_is_which_depth(page, made):
+    """Before anything is moved, and while another tab than that with the colours is open."""
+    page_, volume = page("#map=depth"), made[1][0]
+    told = page_.inner_text("[data-where='3-D']").replace("−", "-")
+    ends = [float(one) for one in re.findall(r"-?[0-9.]+", told.replace("…", ""))]
+    lines = [1e3 * np.array(line) for line in (volume.x, volume.y, volume.z)]
+    assert ends[:4] == pytest.approx([lines[0][0], lines[0][-1], lines[1][0], lines[1][-1]], abs=0.15)
+    assert 0 <= ends[4] < ends[5] == pytest.approx(lines[2][-1], abs=0.15)
+    bar, key = (np.array(page_.evaluate(one), int).reshape(-1, 4)[:, :3] for one in (BAR, KEY))
+    assert np.abs(key[[2, -3]] - bar[[5, -6]]).max() < 24
+    assert np.abs(key[2] - key[-3]).max() > 60
+    page_.click("[data-tab='Measure']")
+    assert np.array_equal(np.array(page_.evaluate(KEY)).reshape(-1, 4)[:, :3], key)
+
+
 PICTURES = "() => [...document.querySelectorAll('[data-image]')].map((one) => one.toDataURL())"
 SAME = f"(wanted) => JSON.stringify(({PICTURES})()) === JSON.stringify(wanted)"
 

@@ -75,7 +75,8 @@ async def read_reconstruction_mip(
 ) -> Response:
     """Show the projection along an axis, the newest revision's while one is followed.
 
-    A picture has scales in millimetres. Numbers are of all depths; each is the brightest of those that it covers.
+    A picture has scales in millimetres. Numbers are of all depths, along z of a scan that is followed of those below
+    the near field, as its picture; each is the brightest of those that it covers.
     """
     kind = negotiate(request, (PNG, NPY, RAW, JSON))
     if not await run_in_threadpool(_is_followed, services, reconstruction_id):

@@ -89,8 +89,9 @@ def _follow(folder: Path, detail: Detail, order: Order, quick: bool, revisions: 
             revision = view.revise()
             seconds.append(time.perf_counter() - begin)
             begin = time.perf_counter()
-            full = reconstruct_recording(read_scan(scan), parameters)
-            views = draw(full, folder / "full", Display())
+            recording = read_scan(scan)
+            full = reconstruct_recording(recording, parameters)
+            views = draw(full, folder / "full", Display(), recording.positions)
             fulls.append(time.perf_counter() - begin)
             assert revision is not None and view.latest is not None  # noqa: S101, PT018
             parts.append(revision.seconds)

@@ -8,6 +8,7 @@ the last revision is the full reconstruction from the file, by the same code and
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -32,7 +33,8 @@ from steradian.reconstructions.preview import Preview, preview_of
 from steradian.reconstructions.projections import Projections, project, project_from
 from steradian.reconstructions.revision import Revision, quality_of
 from steradian.reconstructions.shots import even_out_new
-from steradian.reconstructions.volume_file import read_projection, write_projections
+from steradian.reconstructions.stored_volume import StoredVolume
+from steradian.reconstructions.volume_file import write_projections
 from steradian.scans.following import NewAlines, ScanFollower, has_alines
 from steradian.scans.recording import Recording
 
@@ -271,15 +273,27 @@ def _final_revision(output: Path, report: Report, view: LiveView | None, seconds
         weights=f"{report.parameters['weights']} of the points measured",
         seconds=report.seconds | {"total": round(seconds, 4)},
     )
-    image = read_projection(output / "volume.h5", "z" if len(report.shape) == 3 else "y")
+    image = _shown(output / "volume.h5", report.near_field_m)
     revision.quality = view.quality_against_previous(image) if view else quality_of(image, None)
     write_json(output / "revision.json", revision)
     (output / "projections.h5").unlink(missing_ok=True)  # the volume has its own
     return revision
 
 
+def _shown(path: Path, near: float) -> NDArray[Any]:
+    """Read the z-projection from the near field on; of a line of sensors the image."""
+    stored = StoredVolume(path)
+    if len(stored.lattice.shape) == 2:
+        return stored.projection("y")
+    count, step, origin = (each[2] for each in (stored.lattice.shape, stored.lattice.spacing, stored.lattice.origin))
+    first = min(math.ceil((near - origin) / step - 1e-6), count - 1)
+    return stored.slab("z", range(first, count)) if first > 0 else stored.projection("z")
+
+
 def draw(volume: Volume, output: Path, display: Display, positions: NDArray[np.float64] | None = None) -> Projections:
     """Write ``mip-*.png`` of a volume with ``display`` applied, and return the projections of the volume as it is.
+
+    Those along x and y are of all depths, that along z is from the near field on, as its picture.
 
     The near field is found with the ``positions`` of the sensors, where ``display`` does not say it.
     """
@@ -288,15 +302,16 @@ def draw(volume: Volume, output: Path, display: Display, positions: NDArray[np.f
     near = display.near_field
     if near is None:
         near = 0.0 if positions is None else near_field(volume, positions)
-    shown, projections = project_from(volume, near)
+    beyond, everything = project_from(volume, near)
     volume = from_depth(volume, near)
+    shown = beyond
     if display.changes_values:
         volume = display.apply(volume)
         shown = project(volume)
     output.mkdir(parents=True, exist_ok=True)
     for axis, image in shown.items():
         draw_projection(image, volume, axis, output / f"mip-{axis}.png", display)
-    return projections
+    return everything | {axis: image for axis, image in beyond.items() if axis == "z"}
 
 
 def _rest(

@@ -24,8 +24,8 @@ class Revision:
     """``points`` and ``area``: share of the planned points and of the aperture they stand for; ``largest_gap_m``:
     distance to the nearest measured point at the place farthest from all."""
     quality: dict[str, float | None] = field(default_factory=dict)
-    """Of the z-projection (in 2-D of the image): ``correlation_with_previous`` revision, none for the first;
-    ``sharpness``, the normalised Tenenbaum function of the image over its maximum, and that ``maximum``."""
+    """Of the z-projection from the near field on (in 2-D of the image): ``correlation_with_previous`` revision, none
+    for the first; ``sharpness``, the normalised Tenenbaum function of the image over its maximum; that ``maximum``."""
     image: dict[str, Any] = field(default_factory=dict)
     """``shape``, ``spacing_m`` and what made it coarser than the full image: ``modes`` and ``decimation`` in depth."""
     weights: str = ""

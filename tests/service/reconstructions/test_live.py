@@ -17,6 +17,7 @@ from fabry_perot.simulator import phantoms
 from steradian.benchmarks.live import live as benchmark
 from steradian.errors import Cancelled, InvalidInput, NotFound
 from steradian.imaging import Volume
+from steradian.imaging.conditioning import Display
 from steradian.imaging.reconstruct import image_by
 from steradian.masks import equi_steradian_mask, equiangular_mask
 from steradian.plans import ScanPlan
@@ -38,6 +39,8 @@ from support.alines import Aline
 from support.pacing import InStep
 
 SAMPLES, INTERVAL, SPEED = 256, 8e-9, 1500.0
+CUT = 1.32e-3
+"""Metres, between the upper ball, which is brighter, and the lower."""
 PARAMETERS = ReconstructionParameters.create(modes=32)
 
 
@@ -73,6 +76,26 @@ class GrowingScan:
 @pytest.fixture
 def scan(tmp_path: Path) -> GrowingScan:
     return GrowingScan(tmp_path / "scan.h5")
+
+
+def test_a_growing_image_is_seen_and_judged_from_the_near_field_on(scan: GrowingScan, tmp_path: Path) -> None:
+    """As its picture is, and as the image is when the scan is over: the ball above the cut is not seen."""
+    parameters, output = ReconstructionParameters.create(modes=32, display=Display(near_field=CUT)), tmp_path / "live"
+    scan.measure(150)
+    view = LiveView(scan.path, output, parameters, "full")
+    revision = view.revise()
+    assert revision is not None
+    volume = view.volume()
+    below = volume.values[..., volume.axes.z >= CUT].max(axis=2)
+    assert np.array_equal(StoredVolume(output / "projections.h5").projection("z"), below)
+    assert below.max() < 0.8 * volume.values.max()
+    assert revision.quality["maximum"] == pytest.approx(float(below.max()))
+    scan.measure(1000)
+    follow_scan(scan.path, output, parameters, is_over=lambda: True, wait=lambda _: None)
+    last = json.loads((output / "revision.json").read_text())
+    whole = read_volume(output / "volume.h5")
+    assert last["final"]
+    assert last["quality"]["maximum"] == pytest.approx(float(whole.values[..., whole.axes.z >= CUT].max()))
 
 
 def _distance(image: np.ndarray, reference: np.ndarray) -> float:

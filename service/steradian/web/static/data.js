@@ -155,10 +155,11 @@ const guessed = (value) => `${value} is a guess: change it if you know better.`;
 
 /** What is allowed, in the unit that stands beside the field. @param {string} allowed */
 function inFieldsUnit(allowed) {
-  return allowed.replace(/^([^;(]*)\(([sm])\)/, (_, range, unit) => {
+  const told = allowed.replace(/^([^;(]*)\(([sm])\)/, (_, range, unit) => {
     const [factor, name] = OF_FIELDS[unit];
-    return `${range.replace(/-?\d[\d.]*(e[-+]?\d+)?/g, (/** @type {string} */ number) => String(Number((Number(number) * factor).toPrecision(6))))}(${name})`;
+    return `${range.replace(/-?\d[\d.]*(e[-+]?\d+)?/g, (/** @type {string} */ number) => String(Number((Number(number) * factor).toPrecision(6))))}${name}`;
   });
+  return told.replace(/^> /, "more than ").replace(", which the file does not state", "; the file does not say it");
 }
 
 /** Say beside each field what it must be; where nobody knows, a guess is put in. @param {{field: string | undefined, allowed: string}[]} missing */
@@ -167,7 +168,7 @@ function name(missing) {
     const field = remark.dataset.remark ?? "";
     const input = /** @type {HTMLInputElement} */ (form.querySelector(`input[name="${field}"]`));
     const found = missing.find((one) => (one.field === "positions" ? "interval" : one.field) === field);
-    remark.textContent = found ? `needed: ${inFieldsUnit(found.allowed)}` : input.dataset.guess === input.value ? guessed(input.value) : "";
+    remark.textContent = found ? `Needed: ${inFieldsUnit(found.allowed)}` : input.dataset.guess === input.value ? guessed(input.value) : "";
     remark.className = found ? "fault small" : "dim small"; // a guess is no fault
     if (found) input.setAttribute("aria-invalid", "true");
     else input.removeAttribute("aria-invalid");

@@ -117,7 +117,7 @@ function show(seen) {
   const fault = form.remark(remarks);
   scan.disabled = fault !== null;
   hinder(fault);
-  replace(figures, figuresOf(seen).map(([name, value]) => h("div", null, h("dt", null, name), h("dd", null, value))));
+  replace(figures, figuresOf(seen, design).map(([name, value]) => h("div", null, h("dt", null, name), h("dd", null, value))));
 }
 
 /** @param {unknown} error */

@@ -86,10 +86,9 @@ export function orientationPanel(host) {
       const dots = seen.positions.filter((/** @type {any} */ _, /** @type {number} */ n) => n % step === 0).map((/** @type {number[]} */ one) => `M${polar(one)}h0`).join("");
       replace(plot,
         [30, 60, 90].map((angle) => s("circle", { r: (100 * angle) / 90, class: "ring" })),
-        [30, 60].map((angle) => s("text", { x: 3, y: -(100 * angle) / 90 + 12, class: "tick" }, `${angle}°`)),
-        s("text", { x: 3, y: -90, class: "tick" }, "90°"),
         edge ? s("polygon", { points: edge, class: "seen" }) : null,
-        s("path", { d: dots, class: "dots" }));
+        s("path", { d: dots, class: "dots" }),
+        [30, 60, 90].map((angle) => s("text", { x: 3, y: -(100 * angle) / 90 + 12, class: "tick over" }, `${angle}°`)));
       title.textContent = `${percent(seen.visible_share)} visible. Middle: edges parallel to the film; rim: perpendicular`;
     },
   };
@@ -159,6 +158,9 @@ const PARTS = /** @type {Record<string, [string, string]>} */ ({
 
 /** @param {[string, any][]} parts @param {number} total @param {string | null} limiting */
 function* bars(parts, total, limiting) {
+  const [decides, help] = limiting ? PARTS[limiting] ?? [limiting, ""] : [];
+  yield h("header", { class: "row" }, h("h2", null, "Scan time"),
+    decides ? h("p", { class: "caption" }, `${duration(total)} in all: ${decides} decides; ${help}.`) : null);
   const long = Math.max(total, ...parts.map(([, seconds]) => Number(seconds)));
   for (const [name, seconds] of parts) {
     const [label] = PARTS[name] ?? [name];
@@ -166,9 +168,5 @@ function* bars(parts, total, limiting) {
       h("span", null, label),
       h("span", { class: "track" }, h("span", { class: "fill", style: { width: `${Math.max(0.3, (100 * Number(seconds)) / long)}%` } })),
       h("span", { class: "number" }, duration(Number(seconds))));
-  }
-  if (limiting) {
-    const [label, help] = PARTS[limiting] ?? [limiting, ""];
-    yield h("p", { class: "caption" }, `${duration(total)} in all: ${label} decides; ${help}.`);
   }
 }

@@ -40,6 +40,10 @@ function fill(panel, groups, origin, scans, wanted, done) {
   scan.value = origin?.scan_id ?? wanted.scan ?? usable[0]?.id ?? "";
   const priority = h("input", { type: "text", inputmode: "numeric", id: "of-priority", value: "100", class: "short-field" });
   const told = h("div", { role: "alert" });
+  const frame = new FrameChoice(origin?.scan_id, origin?.frame ?? null, told);
+  const chosen = () => void frame.of(usable.find((one) => one.id === scan.value));
+  scan.addEventListener("change", chosen);
+  chosen();
   const button = h("button", { class: "primary", disabled: !usable.length }, "Reconstruct");
   const close = h("button", { type: "button", onclick: () => { panel.hidden = true; history.replaceState(null, "", "/reconstructions"); } }, "Close");
   const whole = h("form", { novalidate: true, class: "stack" },
@@ -47,13 +51,14 @@ function fill(panel, groups, origin, scans, wanted, done) {
     usable.length ? null : h("p", { class: "note" }, "There is no scan with A-lines yet: make one, or import your own data."),
     h("div", { class: "fields" },
       h("div", { class: "field whole" }, h("label", { for: "of-scan" }, "Scan"), scan),
+      frame.element,
       h("div", { class: "field" }, h("label", { for: "of-priority" }, "Priority (smaller first)"), priority)),
     form.element, told, h("div", { class: "asking-foot" }, button, close, form.help));
   whole.addEventListener("submit", async (event) => {
     event.preventDefault();
     button.disabled = true;
     replace(told);
-    const asked = { scan_id: scan.value, parameters: form.values, priority: Number(priority.value), ...(origin?.mask_id ? { through: { mask_id: origin.mask_id } } : {}), ...(origin && origin.frame !== null ? { frame: origin.frame } : {}) };
+    const asked = { scan_id: scan.value, parameters: form.values, priority: Number(priority.value), ...(origin?.mask_id ? { through: { mask_id: origin.mask_id } } : {}), ...(frame.value === null ? {} : { frame: frame.value }) };
     try {
       done(await api.post("/reconstructions", asked, { headers: onceOnly() }));
       panel.hidden = true;
@@ -64,6 +69,42 @@ function fill(panel, groups, origin, scans, wanted, done) {
     button.disabled = false;
   });
   replace(panel, whole);
+}
+
+/** Which frame is reconstructed of a scan that has several: of several wavelengths, or times. */
+class FrameChoice {
+  /** @param {string | undefined} scan that of the origin @param {number | null} frame its frame @param {HTMLElement} told for what goes wrong */
+  constructor(scan, frame, told) {
+    this.origin = { scan, frame };
+    this.told = told;
+    this.asked = "";
+    this.select = h("select", { id: "of-frame" });
+    this.element = h("div", { class: "field", hidden: true }, h("label", { for: "of-frame" }, "Frame"), this.select);
+    this.unknown = frame; // until it is known how many there are, that of the origin
+  }
+
+  /** @param {any} scan */
+  async of(scan) {
+    this.element.hidden = true;
+    this.asked = scan?.id ?? "";
+    this.unknown = this.asked === this.origin.scan ? this.origin.frame : null;
+    if (!scan) return;
+    try {
+      const { frames, excitation } = await api.get(`/plans/${scan.plan_id}`);
+      if (this.asked !== scan.id) return; // another was chosen meanwhile
+      const each = (excitation.length ? excitation : [0]).flatMap((/** @type {number} */ light) => Array(frames).fill(light));
+      replace(this.select, ...each.map((/** @type {number} */ light, /** @type {number} */ n) =>
+        h("option", { value: n }, `${n + 1} of ${each.length}${light ? `, ${count(light * 1e9)} nm` : ""}`)));
+      this.select.value = String(this.unknown ?? 0);
+      this.element.hidden = each.length < 2;
+    } catch (error) {
+      replace(this.told, ...words(error));
+    }
+  }
+
+  get value() {
+    return this.element.hidden ? this.unknown : Number(this.select.value);
+  }
 }
 
 /** A scan in a line. @param {any} one */

@@ -5,6 +5,7 @@ import { h, replace } from "../dom.js";
 import { live } from "../live.js";
 import { empty, words } from "../states.js";
 import { count, length, mm, percent } from "../units.js";
+import { firstBelow, sourceOf } from "../volume/arrays.js";
 import { table } from "../volume/colours.js";
 
 const SIZE = 512;
@@ -103,13 +104,21 @@ export class Growing {
       if (answer.status === 200) {
         const revision = await answer.json();
         const axis = revision.image.shape.length === 3 ? "z" : "y"; // of a line there is one section;
-        const image = await api.ask("GET", `/reconstructions/${this.job.id}/mip?axis=${axis}&dtype=uint8&max_size=${SIZE}`, undefined, { accept: "application/octet-stream" });
+        const part = revision.final && axis === "z" ? await this.part() : ""; // until then it is left out where it is made
+        const image = await api.ask("GET", `/reconstructions/${this.job.id}/mip?axis=${axis}&dtype=uint8&max_size=${SIZE}${part}`, undefined, { accept: "application/octet-stream" });
         this.show(revision, axis, image.headers, new Uint8Array(await image.arrayBuffer()));
         this.etag = answer.headers.get("ETag") ?? "";
       }
     } catch (error) {
       if (!this.etag) replace(this.host, h("div", { class: "state failed" }, ...words(error)));
     }
+  }
+
+  /** What to ask for of the final image: that without the near field, as on its page. */
+  async part() {
+    const source = sourceOf(await api.get(`/reconstructions/${this.job.id}`));
+    const first = source ? firstBelow(source, source.near) : 0;
+    return first ? `&slab=${first}:` : "";
   }
 
   /** @param {any} revision @param {"z" | "y"} axis @param {Headers} headers @param {Uint8Array} values [x, y], or [x, z] of a line */
@@ -130,7 +139,7 @@ export class Growing {
     const { area = null, largest_gap_m: gap = null } = revision.coverage ?? {};
     const [of, whole] = [`${count(revision.points)} of ${count(revision.planned)} A-lines`, revision.points === revision.planned];
     const made = !revision.final ? `revision ${revision.number}, of ${of}` : whole ? `the whole image of ${count(revision.points)} A-lines` : `the final image, of ${of}`;
-    this.caption.textContent = `Maximum along ${axis}, ${mm(nx * dx, 1)} × ${mm(ny * dy, 1)}; ${made}${area === null ? "" : `, ${percent(area)} of the area`}${gap === null ? "" : `, largest gap ${length(gap)}`}`;
+    this.caption.textContent = `Maximum along ${axis}${axis === "z" ? " below the near field" : ""}, ${mm(nx * dx, 1)} × ${mm(ny * dy, 1)}; ${made}${area === null ? "" : `, ${percent(area)} of the area`}${gap === null ? "" : `, largest gap ${length(gap)}`}`;
     if (!this.canvas.isConnected) replace(this.host, this.canvas, this.caption, this.outcome, h("a", { class: "button", href: `/volumes/${this.job.id}` }, "Open the volume"));
     const open = /** @type {HTMLElement} */ (this.host.querySelector(":scope > a.button"));
     open.hidden = !revision.final;

@@ -1,6 +1,7 @@
 // @ts-check
 // What lies over a slice: edges with ticks in mm, crosshair, marks of the tools, scale bar.
 import { PLANES, at } from "./arrays.js";
+import { rampOver, table } from "./colours.js";
 import { lengthOf, round, ticks } from "./scale.js";
 
 /** @typedef {import("./slices.js").SliceView} SliceView */
@@ -8,6 +9,7 @@ import { lengthOf, round, ticks } from "./scale.js";
 
 const LINE = "#ffffff";
 const UNDER = "rgb(0 0 0 / .75)";
+const DEPTHS = 110; // pixels of the key to the depth's colours
 const GAP = 7; // pixels around the place that the crosshair leaves free
 export const MARKS = { line: "#ffffff", region: "#7cc0ff", background: "#d0d6dd" };
 
@@ -60,17 +62,17 @@ function drawTicks(context, view) {
   for (const mm of ticks(Math.max(left, x0), Math.min(right, x1), view.width / 70)) {
     const [x] = view.toPixels(mm, 0);
     outlined(context, LINE, 1, () => { context.moveTo(x, 0); context.lineTo(x, 5); });
-    if (x > 96 && x < view.width - 22) label(context, String(mm).replace("-", "−"), x, 7);
+    if (x > 22 && x < view.width - 22) label(context, String(mm).replace("-", "−"), x, 7);
   }
   context.textAlign = "left";
   context.textBaseline = "middle";
   for (const mm of ticks(Math.max(vertical[0], y0), Math.min(vertical[1], y1), view.height / 44)) {
     const [, y] = view.toPixels(0, mm);
     outlined(context, LINE, 1, () => { context.moveTo(0, y); context.lineTo(5, y); });
-    if (y > 30 && y < view.height - 12) label(context, String(mm).replace("-", "−"), 8, y);
+    if (y > 30 && y < view.height - 34) label(context, String(mm).replace("-", "−"), 8, y);
   }
-  context.textBaseline = "top";
-  label(context, `${across} → ${up} ${view.up ? "↑" : "↓"} mm`, 8, 7);
+  context.textBaseline = "bottom";
+  label(context, `${across} → ${up} ${view.up ? "↑" : "↓"} mm`, 8, view.height - 9);
 }
 
 /** @param {CanvasRenderingContext2D} context @param {SliceView} view */
@@ -124,4 +126,18 @@ export function drawScaleBar(context, scale, width, height) {
   context.textAlign = "right";
   context.textBaseline = "bottom";
   label(context, lengthOf(mm), right, y - 5);
+}
+
+/** Which colour is which depth. @param {CanvasRenderingContext2D} context @param {Pair} depths in mm @param {number} height */
+export function drawDepths(context, depths, height) {
+  const pixels = new ImageData(DEPTHS, 1);
+  rampOver(table("depth"), depths, depths, new Uint32Array(pixels.data.buffer));
+  const ramp = new OffscreenCanvas(DEPTHS, 1);
+  /** @type {OffscreenCanvasRenderingContext2D} */ (ramp.getContext("2d")).putImageData(pixels, 0, 0);
+  const [left, y] = [12, height - 16];
+  outlined(context, LINE, 1, () => context.rect(left, y, DEPTHS, 6));
+  context.drawImage(ramp, left, y, DEPTHS, 6);
+  context.textAlign = "left";
+  context.textBaseline = "bottom";
+  label(context, `depth ${depths.map((mm) => mm.toFixed(1)).join(" … ")} mm`, left, y - 4);
 }

@@ -86,9 +86,9 @@ export function solidPane(solid) {
     return first + share * (last - first);
   };
   const tell = () => {
-    const { clip } = stage.view;
-    const parts = clip && AXES.map((axis, n) => `${axis} ${[0, 1].map((side) => signed(place(axis, clip[2 * n + side]))).join(" to ")}`);
-    where.textContent = parts ? `box: ${parts.join(", ")} mm` : "drag to turn, scroll to zoom";
+    const clip = solid.clip;
+    const parts = AXES.map((axis, n) => `${axis} ${[0, 1].map((side) => signed(place(axis, clip[2 * n + side]))).join(" … ")}`);
+    where.textContent = `${parts.join(", ")} mm`;
   };
   stage.store.on(tell);
   tell();

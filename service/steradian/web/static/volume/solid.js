@@ -4,7 +4,7 @@ import { framed, h, settled } from "../dom.js";
 import { failed, loading } from "../states.js";
 import { AXES, blockOf, firstBelow } from "./arrays.js";
 import { table } from "./colours.js";
-import { label, drawScaleBar, outlined } from "./overlay.js";
+import { drawDepths, drawScaleBar, label, outlined } from "./overlay.js";
 import { limited } from "./pointer.js";
 import { edges, make, projection } from "./raycast.js";
 import { colourEnd } from "./stage.js";
@@ -29,7 +29,7 @@ export class SolidView {
     });
     this.message = h("div", { class: "message" });
     this.element = h("div", { class: "canvases" }, this.image, this.overlay, this.message);
-    this.coarse = false;
+    this.coarse = this.turned = false;
     /** @type {Awaited<ReturnType<typeof blockOf>> | null} */
     this.block = null;
     this.dimmer = 1;
@@ -137,11 +137,16 @@ export class SolidView {
     const { x, y } = project(this.stage.place);
     outlined(context, "#ffffff", 1, () => context.arc(x, y, 10, 0, 2 * Math.PI));
     drawScaleBar(context, scale, width, height);
+    if (this.stage.byDepth) drawDepths(context, this.stage.depths, height);
+    if (this.turned) return;
+    context.textAlign = "left";
+    context.textBaseline = "top";
+    label(context, "drag to turn, scroll to zoom", 8, 7);
   }
 
   /** Turn, and draw less finely until it rests. @param {Triple} camera */
   turn([azimuth, elevation, zoom]) {
-    this.coarse = true;
+    this.coarse = this.turned = true;
     this.rest();
     const turned = ((((azimuth + 180) % 360) + 360) % 360) - 180;
     this.stage.store.change({ camera: [turned, Math.min(Math.max(elevation, -90), 90), limited(zoom)] });
