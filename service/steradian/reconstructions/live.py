@@ -285,8 +285,8 @@ def _shown(path: Path, near: float) -> NDArray[Any]:
     stored = StoredVolume(path)
     if len(stored.lattice.shape) == 2:
         return stored.projection("y")
-    count, step, origin = (each[2] for each in (stored.lattice.shape, stored.lattice.spacing, stored.lattice.origin))
-    first = min(math.ceil((near - origin) / step - 1e-6), count - 1)
+    count = stored.lattice.shape[2]
+    first = min(math.ceil((near - stored.lattice.origin[2]) / stored.lattice.spacing[2] - 1e-6), count - 1)
     return stored.slab("z", range(first, count)) if first > 0 else stored.projection("z")
 
 
