@@ -1,5 +1,7 @@
 """Object stores with their databases, each test its own; a few stores on one are as many hosts."""
 
+import obstore
+
 from steradian.settings import Settings
 from steradian.storage.object_store import ObjectStore
 from steradian.storage.paths import DataDirectory
@@ -20,3 +22,8 @@ def settings_of(folder, seaweed, bucket, **settings):
 def store_of(folder, seaweed, bucket, database, **settings):
     """A store as the process of that host has it."""
     return ObjectStore(settings_of(folder, seaweed, bucket, **settings), database)
+
+
+def keys(objects):
+    """Names of all objects of a bucket but the one that says whose it is."""
+    return sorted(each["path"] for page in obstore.list(objects) for each in page if each["path"] != "identity")

@@ -37,8 +37,11 @@ def test_the_image_that_grows_is_the_services_projection(service, open_page):
     )
     wide, high = shown[:2]
     pixels = np.array(shown[2:]).reshape(high, wide, 4)[:, :, :3].sum(axis=2)
+    report = service.get(f"/reconstructions/{live['id']}").json()["report"]
+    first = np.ceil((report["near_field_m"] - report["origin_m"][2]) / report["spacing_m"][2] - 1e-6)
     told = service.get(
-        f"/reconstructions/{live['id']}/mip?axis=z&dtype=uint8&max_size=512", headers={"Accept": "application/json"}
+        f"/reconstructions/{live['id']}/mip?axis=z&dtype=uint8&max_size=512&slab={first:.0f}:",
+        headers={"Accept": "application/json"},
     )
     values = np.array(told.json()["values"]).reshape(told.json()["shape"])
     row, column = np.unravel_index(pixels.argmax(), pixels.shape)

@@ -118,11 +118,11 @@ return [...canvas.getContext("2d").getImageData(12, y, 110, 1).data]; }"""
 def test_the_3_d_view_tells_its_box_and_which_colour_is_which_depth(page, made):
     """Before anything is moved, and while another tab than that with the colours is open."""
     page_, volume = page("#map=depth"), made[1][0]
-    told = page_.inner_text("[data-where='3-D']").replace("−", "-")
-    ends = [float(one) for one in re.findall(r"-?[0-9.]+", told.replace("…", ""))]
-    lines = [1e3 * np.array(line) for line in (volume.x, volume.y, volume.z)]
-    assert ends[:4] == pytest.approx([lines[0][0], lines[0][-1], lines[1][0], lines[1][-1]], abs=0.15)
-    assert 0 <= ends[4] < ends[5] == pytest.approx(lines[2][-1], abs=0.15)
+    sides = [float(one) for one in re.findall(r"[0-9.]+", page_.inner_text("[data-where='3-D']"))]
+    assert sides[:2] == pytest.approx([1e3 * (line[-1] - line[0]) for line in (volume.x, volume.y)], abs=0.15)
+    assert 0 < sides[2] < 1e3 * volume.z[-1] + 0.15
+    page_.get_by_label("Box: x to").fill("0.5")
+    expect(page_.locator("[data-where='3-D']")).to_contain_text(re.compile(r"^x −[0-9.]+…−?0\.[01], y .* mm$"))
     bar, key = (np.array(page_.evaluate(one), int).reshape(-1, 4)[:, :3] for one in (BAR, KEY))
     assert np.abs(key[[2, -3]] - bar[[5, -6]]).max() < 24
     assert np.abs(key[2] - key[-3]).max() > 60

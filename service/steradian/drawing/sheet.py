@@ -6,6 +6,7 @@ the volume. Margins follow from the labels, which therefore never leave the shee
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -70,7 +71,8 @@ class Sheet:
         """Draw into a PNG, under a temporary name first."""
         drawn = self.draw()
         with draft(path) as file:
-            self._pen.image.save(file, format="png", compress_level=1)
+            # Pixels are enlarged to blocks: runs are most of what there is to find, in four fifths of the time.
+            self._pen.image.save(file, format="png", compress_level=1, compress_type=zlib.Z_RLE)
         return drawn
 
     def draw(self) -> Drawn:

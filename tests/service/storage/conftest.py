@@ -1,6 +1,7 @@
 from datetime import UTC, datetime, timedelta
 
 import pytest
+from obstore.store import S3Store
 
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
@@ -68,3 +69,14 @@ def make_store(seaweed, rows):
         return store
 
     return make
+
+
+@pytest.fixture
+def store(make_store, tmp_path):
+    return make_store(tmp_path / "here")
+
+
+@pytest.fixture
+def objects(store, seaweed):
+    """The bucket as it is, without names."""
+    return S3Store.from_url(store.place, config={"endpoint": seaweed.endpoint}, client_options={"allow_http": True})

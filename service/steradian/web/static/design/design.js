@@ -6,7 +6,7 @@ import { byId, h, replace, settled } from "../dom.js";
 import { startScan } from "../scan/start.js";
 import { WhichScanner } from "../scan/which.js";
 import { words } from "../states.js";
-import { arrangementOf, bodyOf, fieldOf, fromQuery, othersOf, planOf, toQuery } from "./fields.js";
+import { arrangementOf, askedFor, bodyOf, fieldOf, fromQuery, othersOf, planOf, toQuery } from "./fields.js";
 import { figuresOf } from "./figures.js";
 import { Form } from "./form.js";
 import { anglePanel, orientationPanel, spreadPanel, timePanel } from "./panels.js";
@@ -109,7 +109,7 @@ function changed() {
 /** @param {any} seen */
 function show(seen) {
   const point = design.look ?? seen.mask.point_of_interest;
-  plane.show(seen, point ? [point[0], point[1]] : [0, 0], othersOf(design));
+  plane.show(seen, point ? [point[0], point[1]] : [0, 0], othersOf(design), askedFor(design));
   panels.orientation.show(seen, point);
   panels.angle.show(seen, point);
   panels.time.show(seen.plan);
@@ -117,7 +117,7 @@ function show(seen) {
   const fault = form.remark(remarks);
   scan.disabled = fault !== null;
   hinder(fault);
-  replace(figures, figuresOf(seen, design).map(([name, value]) => h("div", null, h("dt", null, name), h("dd", null, value))));
+  replace(figures, figuresOf(seen).map(([name, value]) => h("div", null, h("dt", null, name), h("dd", null, value))));
 }
 
 /** @param {unknown} error */

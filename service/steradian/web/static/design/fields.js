@@ -143,6 +143,11 @@ export function arrangementOf(design) {
   return body;
 }
 
+/** How many points are asked for, where the arrangement takes the nearest number that fits. @param {Design} design @returns {number | null} */
+export function askedFor({ arrangement, mask }) {
+  return arrangement === "equi-steradian" || arrangement === "hexagonal" ? mask.count : null;
+}
+
 /** The other points of interest on the film. @param {Design} design @returns {[number, number][]} */
 export function othersOf(design) {
   return furtherPoints(design).map((number) => [design.mask[`x${number}`], design.mask[`y${number}`]]);

@@ -1,14 +1,11 @@
 // @ts-check
 // What a design comes to, in a few figures.
 import { bytes, count, degrees, duration, length, percent } from "../units.js";
-import { arrangementOf } from "./fields.js";
 
-/** @param {any} seen of the API @param {import("./fields.js").Design} design @returns {[string, string][]} */
-export function figuresOf({ mask, plan, visible_share: visible }, design) {
-  const { count: asked } = arrangementOf(design);
-  const points = count(mask.count);
+/** @param {any} seen of the API @returns {[string, string][]} */
+export function figuresOf({ mask, plan, visible_share: visible }) {
   return [
-    ["Points", design.arrangement === "grid" || !asked || asked === mask.count ? points : `${points} (${count(asked)} asked)`],
+    ["Points", count(mask.count)],
     ["Spacing", mask.coarsest - mask.finest > 1e-9 ? `${length(mask.finest)} to ${length(mask.coarsest)}` : length(mask.finest)],
     ["Weight ratio", mask.weight_ratio.toFixed(2)],
     ["Opening", degrees(mask.opening_angle)],

@@ -148,19 +148,18 @@ export function timePanel(host) {
 }
 
 const PARTS = /** @type {Record<string, [string, string]>} */ ({
-  laser: ["laser", "a higher pulse rate or fewer averages would help"],
-  mover: ["moving and settling", "another order of visit or a faster mover would help"],
-  tuning: ["retuning", "bands of wavelengths would help"],
-  gate: ["waiting for the gate", "more points a gate would help"],
-  link: ["the link", "fewer samples or a faster link would help"],
-  disk: ["the disk", "fewer samples would help"],
+  laser: ["laser", "a higher pulse rate or fewer averages help"],
+  mover: ["moving and settling", "another order of visit or a faster mover help"],
+  tuning: ["retuning", "bands of wavelengths help"],
+  gate: ["waiting for the gate", "more points a gate help"],
+  link: ["the link", "fewer samples or a faster link help"],
+  disk: ["the disk", "fewer samples help"],
 });
 
 /** @param {[string, any][]} parts @param {number} total @param {string | null} limiting */
 function* bars(parts, total, limiting) {
   const [decides, help] = limiting ? PARTS[limiting] ?? [limiting, ""] : [];
-  yield h("header", { class: "row" }, h("h2", null, "Scan time"),
-    decides ? h("p", { class: "caption" }, `${duration(total)} in all: ${decides} decides; ${help}.`) : null);
+  yield h("p", { class: "caption" }, h("strong", null, `Scan time ${duration(total)}`), decides ? `: ${decides} decides; ${help}.` : "");
   const long = Math.max(total, ...parts.map(([, seconds]) => Number(seconds)));
   for (const [name, seconds] of parts) {
     const [label] = PARTS[name] ?? [name];

@@ -73,7 +73,7 @@ async function fill(body, design) {
     const stage = h("div", { class: "stage" });
     const ball = spread ? [["Point spread", sizeOf(spread)]] : [];
     replace(body, stage, spread ? h("div", { class: "picture" }, paint(spread)) : null,
-      h("dl", { class: "figures" }, [...figuresOf(seen, design), ...ball].map(([title, value]) => [h("dt", null, title), h("dd", null, value)]).flat()));
+      h("dl", { class: "figures" }, [...figuresOf(seen), ...ball].map(([title, value]) => [h("dt", null, title), h("dd", null, value)]).flat()));
     const plane = new Plane(stage, "The points of the mask on the film");
     plane.palette = [colour("--accent")];
     plane.classes = new Uint8Array(seen.positions.length);

@@ -4,7 +4,7 @@ import { h } from "../dom.js";
 import { Plane } from "../plane.js";
 import { shades } from "../shades.js";
 import { colour, onTheme } from "../theme.js";
-import { area } from "../units.js";
+import { area, count } from "../units.js";
 
 /** @typedef {import("../plane.js").Place} Place */
 
@@ -20,9 +20,10 @@ export class DesignPlane {
   constructor(host, dragged) {
     const stage = h("div", { class: "stage" });
     this.legend = h("div", { class: "legend" });
+    this.asked = h("div", { class: "legend asked" });
     this.order = h("input", { type: "range", min: 0, max: 1, step: 0.001, value: 1, "aria-label": "How much of the order of visit is shown", oninput: () => this.showOrder() });
     this.play = h("button", { type: "button", onclick: () => this.toggle() }, "Play order");
-    stage.append(this.legend);
+    stage.append(this.legend, this.asked);
     this.controls = h("div", { class: "row" }, this.play, h("span", { class: "grow" }, this.order));
     host.append(stage, this.controls);
     this.plane = new Plane(stage, "The points of the mask on the film; arrow keys move the point of interest");
@@ -39,9 +40,10 @@ export class DesignPlane {
     this.listen(dragged);
   }
 
-  /** @param {any} seen of the API @param {Place} point @param {Place[]} others of interest */
-  show(seen, point, others) {
+  /** @param {any} seen of the API @param {Place} point @param {Place[]} others of interest @param {number | null} asked points */
+  show(seen, point, others, asked) {
     this.others = others;
+    this.asked.textContent = asked === null || asked === seen.mask.count ? "" : `${count(seen.mask.count)} points, the nearest to ${count(asked)}`;
     this.weights = seen.weights;
     this.isLine = seen.outline?.[0]?.length === 1;
     this.visit = seen.visit;

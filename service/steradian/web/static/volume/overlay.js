@@ -69,7 +69,7 @@ function drawTicks(context, view) {
   for (const mm of ticks(Math.max(vertical[0], y0), Math.min(vertical[1], y1), view.height / 44)) {
     const [, y] = view.toPixels(0, mm);
     outlined(context, LINE, 1, () => { context.moveTo(0, y); context.lineTo(5, y); });
-    if (y > 30 && y < view.height - 34) label(context, String(mm).replace("-", "−"), 8, y);
+    if (y > 22 && y < view.height - 32) label(context, String(mm).replace("-", "−"), 8, y);
   }
   context.textBaseline = "bottom";
   label(context, `${across} → ${up} ${view.up ? "↑" : "↓"} mm`, 8, view.height - 9);

@@ -87,8 +87,10 @@ export function solidPane(solid) {
   };
   const tell = () => {
     const clip = solid.clip;
-    const parts = AXES.map((axis, n) => `${axis} ${[0, 1].map((side) => signed(place(axis, clip[2 * n + side]))).join(" … ")}`);
-    where.textContent = `${parts.join(", ")} mm`;
+    const sides = AXES.map((axis, n) => [0, 1].map((side) => place(axis, clip[2 * n + side])));
+    const whole = () => sides.map(([from, to]) => (to - from).toFixed(1)).join(" × ");
+    const cut = () => AXES.map((axis, n) => `${axis} ${sides[n].map((one) => signed(one)).join("…")}`).join(", ");
+    where.textContent = `${stage.view.clip ? cut() : whole()} mm`;
   };
   stage.store.on(tell);
   tell();
