@@ -42,7 +42,7 @@ def test_what_is_shown_is_what_the_service_says_and_nothing_is_stored(service, o
     assert figure(page, "Visible edges") == f"{100 * told['visible_share']:.0f}\N{NO-BREAK SPACE}%"
     assert page.locator(".part.limiting").inner_text().startswith(told["plan"]["limiting"])
     expect(page.locator("section.spread")).to_contain_text("A ball of 150")
-    expect(page.get_by_text("53 points, the nearest to 60")).to_be_visible()
+    expect(page.get_by_text("53 points, nearest to 60")).to_be_visible()
     page.locator(FIELD.format("count")).fill("200")
     until(lambda: figure(page, "Points") not in {"53", ""})
     assert stored(service) == before

@@ -25,6 +25,9 @@ PAST, FEWEST = 50, 3
 FARTHEST: Final = 200
 """Place in the queue beyond which nothing is said about the end."""
 _R = ReconstructionState
+_METHOD, _FORMAT = JobRow.payload["parameters"]["method"].as_string(), JobRow.payload["format"].as_string()
+_SORT: Final = (JobRow.kind, _METHOD, _FORMAT, JobRow.promised)
+"""What tells which jobs take about as long, read without the rest of hundreds of rows."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +78,8 @@ def forecast(session: Session, job_id: str, workers: int, now: datetime) -> Fore
         return Forecast(ahead + 1)
     running = session.scalars(select(JobRow).where(JobRow.state == _R.RUNNING)).all()
     ends = [_in_future(pace.end_of(one), now) for one in running]
-    before = session.scalars(select(JobRow).where(*earlier).order_by(*ORDER)).all()
-    lasting = [pace.seconds(one) for one in (*before, row)]
+    before = session.execute(select(*_SORT).where(*earlier).order_by(*ORDER)).all()
+    lasting = [*(pace.of(*one) for one in before), pace.seconds(row)]
     known, taking = [end for end in ends if end], [seconds for seconds in lasting if seconds is not None]
     if not workers or len(known) < workers or len(known) < len(ends) or len(taking) < len(lasting):
         return Forecast(ahead + 1)
@@ -107,8 +110,8 @@ def backlog(session: Session, now: datetime, present: Mapping[str, capabilities.
     if not count:
         return Backlog(0.0, 0.0)
     pace = _Pace(session)
-    first = session.scalars(select(JobRow).where(*waits).order_by(*ORDER).limit(FARTHEST))
-    known = [seconds for seconds in map(pace.seconds, first) if seconds is not None]
+    first = session.execute(select(*_SORT).where(*waits).order_by(*ORDER).limit(FARTHEST))
+    known = [seconds for one in first if (seconds := pace.of(*one)) is not None]
     return Backlog(count * fmean(known) if known else None, max(0.0, (now - oldest).total_seconds()))
 
 
@@ -141,9 +144,14 @@ class _Pace:
 
     def seconds(self, row: JobRow) -> float | None:
         """Tell how long a job will take; ``None`` when too few like it were done, or it follows a scan."""
-        if row.kind in FOLLOWING:
+        parameters = row.payload.get("parameters") or {}
+        return self.of(row.kind, parameters.get("method"), row.payload.get("format"), row.promised)
+
+    def of(self, kind: str, method: str | None, form: str | None, promised: int) -> float | None:
+        """Tell how long a job of that sort will take."""
+        if kind in FOLLOWING:
             return None
-        taken = self._of_kind(row.kind).get(_sort(row.payload, row.promised), [])
+        taken = self._of_kind(kind).get(_sort(method, form, promised), [])
         return median(taken) if len(taken) >= FEWEST else None
 
     def end_of(self, row: JobRow) -> datetime | None:
@@ -157,13 +165,12 @@ class _Pace:
         if kind not in self._past:
             found: dict[Hashable, list[float]] = {}
             # Columns, no rows: one that ran when this session read it would be given again as it was then.
-            query = select(JobRow.payload, JobRow.promised, JobRow.attempts)
+            query = select(_METHOD, _FORMAT, JobRow.promised, JobRow.attempts)
             query = query.where(JobRow.kind == kind, JobRow.state == _R.SUCCEEDED)
-            for payload, promised, attempts in self._session.execute(
-                query.order_by(JobRow.sequence.desc()).limit(PAST)
-            ):
+            newest = self._session.execute(query.order_by(JobRow.sequence.desc()).limit(PAST))
+            for method, form, promised, attempts in newest:
                 if (seconds := _lasted(attempts)) is not None:
-                    found.setdefault(_sort(payload, promised), []).append(seconds)
+                    found.setdefault(_sort(method, form, promised), []).append(seconds)
             self._past[kind] = found
         return self._past[kind]
 
@@ -176,7 +183,6 @@ def _lasted(attempts: Sequence[Mapping[str, Any]]) -> float | None:
     return (datetime.fromisoformat(last["ended"]) - datetime.fromisoformat(last["started"])).total_seconds()
 
 
-def _sort(payload: Mapping[str, Any], promised: int) -> Hashable:
+def _sort(method: str | None, form: str | None, promised: int) -> Hashable:
     """Tell which jobs of a kind take about as long: the same method and format, about as much to write."""
-    parameters = payload.get("parameters") or {}
-    return parameters.get("method"), payload.get("format"), round(math.log2(promised + 1))
+    return method, form, round(math.log2(promised + 1))

@@ -20,7 +20,7 @@ export class DesignPlane {
   constructor(host, dragged) {
     const stage = h("div", { class: "stage" });
     this.legend = h("div", { class: "legend" });
-    this.asked = h("div", { class: "legend asked" });
+    this.asked = h("div", { class: "asked dim small" });
     this.order = h("input", { type: "range", min: 0, max: 1, step: 0.001, value: 1, "aria-label": "How much of the order of visit is shown", oninput: () => this.showOrder() });
     this.play = h("button", { type: "button", onclick: () => this.toggle() }, "Play order");
     stage.append(this.legend, this.asked);
@@ -43,7 +43,7 @@ export class DesignPlane {
   /** @param {any} seen of the API @param {Place} point @param {Place[]} others of interest @param {number | null} asked points */
   show(seen, point, others, asked) {
     this.others = others;
-    this.asked.textContent = asked === null || asked === seen.mask.count ? "" : `${count(seen.mask.count)} points, the nearest to ${count(asked)}`;
+    this.asked.textContent = asked === null || asked === seen.mask.count ? "" : `${count(seen.mask.count)} points, nearest to ${count(asked)}`;
     this.weights = seen.weights;
     this.isLine = seen.outline?.[0]?.length === 1;
     this.visit = seen.visit;
