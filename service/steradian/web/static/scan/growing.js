@@ -105,6 +105,7 @@ export class Growing {
         const revision = await answer.json();
         const axis = revision.image.shape.length === 3 ? "z" : "y"; // of a line there is one section;
         const part = revision.final && axis === "z" ? await this.part() : ""; // until then it is left out where it is made
+        if (part === null) return; // when its job is over is told
         const image = await api.ask("GET", `/reconstructions/${this.job.id}/mip?axis=${axis}&dtype=uint8&max_size=${SIZE}${part}`, undefined, { accept: "application/octet-stream" });
         this.show(revision, axis, image.headers, new Uint8Array(await image.arrayBuffer()));
         this.etag = answer.headers.get("ETag") ?? "";
@@ -114,9 +115,11 @@ export class Growing {
     }
   }
 
-  /** What to ask for of the final image: that without the near field, as on its page. */
+  /** What to ask for of the final image: that without the near field, as on its page; null while that is not known. */
   async part() {
-    const source = sourceOf(await api.get(`/reconstructions/${this.job.id}`));
+    const view = await api.get(`/reconstructions/${this.job.id}`);
+    if (view.state !== "succeeded") return null;
+    const source = sourceOf(view);
     const first = source ? firstBelow(source, source.near) : 0;
     return first ? `&slab=${first}:` : "";
   }
