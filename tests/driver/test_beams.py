@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from driver_bench import CAPABILITIES
-from test_conformance import outcomes
-from test_simulator import collect
+from driver_collected import collect
+from driver_line import outcomes
 
 import fabry_perot
 from fabry_perot.device.scan import Scan

@@ -8,12 +8,12 @@ import sys
 from xml.etree import ElementTree
 
 import pytest
-from driver_bench import CAPABILITIES, CountingInstrument
-from test_mutants import MUTANTS
+from driver_bench import CAPABILITIES
+from driver_line import VirtualLine, outcomes
+from driver_mutants import MUTANTS
 
-from fabry_perot.clock import VirtualClock
 from fabry_perot.conformance import SCENARIOS, Peer, as_junit, run
-from fabry_perot.device import Device, operations
+from fabry_perot.device import operations
 from fabry_perot.simulator import launch
 from fabry_perot.wire.codes import Operation, Result
 
@@ -34,44 +34,6 @@ KILLERS = {
     "echoes of the future": "future",
 }
 OF_THE_HOST = {"no tail-loss repair", "no plan time-out", "abort not repeated", "laser comes back at any time"}
-
-
-class VirtualLine:
-    """A device under a virtual clock, at the other end of a line that takes no time; each read is a millisecond."""
-
-    def __init__(self, **limits: int) -> None:
-        self.clock, self.limits = VirtualClock(1_000_000), limits
-        self.instrument = CountingInstrument()
-        self.boots, self.sent = 0, b""
-        self.boot()
-
-    def boot(self) -> None:
-        self.boots += 1
-        self.device = Device(self.instrument, boot=0xB000 + 7 * self.boots, now=self.clock.now(), **self.limits)
-
-    def write(self, data: bytes) -> None:
-        self.sent += data
-
-    def read(self) -> bytes:
-        self.clock.advance(1_000)
-        data, self.sent = self.sent, b""
-        self.device.receive(data, self.clock.now())
-        return self.device.pull(16384)
-
-    def close(self) -> None: ...
-
-    def ask(self, wish: str) -> None:
-        """Do what a person is asked for."""
-        if "interlock" in wish:
-            self.instrument.closed = "close" in wish
-        else:
-            self.boot()
-
-
-def outcomes(*only: str, **limits: int) -> dict[str, str]:
-    line = VirtualLine(**{"ring": 16, **limits})
-    found = run(Peer(line, line.clock), fire=True, ask=line.ask, only=only)
-    return {outcome.name: outcome.failure or outcome.skipped for outcome in found}
 
 
 @pytest.mark.parametrize("limits", [{}, {"max_payload": 64, "plan_points": 8, "ring": 12}], ids=["usual", "small"])

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from driver_collected import collect
 
 import fabry_perot
 from fabry_perot.simulator import launch, phantoms
@@ -30,19 +31,6 @@ def scan(scanner, where, **changes) -> list:
     scanner.upload(where, **{**PARAMETERS, **changes})
     scanner.start(scanner.arm())
     return collect(scanner)
-
-
-def collect(scanner) -> list:
-    """Take all A-lines to the end of the plan, as an application on a busy machine does."""
-    lines = []
-    while True:
-        try:
-            for batch in scanner.alines():
-                lines += batch
-                scanner.acknowledge(batch[-1])
-            return lines
-        except fabry_perot.LeaseLapsed:  # this machine was busy with something else for half a second
-            scanner.resume()
 
 
 def recomputed(line, where, *, seed: int) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
-from test_session import QUIET, Script, samples
+from scripted import QUIET, Script, samples
 
 from fabry_perot.simulator import launch, phantoms
 from steradian.errors import DamagedFile, InvalidInput

@@ -1,12 +1,17 @@
 """The life of a scan on the real simulator behind its link: pause, stop, resume, retry, frames, and nothing twice."""
 
 import shutil
+import sys
 import threading
 import time
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+from scripted import QUIET, Script, samples
 
 from fabry_perot import Recovery
 from fabry_perot.simulator import launch
@@ -18,9 +23,6 @@ from steradian.scans.control import Control, End, Phase, Wish
 from steradian.scans.proof import ResumeRefused
 from steradian.scans.reading import list_frames, read_scan
 from steradian.scans.run import BAD, resume_scan, run_scan
-
-QUIET = {"noise_db": float("inf"), "energy_jitter": 0.0, "ring": 8}
-"""A simulator whose A-lines depend on the point alone, and that is never far ahead of its host."""
 
 
 @pytest.fixture(scope="module")
@@ -41,30 +43,6 @@ def whole(simulator, plan, tmp_path_factory):
     path = tmp_path_factory.mktemp("whole") / "scan.h5"
     run_scan(plan, simulator.url, path)
     return samples(path)
-
-
-class Script(Control):
-    """Wishes by how many A-lines are stored, and a diary."""
-
-    def __init__(self, *wishes):
-        super().__init__()
-        self.wishes, self.stored, self.phases = list(wishes), 0, []
-
-    def progress(self, done, total):
-        self.stored = done
-
-    def enter(self, phase):
-        self.phases.append(phase)
-
-    def wish(self):
-        if self.wishes and self.stored >= self.wishes[0][0]:
-            return self.wishes[0][1]
-        return Wish.RUN
-
-
-def samples(path):
-    with h5py.File(path, "r") as file:
-        return file["alines/samples"][:]
 
 
 def stop_at(plan, simulator, path, count):
