@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 _BLOCKS = 32  # most blocks of columns a piece of work has
 _SMALL = 1 << 21  # numbers that the caches hold, and for which waiting for a second thread costs more than it saves
+_PAGE, _TOUCHED = 1 << 12, 1 << 24  # bytes of a page, at least, and of what a thread brings in at a time
 _NONE = np.empty(0)
 Work = Callable[[int, Any, NDArray[np.uint8]], None]
 
@@ -77,7 +78,7 @@ class NumbaEngine:
         onto: Any = None,
     ) -> RealArray:
         """See :class:`steradian.imaging.engines.Engine`; traces of float32, float64, int16 or int32."""
-        target = empty(self.room.source_size, self.tables.dtype) if onto is None else onto
+        target = self._empty(self.room.source_size) if onto is None else onto
         chosen = self._sensors if sensors is None else part(self._sensors, sensors)
         with np.errstate(over="ignore"):  # such traces are refused
             chosen = chosen._replace(scale=(chosen.scale * scale).astype(self.tables.dtype))
@@ -91,7 +92,7 @@ class NumbaEngine:
 
         target = modes
         if kept or self.tables.lateral.replicated:
-            target = empty(self.room.target_size, self.tables.dtype)
+            target = self._empty(self.room.target_size)
         self._columns("time to depth", to_depth, modes, target, watch)
         return target
 
@@ -101,7 +102,7 @@ class NumbaEngine:
 
         t, shape, depths = self.tables, self.tables.geometry.shape, self.tables.depths
         lines, pitch = int(np.prod(shape[:-1])), whole(depths)
-        image = modes if self.room.shared else empty(lines * pitch, t.dtype)
+        image = modes if self.room.shared else self._empty(lines * pitch)
         plane = self._plane(t.image_modes)
 
         def work(piece: int, space: Workspace, flag: NDArray[np.uint8]) -> None:
@@ -124,7 +125,7 @@ class NumbaEngine:
 
         s, samples = self._sensors, self.tables.time.samples
         plane = self._plane(self.tables.lateral.grid)
-        traces = np.empty((len(s.scale), samples), self.tables.dtype)
+        traces = self._empty(len(s.scale) * samples).reshape(-1, samples)
 
         def work(piece: int, space: Workspace, flag: NDArray[np.uint8]) -> None:
             start = piece * BATCH
@@ -150,7 +151,7 @@ class NumbaEngine:
     def to_image_adjoint(self, image: RealArray, watch: Watch = NOBODY) -> RealArray:
         """See :class:`steradian.imaging.engines.Engine`; of the model's tables only, upsampled images neither."""
         self._model()
-        modes = empty(self.room.source_size, self.tables.dtype)
+        modes = self._empty(self.room.source_size)
         columns = image.reshape(-1, self.tables.depths)
         plane, stored = self._plane(self.tables.lateral.modes), all_stored(self.tables.lateral.modes)
         self._type1("lateral transform", columns, everywhere(self.tables), plane, stored, modes, watch, add=False)
@@ -243,6 +244,21 @@ class NumbaEngine:
         tmp = max(*(table.scratch for table in tables), 1)
         sizes = (packed, *lines, *(0 for _ in range(4 - len(lines))), middle, tmp)
         return Workspace(*(empty(size * 32, self.tables.dtype) for size in sizes))
+
+    def _empty(self, count: int) -> RealArray:
+        """Make room whose pages are there already, brought in by each thread for itself.
+
+        A step's batches reach all over it: its first ones would all wait for the same pages.
+        """
+        numbers = empty(count, self.tables.dtype)
+        if self._threads > 1:
+            each = _TOUCHED // numbers.itemsize
+
+            def touch(piece: int, space: None, flag: NDArray[np.uint8]) -> None:
+                numbers[piece * each : (piece + 1) * each : _PAGE // numbers.itemsize] = 0
+
+            workers.run("", -(-count // each), lambda: None, touch, threads=self._threads, **NOBODY._asdict())
+        return numbers
 
     def _run(self, stage: str, pieces: int, scratch: Callable[[], Any], work: Work, watch: Watch) -> None:
         workers.run(stage, pieces, scratch, work, threads=self._threads, **watch._asdict())
