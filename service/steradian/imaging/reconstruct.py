@@ -129,7 +129,7 @@ def reconstruct(
     memory_limit
         Refuse to start if more bytes than this are needed, image included; None: more than are available.
     threads
-        None: all processors this process may use.
+        None: all processors this process may use, or as many as ``OMP_NUM_THREADS`` says.
     device
         "cpu"; "gpu": a CUDA device (extra ``gpu``); "auto": that, where there is one and its memory suffices. Results
         are the same within the tolerance.

@@ -6,24 +6,28 @@ import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steradian.errors import Cancelled
+from steradian.machine import cores
 from steradian.progress import IsCancelled, Progress
 
 Scratch = TypeVar("Scratch")
 _POLL = 0.05  # seconds between two looks at the callables, at least
 
 
+LIMIT: Final = "OMP_NUM_THREADS"
+"""By this variable batch systems, and the service's workers for their jobs, say how many threads a process may have."""
+
+
 def available() -> int:
-    """Processors this process may use."""
-    try:
-        return max(1, len(os.sched_getaffinity(0)))
-    except AttributeError:  # not on macOS or Windows
-        return max(1, os.cpu_count() or 1)
+    """Processors this process may use, or fewer where :data:`LIMIT` says so."""
+    asked = os.environ.get(LIMIT, "").partition(",")[0].strip()  # a list is for nested teams
+    there = cores()
+    return min(there, max(1, int(asked))) if asked.isdecimal() else there
 
 
 def run(

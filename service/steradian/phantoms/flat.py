@@ -41,7 +41,7 @@ def line_pressure(
     sound_speed
         In m/s.
     threads
-        None: all processors this process may use.
+        None: all processors this process may use, or as many as ``OMP_NUM_THREADS`` says.
     progress, cancelled
         See :mod:`steradian.progress`.
 

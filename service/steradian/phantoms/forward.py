@@ -49,7 +49,7 @@ def pressure(
         Response over the cosine of the angle of incidence, such as
         :func:`steradian.phantoms.angular_response`; ``None``: the same from everywhere.
     threads
-        None: all processors this process may use.
+        None: all processors this process may use, or as many as ``OMP_NUM_THREADS`` says.
     progress, cancelled
         See :mod:`steradian.progress`.
 

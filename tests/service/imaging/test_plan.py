@@ -11,7 +11,9 @@ import pytest
 from steradian.errors import Cancelled, InvalidInput
 from steradian.imaging import Axes, ReconstructionPlan, Volume, reconstruct, voronoi_weights
 from steradian.imaging.outlines import holds
+from steradian.imaging.parameters import Parameters
 from steradian.imaging.weights import sensed_outline
+from steradian.machine import cores
 
 RNG = np.random.default_rng(0)
 POSITIONS = (RNG.random((40, 2)) - 0.5) * 0.01
@@ -29,6 +31,12 @@ def test_a_plan_runs_many_times_and_batches_are_the_single_runs() -> None:
     np.testing.assert_allclose(batch[1].values, 2 * single.values, rtol=1e-5, atol=1e-7)
     assert single.values.dtype == np.float32
     assert single.values.flags.c_contiguous
+
+
+@pytest.mark.parametrize(("said", "found"), [("1", 1), ("1,4", 1), ("", cores()), ("many", cores()), ("9999", cores())])
+def test_no_more_threads_than_the_environment_allows(monkeypatch, said, found) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", said)
+    assert Parameters(**COMMON).most_threads == found
 
 
 def test_the_number_of_threads_does_not_change_a_bit() -> None:

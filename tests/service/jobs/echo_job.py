@@ -62,6 +62,10 @@ def work(job, progress):
         case "tell":
             time.sleep(payload.get("seconds", 0))
             return {"start": job["start"]}
+        case "count threads":
+            from steradian.imaging.workers import available
+
+            return {"threads": available()}
         case "hang":
             while True:
                 time.sleep(60)

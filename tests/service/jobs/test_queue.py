@@ -29,6 +29,16 @@ def test_a_job_runs_once_and_leaves_its_result(bench):
     assert status.created <= status.started <= status.ended
 
 
+def test_all_workers_of_a_service_together_fill_the_machine_once(make_bench, tmp_path):
+    bench = make_bench(tmp_path, workers=64)
+    try:
+        bench.start()
+        bench.submit("counted", "count threads")
+        assert bench.queue.wait("counted", timeout=250).result == {"threads": bench.settings.threads_per_job}
+    finally:
+        bench.close()
+
+
 def test_a_job_that_states_its_error_fails_at_once_with_it(bench):
     bench.submit("bad", "fail")
     status = bench.queue.wait("bad", timeout=250)
