@@ -7,6 +7,7 @@ import sys
 import time
 
 import numpy as np
+from driver_collected import collect
 
 import fabry_perot
 from fabry_perot.simulator import launch
@@ -63,19 +64,6 @@ def wait_for(simulator, device_time: int) -> None:
     raise AssertionError("the simulator stands still")
 
 
-def rest(scanner) -> list:
-    """Take all A-lines to the end of the plan, as an application on a busy machine does."""
-    lines: list = []
-    while True:
-        try:
-            for batch in scanner.alines():
-                lines += batch
-                scanner.acknowledge(batch[-1])
-            return lines
-        except fabry_perot.LeaseLapsed:
-            scanner.resume()
-
-
 def test_kill_9_of_the_host_turns_the_laser_off_within_500_ms_and_the_scan_can_be_resumed_exactly():
     count = 300
     where = np.random.default_rng(0).uniform(-6e-3, 6e-3, (count, 2)).round(6)
@@ -92,7 +80,7 @@ def test_kill_9_of_the_host_turns_the_laser_off_within_500_ms_and_the_scan_can_b
 
             scanner.upload(where, samples=600, sampling_interval=8e-9, pulse_rate=200.0, resume=True)
             scanner.start(scanner.arm())
-            lines = rest(scanner)
+            lines = collect(scanner)
             assert lines[0].number <= last + 1
             assert [line.number for line in lines] == list(range(lines[0].number, count))
             assert scanner.statistics()["shots"] == before + count, "no point was fired twice"
