@@ -13,19 +13,20 @@ import hashlib
 import os
 from collections.abc import Callable
 from contextlib import suppress
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 from filelock import FileLock, Timeout
 from numba import njit
 from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.registry import CPUDispatcher
 
 PATIENCE = 120.0
 """Seconds that a process waits for another one to compile a function, before it does so itself."""
 
 
-def compiled(function: Callable[..., Any], *, fast: bool = True, kept: bool = True) -> Any:
+def compiled(function: Callable[..., Any], *, fast: bool = True, kept: bool = True, inner: bool = False) -> Any:
     """Compile a loop at its first call; it then releases the interpreter lock and is kept on disk.
 
     Of several processes that need it at the same time one compiles it, and the others wait and load what it kept.
@@ -43,15 +44,35 @@ def compiled(function: Callable[..., Any], *, fast: bool = True, kept: bool = Tr
         Allow sums to be reordered and assume finite numbers.
     kept
         Keep it on disk; of no use to a function made by another one, whose callers are kept with it inside.
+    inner
+        Only compiled functions call it: it gets no entrance for Python, which takes as long to compile as a short loop.
     """
     options: dict[str, Any] = {"nogil": True, "fastmath": fast, "boundscheck": False, "error_model": "numpy"}
-    made = njit(**options)(function)
+    options |= {"no_cfunc_wrapper": True, "no_cpython_wrapper": inner}
+    made: Any = njit(**options)(function)
+    if inner:
+        made.__class__ = _Inner
     if kept:
         try:
             made._cache = _Cache(function)
         except RuntimeError:  # Numba found no place to cache
             pass
     return made
+
+
+inner: Any = partial(compiled, inner=True)
+
+
+def is_kept(function: Any, numbers: str = "float32") -> bool:
+    """Whether a form of a compiled function for this processor and for arrays of such numbers is on disk."""
+    return isinstance(function._cache, _Cache) and function._cache.holds(numbers, function.targetctx.codegen())
+
+
+class _Inner(CPUDispatcher):
+    """A function that Python cannot call; Numba itself would call address 0."""
+
+    def __call__(self, *_: Any, **__: Any) -> Any:
+        raise TypeError(f"{self.py_func.__name__} is called by compiled functions only")
 
 
 class _Cache(FunctionCache):
@@ -86,6 +107,12 @@ class _Cache(FunctionCache):
             found = self._brought.load(self._index_key(sig, target_context.codegen()))  # type: ignore[no-untyped-call]
             found = None if found is None else self._impl.rebuild(target_context, found)
         return found
+
+    def holds(self, numbers: str, codegen: Any) -> bool:
+        """Whether there is a form for such numbers."""
+        wanted = self._index_key(None, codegen)[1:]
+        keys = (key for file in (self._cache_file, self._brought) for key in file._load_index())  # type: ignore[no-untyped-call]
+        return any(key[1:] == wanted and numbers in str(key[0]) for key in keys)
 
     def save_overload(self, sig: Any, data: Any) -> None:
         try:

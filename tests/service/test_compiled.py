@@ -98,6 +98,15 @@ def test_a_change_to_a_callee_in_another_file_is_noticed(tmp_path: Path) -> None
     assert _run(again, tmp_path) == ["1"]
 
 
+def test_a_function_for_compiled_ones_only_refuses_a_call_from_python_instead_of_crashing(tmp_path: Path) -> None:
+    callee = CALLEE.replace("@compiled", "@inner").replace("import compiled", "import inner")
+    (tmp_path / "inner.py").write_text(callee.format(2))
+    (tmp_path / "outer.py").write_text(CALLER)
+    program = "from outer import factor, scaled\nprint(scaled(10))\ntry: factor()\nexcept TypeError as e: print(e)"
+    for _ in ("compiled", "loaded"):
+        assert _run(program, tmp_path) == ["20", "factor is called by compiled functions only"]
+
+
 def test_what_lies_beside_the_source_is_found_from_any_cache_and_by_the_same_kind_of_processor_only(
     tmp_path: Path,
 ) -> None:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from steradian.compiled import compiled
+from steradian.compiled import compiled, inner
 from steradian.imaging.engines.numba.arguments import Columns, Rule, Side
 from steradian.imaging.engines.numba.fft import fft
 from steradian.imaging.engines.numba.lookup import look_up
@@ -42,7 +42,7 @@ class Part(NamedTuple):
     size: int
 
 
-@compiled
+@inner
 def _bring(side: Side, block: int, x: Any, xo: int, tmp: Any) -> None:
     """Bring numbers n of 16 columns, times window and factor, to their cells; 0 to the others."""
     rows, imaginary, count, length = side.real[block], side.imaginary[block], side.number, side.transform.size
@@ -72,7 +72,7 @@ def _bring(side: Side, block: int, x: Any, xo: int, tmp: Any) -> None:
         store(x, o + 16, nothing)
 
 
-@compiled
+@inner
 def _take(x: Any, xo: int, side: Side, block: int, tmp: Any) -> None:
     """Do the way back of :func:`_bring`; the filling behind a row's end takes what follows in x, or 0."""
     rows, imaginary, count, length = side.real[block], side.imaginary[block], side.number, side.transform.size
@@ -100,13 +100,13 @@ def _take(x: Any, xo: int, side: Side, block: int, tmp: Any) -> None:
         distribute(values, o + 16, side.values, imaginary, start)
 
 
-@compiled
+@inner
 def _reach(square: float, band: float) -> int:
     """Count the l with κ < band."""
     return int(np.ceil(np.sqrt(band * band - square))) if square < band * band else 0
 
 
-@compiled
+@inner
 def _stencils(square: float, part: Part, rule: Rule, space: Columns) -> None:
     """First grid points, taps and factors of some values of l.
 
@@ -211,7 +211,7 @@ def _pair(load: Any, splat: Any) -> tuple[Any, Any]:
                 i += 32
                 j -= 32
 
-    return compiled(gather, kept=False), compiled(spread, kept=False)
+    return inner(gather, kept=False), inner(spread, kept=False)
 
 
 _gather4, _spread4 = _pair(load4, splat4)

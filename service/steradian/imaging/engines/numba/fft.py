@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from steradian.compiled import compiled
+from steradian.compiled import inner
 from steradian.imaging.engines.numba.arguments import Factors
 from steradian.imaging.engines.numba.simd import load16, splat16, store
 
@@ -29,7 +29,7 @@ class Pass(NamedTuple):
     generic: int
 
 
-@compiled
+@inner
 def _pass2(x: Any, xo: int, y: Any, yo: int, at: Pass, tw: Any) -> None:
     re, im, _, m, s, to, _ = at
     for p in range(m):
@@ -48,7 +48,7 @@ def _pass2(x: Any, xo: int, y: Any, yo: int, at: Pass, tw: Any) -> None:
             store(y, j + im, dr * wi + di * wr)
 
 
-@compiled
+@inner
 def _pass3(x: Any, xo: int, y: Any, yo: int, at: Pass, tw: Any) -> None:
     re, im, _, m, s, to, _ = at
     half, sine = splat16(x.dtype.type(0.5)), splat16(x.dtype.type(0.8660254037844386))
@@ -76,7 +76,7 @@ def _pass3(x: Any, xo: int, y: Any, yo: int, at: Pass, tw: Any) -> None:
             store(y, j + im, cr * w2i + ci * w2r)
 
 
-@compiled
+@inner
 def _pass4(x: Any, xo: int, y: Any, yo: int, at: Pass, tw: Any) -> None:
     re, im, _, m, s, to, _ = at
     k = s * m * 32
@@ -108,7 +108,7 @@ def _pass4(x: Any, xo: int, y: Any, yo: int, at: Pass, tw: Any) -> None:
             store(y, j + im, br * w3i + bi * w3r)
 
 
-@compiled
+@inner
 def _pass5(x: Any, xo: int, y: Any, yo: int, at: Pass, tw: Any) -> None:
     re, im, _, m, s, to, _ = at
     c1, c2 = splat16(x.dtype.type(0.30901699437494745)), splat16(x.dtype.type(-0.8090169943749475))
@@ -154,14 +154,14 @@ def _pass5(x: Any, xo: int, y: Any, yo: int, at: Pass, tw: Any) -> None:
             store(y, j + im, gr * wi + gi * wr)
 
 
-@compiled
+@inner
 def _turn(y: Any, j: int, re: int, im: int, ar: Any, ai: Any, tw: Any, o: int) -> None:
     wr, wi = splat16(tw[o]), splat16(tw[o + 1])
     store(y, j + re, ar * wr - ai * wi)
     store(y, j + im, ar * wi + ai * wr)
 
 
-@compiled
+@inner
 def _pass8(x: Any, xo: int, y: Any, yo: int, at: Pass, tw: Any) -> None:
     re, im, _, m, s, to, _ = at
     k, t = s * m * 32, s * 32
@@ -200,7 +200,7 @@ def _pass8(x: Any, xo: int, y: Any, yo: int, at: Pass, tw: Any) -> None:
             _turn(y, j + 7 * t, re, im, e3r - dr, e3i - di, tw, o + 12)
 
 
-@compiled
+@inner
 def _generic(x: Any, xo: int, y: Any, yo: int, at: Pass, t: Factors, tmp: Any) -> None:
     """Odd radix r: pairs n, r−n share their products, so r²/4 complex products a transform."""
     re, im, r, m, s, to, co = at
@@ -249,7 +249,7 @@ def _generic(x: Any, xo: int, y: Any, yo: int, at: Pass, t: Factors, tmp: Any) -
                     _turn(y, j + (r - b) * step, re, im, gr - hi, gi + hr, tw, o + 2 * (r - b))
 
 
-@compiled
+@inner
 def fft(a: Any, ao: int, b: Any, bo: int, inverse: int, t: Factors, tmp: Any) -> int:
     """Transform cells at ``a[ao:]`` with ``b[bo:]`` as the other buffer; 0 if the result is in a, 1 if in b.
 

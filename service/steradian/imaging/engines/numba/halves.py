@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from steradian.compiled import compiled
+from steradian.compiled import inner
 from steradian.imaging.engines.numba.arguments import Batch
 from steradian.imaging.engines.numba.simd import load16, splat16, store, stream
 
@@ -22,7 +22,7 @@ class Cells(NamedTuple):
     index: Any
 
 
-@compiled
+@inner
 def separate(here: Cells, opposite: Cells, row: Any, batch: Batch, at: int, add: bool) -> None:
     """Write, or add, Â and B̂ of some modes from C there and at the opposite modes; the factor 2 is left in.
 
@@ -48,7 +48,7 @@ def separate(here: Cells, opposite: Cells, row: Any, batch: Batch, at: int, add:
         at += 2 * stride
 
 
-@compiled
+@inner
 def join(source: Any, at: int, batch: Batch, modes: int, p: Any, q: Any, size: int, edges: bool) -> None:
     """C = Â + iB̂ of one line of modes, from ``source[at:]``, into p and of the opposite modes into q, ``size`` cells.
 

@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from steradian.compiled import compiled
+from steradian.compiled import compiled, inner
 from steradian.imaging.engines.numba.arguments import Batch, Plane, Workspace
 from steradian.imaging.engines.numba.fft import fft
 from steradian.imaging.engines.numba.halves import join
 from steradian.imaging.engines.numba.simd import load16, settle, splat16, store, stream
 
 
-@compiled
+@inner
 def _halve(a: Any, i: int, j: int) -> None:
     """Split the Nyquist cell i between i and j."""
     half = splat16(a.dtype.type(0.5))

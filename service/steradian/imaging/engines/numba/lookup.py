@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from steradian.compiled import compiled
+from steradian.compiled import inner
 
 
-@compiled
+@inner
 def look_up(table: Any, steps: Any, square: float, kappa: float) -> tuple[float, float]:
     """Response at κ and the angle whose sine is |j|/κ: amplitude and phase in turns, linear in both.
 

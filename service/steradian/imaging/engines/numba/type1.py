@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from steradian.compiled import compiled
+from steradian.compiled import compiled, inner
 from steradian.imaging.engines.numba.arguments import Batch, Plane, Sensors, Stored, Workspace
 from steradian.imaging.engines.numba.fft import fft
 from steradian.imaging.engines.numba.halves import Cells, separate
@@ -45,7 +45,7 @@ def pack(
     return bool(largest < most)
 
 
-@compiled
+@inner
 def _spread_row(row: Any, line: int, packed: Any, sensors: Sensors, nx: int, ny: int) -> bool:
     """Add all sensors whose stencil meets grid line ``line``; False if there is none."""
     starts, first, wx, wy = sensors.starts, sensors.first, sensors.wx, sensors.wy
@@ -74,7 +74,7 @@ def _spread_row(row: Any, line: int, packed: Any, sensors: Sensors, nx: int, ny:
     return hit
 
 
-@compiled
+@inner
 def _place_row(row: Any, line: int, packed: Any, sensors: Sensors, ny: int) -> bool:
     """Add the (cell, sensor, weight) entries of grid line ``line``; False if there is none."""
     cells, senders, weights = sensors.first, sensors.sensors, sensors.wy

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from steradian.compiled import compiled
+from steradian.compiled import compiled, inner
 from steradian.imaging.engines.numba.arguments import Batch, Plane, Sensors, Workspace
 from steradian.imaging.engines.numba.fft import fft
 from steradian.imaging.engines.numba.halves import join
 from steradian.imaging.engines.numba.simd import load16, splat16, store
 
 
-@compiled
+@inner
 def _interpolate_row(row: Any, line: int, packed: Any, sensors: Sensors, nx: int) -> None:
     """Add what grid line ``line`` gives to the sensors whose stencil meets it."""
     starts, first, wx, wy = sensors.starts, sensors.first, sensors.wx, sensors.wy
@@ -37,7 +37,7 @@ def _interpolate_row(row: Any, line: int, packed: Any, sensors: Sensors, nx: int
             store(packed, m * 32 + 16, load16(packed, m * 32 + 16) + b * w)
 
 
-@compiled
+@inner
 def _pick_row(row: Any, line: int, packed: Any, sensors: Sensors) -> None:
     """Add the (cell, sensor, weight) entries of grid line ``line``."""
     cells, receivers, weights = sensors.first, sensors.sensors, sensors.wy
