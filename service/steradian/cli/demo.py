@@ -6,7 +6,7 @@ import json
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -21,6 +21,7 @@ from steradian.plans import ScanPlan, preview
 
 if TYPE_CHECKING:
     from steradian.imaging import Volume
+    from steradian.jobs.queue import JobQueue
     from steradian.scans.run import ScanSummary
     from steradian.storage.paths import DataDirectory
 
@@ -69,6 +70,7 @@ def demo(
     41 x 41 grid for comparison. Leaves scan.h5, volume.h5, mip-x.png, mip-y.png, mip-z.png and report.json;
     results of an earlier demo in the folder are replaced.
     """
+    from steradian.reconstructions.compiling import compiling_ahead
     from steradian.storage.paths import DataDirectory
 
     report = DemoReport()
@@ -85,14 +87,15 @@ def demo(
 
     with tempfile.TemporaryDirectory(prefix=".data-", dir=output) as folder:
         data, scan_id = DataDirectory(Path(folder)), new_scan_id()
-        with report.timed("scan"):
-            summary = _scan(plan, data, scan_id, speed)
-        report.shots_fired, report.shots_stored = summary.fired, summary.stored
-        show_figures("3  Scan (simulated)", {"shots fired": summary.fired, "A-lines stored": summary.stored})
-        with report.timed("reconstruction"):
-            _reconstruct_queued(scan_id, data, output)
-        with report.timed("comparison grid"):
-            grid = _measure_grid(output / "grid", data, speed)
+        with compiling_ahead(), _queue(data) as queue:
+            with report.timed("scan"):
+                summary = _scan(plan, data, scan_id, speed)
+            report.shots_fired, report.shots_stored = summary.fired, summary.stored
+            show_figures("3  Scan (simulated)", {"shots fired": summary.fired, "A-lines stored": summary.stored})
+            with report.timed("reconstruction"):
+                _reconstruct_queued(queue, scan_id, data, output)
+            with report.timed("comparison grid"):
+                grid = _measure_grid(queue, output / "grid", data, speed)
     report.grid_count = grid.count
 
     with report.timed("comparison"):
@@ -109,23 +112,28 @@ def _scan(plan: ScanPlan, data: DataDirectory, scan_id: str, speed: float) -> Sc
         return run_scan(plan, port, data.scan_file(scan_id), scan_id=scan_id, progress=progress)
 
 
-def _reconstruct_queued(scan_id: str, data: DataDirectory, output: Path) -> None:
-    """Send a job through the same queue and worker process that the service uses; move scan and results out."""
-    from steradian.jobs.queue import JobQueue, new_job_id
-    from steradian.jobs.requests import ReconstructionRequest, job_of
+@contextmanager
+def _queue(data: DataDirectory) -> Iterator[JobQueue]:
+    """Give the queue that the service uses, with a worker process of its own: it gets ready during the scan."""
+    from steradian.jobs.queue import JobQueue
     from steradian.runtime.supervisor import running_worker
     from steradian.settings import Settings
-    from steradian.storage.states import ReconstructionState
 
     settings = Settings.create(data=data.root)
+    with running_worker(settings), closing(JobQueue(settings)) as queue:
+        yield queue
+
+
+def _reconstruct_queued(queue: JobQueue, scan_id: str, data: DataDirectory, output: Path) -> None:
+    """Send a job through the queue; move scan and results out."""
+    from steradian.jobs.queue import new_job_id
+    from steradian.jobs.requests import ReconstructionRequest, job_of
+    from steradian.storage.states import ReconstructionState
+
     request = ReconstructionRequest.create(scan_id=scan_id, parameters={"modes": MODES, "depth_range": DEPTHS})
-    queue = JobQueue(settings)
-    try:
-        with running_worker(settings), progress_bar() as progress:
-            job = queue.submit(job_of(new_job_id(), request))
-            status = queue.wait(job, progress=progress)
-    finally:
-        queue.close()
+    with progress_bar() as progress:
+        job = queue.submit(job_of(new_job_id(), request))
+        status = queue.wait(job, progress=progress)
     if status.state is not ReconstructionState.SUCCEEDED:
         raise SteradianError(f"the reconstruction {status.state}: {status.error}")
     output.mkdir(parents=True, exist_ok=True)
@@ -135,12 +143,12 @@ def _reconstruct_queued(scan_id: str, data: DataDirectory, output: Path) -> None
             result.replace(output / result.name)
 
 
-def _measure_grid(folder: Path, data: DataDirectory, speed: float) -> Mask:
+def _measure_grid(queue: JobQueue, folder: Path, data: DataDirectory, speed: float) -> Mask:
     """Measure and reconstruct the same phantom through the paper's strongest grid."""
     grid = grid_mask(APERTURE, GRID_COUNT, GRID_INTERVAL)
     scan_id = new_scan_id()
     _scan(ScanPlan.create(mask=grid), data, scan_id, speed)
-    _reconstruct_queued(scan_id, data, folder)
+    _reconstruct_queued(queue, scan_id, data, folder)
     return grid
 
 

@@ -129,6 +129,7 @@ def reconstruct(
     patience: Annotated[float, _option("Without a new A-line: the scan is over.", FOLLOWING, duration, "60s")] = 60.0,
 ) -> None:
     """Reconstruct the initial pressure and write the volume, its projections and a report into a folder."""
+    from steradian.reconstructions.compiling import compiling_beside
     from steradian.reconstructions.job import reconstruct_scan
     from steradian.reconstructions.parameters import ReconstructionParameters
 
@@ -179,7 +180,7 @@ def reconstruct(
         },
         film={"kind": film, "max_gain": max_gain, "thickness": thickness},
     )
-    with progress_bar() as progress:
+    with compiling_beside(), progress_bar() as progress:
         if follow:
             from steradian.reconstructions.live import follow_scan
             from steradian.scans.following import Quiet

@@ -157,6 +157,7 @@ def _measure(
 ) -> ScanSummary:
     """Let ``work(port, control)`` run a scan that Ctrl-C can stop; a simulated scanner lives until it is safe."""
     from steradian.cli.interrupt import at_terminal
+    from steradian.reconstructions.compiling import compiling_ahead
 
     needed = () if phantom is None else ("--phantom", phantom)
     if scanner != "simulated":
@@ -164,7 +165,7 @@ def _measure(
             raise InvalidInput("phantom", phantom, "none with a real scanner, or --scanner simulated")
         needed = ("--scanner", scanner)
     with at_terminal(file, needed) as control, scanner_port(scanner, speed=speed, phantom=phantom or PHANTOM) as port:
-        with progress_bar() as progress:
+        with compiling_ahead(), progress_bar() as progress:
             control.shown_by(progress)
             summary = work(port, control)
         control.end(summary)

@@ -37,10 +37,12 @@ PATIENCE = 600.0
 
 def reconstruct(work: Work, job: requests.ReconstructionRequest) -> dict[str, Any]:
     """Reconstruct a recording."""
+    from steradian.reconstructions.compiling import compiling_beside
     from steradian.reconstructions.job import reconstruct_scan
 
     how: dict[str, Any] = {"frame": job.frame or 0, "plans": work.plans, "progress": work.progress}
-    return asdict(reconstruct_scan(work.scan(job.scan_id), work.folder, job.parameters, **how))
+    with compiling_beside():
+        return asdict(reconstruct_scan(work.scan(job.scan_id), work.folder, job.parameters, **how))
 
 
 def follow(work: Work, job: requests.ReconstructionRequest) -> dict[str, Any]:

@@ -14,12 +14,13 @@ def halved(values: NDArray[Any]) -> NDArray[np.floating[Any]]:
     """Return the means [x, y, z], in one pass, as fast as memory is read; floating-point ones of any numbers."""
     values = values.astype(np.result_type(values, np.float32), copy=False)  # in this machine's order of bytes
     found = np.empty([-(-size // 2) for size in values.shape], values.dtype)
-    _halve(values, found, values.dtype.type(0.5))
+    means(values, found, values.dtype.type(0.5))
     return found
 
 
 @compiled
-def _halve(values, found, half):  # type: ignore[no-untyped-def]
+def means(values, found, half):  # type: ignore[no-untyped-def]
+    """Write the means into ``found``."""
     nx, ny, nz = values.shape
     row = np.empty(nz, values.dtype)
     for i in range(found.shape[0]):

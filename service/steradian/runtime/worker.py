@@ -12,6 +12,7 @@ from steradian.jobs.heap import share_one_heap
 from steradian.jobs.joining import join
 from steradian.jobs.kinds import KINDS
 from steradian.logs import configure_logging
+from steradian.reconstructions.compiling import compile_ahead
 from steradian.runtime.gpu import gpu_of_this_machine
 from steradian.runtime.heartbeat import Heartbeat
 from steradian.runtime.lifeline import end_with_stdin
@@ -19,6 +20,8 @@ from steradian.settings import Settings
 from steradian.storage.paths import DataDirectory
 
 _log = logging.getLogger(__name__)
+QUIET = 5.0
+"""Seconds after which the first worker has compiled what jobs need: a service that begins has its processors busy."""
 CHILD = (sys.executable, "-P", "-m", "steradian.jobs.child")
 
 
@@ -35,6 +38,10 @@ def main(slot: int) -> None:
         _log.info("reconstructs on %s", gpu or "the processor")
         if gpu is not None:
             sign.tell_gpu(gpu)
+        if slot == 0:
+            later = threading.Timer(QUIET, compile_ahead)
+            later.daemon = True  # its process ends with this one
+            later.start()
         from steradian.jobs.capabilities import Capabilities
         from steradian.jobs.worker import run_worker
 
