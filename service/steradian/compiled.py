@@ -63,9 +63,9 @@ def compiled(function: Callable[..., Any], *, fast: bool = True, kept: bool = Tr
 inner: Any = partial(compiled, inner=True)
 
 
-def is_kept(function: Any, numbers: str = "float32") -> bool:
-    """Whether a form of a compiled function for this processor and for arrays of such numbers is on disk."""
-    return isinstance(function._cache, _Cache) and function._cache.holds(numbers, function.targetctx.codegen())
+def is_lacking(function: Any, numbers: str = "float32") -> bool:
+    """Whether a function can be kept on disk and no form of it, for this processor and arrays of such numbers, is."""
+    return isinstance(function._cache, _Cache) and not function._cache.holds(numbers, function.targetctx.codegen())
 
 
 class _Inner(CPUDispatcher):

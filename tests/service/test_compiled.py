@@ -98,6 +98,21 @@ def test_a_change_to_a_callee_in_another_file_is_noticed(tmp_path: Path) -> None
     assert _run(again, tmp_path) == ["1"]
 
 
+def test_lacking_is_what_could_be_kept_on_disk_and_is_not(tmp_path: Path) -> None:
+    (tmp_path / "inner.py").write_text(CALLEE.format(2))
+    (tmp_path / "outer.py").write_text(CALLER + "nowhere = compiled(lambda x: x, kept=False)")
+    program = """
+import numpy as np
+from outer import nowhere, scaled
+from steradian.compiled import is_lacking
+print(*(is_lacking(function, numbers) for function in (nowhere, scaled) for numbers in ("float32", "float64")))
+scaled(np.zeros(2, np.float32))
+"""
+    assert _run(program, tmp_path) == ["False False True True"]
+    assert _run(program, tmp_path) == ["False False False True"]
+    assert _run(program, tmp_path, NUMBA_CPU_NAME="generic") == ["False False True True"]
+
+
 def test_a_function_for_compiled_ones_only_refuses_a_call_from_python_instead_of_crashing(tmp_path: Path) -> None:
     callee = CALLEE.replace("@compiled", "@inner").replace("import compiled", "import inner")
     (tmp_path / "inner.py").write_text(callee.format(2))

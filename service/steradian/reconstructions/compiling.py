@@ -51,10 +51,8 @@ def compiling_beside() -> Iterator[None]:
     """Have the second half done by another process while the block, which reconstructs, begins with the first."""
     from steradian.imaging.engines.numba.type1 import type1
 
-    if type1.signatures or is_kept():  # it has been used in this process, or at least on this machine
-        yield
-        return
-    with compiling_ahead(SECOND):
+    used = bool(type1.signatures)  # in this process
+    with nullcontext() if used or not is_needed() else compiling_ahead(SECOND):
         yield
 
 
@@ -68,14 +66,14 @@ def _started(*half: str) -> subprocess.Popen[bytes]:
     )
 
 
-def is_kept() -> bool:
-    """Whether all of it is on disk, for this processor."""
-    from steradian.compiled import is_kept
+def is_needed() -> bool:
+    """Whether there is a place on disk for it, and something is not there, or not for this processor."""
+    from steradian.compiled import is_lacking
     from steradian.imaging.engines.numba import depth, image, type1
     from steradian.reconstructions import halving
 
     functions = (type1.pack, type1.type1, depth.to_depth, image.to_image, image.close_up, halving.means)
-    return all(is_kept(function) for function in functions)
+    return any(is_lacking(function) for function in functions)
 
 
 def compile_all(half: str = "") -> None:
@@ -103,7 +101,7 @@ def main(half: str = "") -> None:
     threading.Thread(target=_end_with_parent, daemon=True).start()
     with suppress(OSError, AttributeError):
         os.nice(NICENESS)
-    if is_kept():
+    if not is_needed():
         return
     from steradian.imaging.workers import available
 
