@@ -14,6 +14,7 @@ import os
 from collections.abc import Callable
 from contextlib import suppress
 from functools import lru_cache, partial
+from glob import escape
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +51,7 @@ def compiled(function: Callable[..., Any], *, fast: bool = True, kept: bool = Tr
     options: dict[str, Any] = {"nogil": True, "fastmath": fast, "boundscheck": False, "error_model": "numpy"}
     options |= {"no_cfunc_wrapper": True, "no_cpython_wrapper": inner}
     made: Any = njit(**options)(function)
-    if inner:
+    if inner and isinstance(made, CPUDispatcher):  # not where Numba is told to compile nothing
         made.__class__ = _Inner
     if kept:
         try:
@@ -65,7 +66,14 @@ inner: Any = partial(compiled, inner=True)
 
 def is_lacking(function: Any, numbers: str = "float32") -> bool:
     """Whether a function can be kept on disk and no form of it, for this processor and arrays of such numbers, is."""
-    return isinstance(function._cache, _Cache) and not function._cache.holds(numbers, function.targetctx.codegen())
+    cache = getattr(function, "_cache", None)
+    return isinstance(cache, _Cache) and not cache.holds(numbers, function.targetctx.codegen())
+
+
+def lock_beside(function: Any, name: str) -> FileLock:
+    """Make a lock, for one who does not wait, in the folder where a function is kept that is lacking."""
+    function._cache._impl.locator.ensure_cache_path()
+    return FileLock(Path(function._cache.cache_path) / f"{name}.lock", timeout=0)
 
 
 class _Inner(CPUDispatcher):
@@ -116,9 +124,20 @@ class _Cache(FunctionCache):
 
     def save_overload(self, sig: Any, data: Any) -> None:
         try:
+            self._forget_earlier()
             super().save_overload(sig, data)  # type: ignore[no-untyped-call]
         finally:
             self._end_turn()
+
+    def _forget_earlier(self) -> None:
+        """Remove what was compiled of earlier sources: Numba lists a form, then writes it over a file of that name.
+
+        Whoever is killed between the two would leave the new form listed and the earlier one in its file.
+        """
+        if not self._cache_file._load_index():  # type: ignore[no-untyped-call]
+            for path in Path(self.cache_path).glob(f"{escape(self._impl.filename_base)}.*.nbc"):
+                with suppress(OSError):
+                    path.unlink()
 
     def _take_turn(self) -> None:
         """Wait while another process compiles the function; one that hangs or a folder without locks is not obeyed."""

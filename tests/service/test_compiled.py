@@ -98,6 +98,19 @@ def test_a_change_to_a_callee_in_another_file_is_noticed(tmp_path: Path) -> None
     assert _run(again, tmp_path) == ["1"]
 
 
+def test_who_is_killed_while_a_new_form_is_kept_leaves_no_earlier_one_in_its_place(tmp_path: Path) -> None:
+    outer = tmp_path / "outer.py"
+    (tmp_path / "inner.py").write_text(CALLEE.format(2))
+    use = "from outer import scaled; print(scaled(10))"
+    outer.write_text(CALLER)
+    assert _run(use, tmp_path) == ["20"]
+    outer.write_text(CALLER.replace("factor() * x", "factor() * x + 1"))
+    killed = "import os; from numba.core.caching import IndexDataCacheFile as F; F._save_data = lambda *_: os._exit(9);"
+    with pytest.raises(AssertionError):
+        _run(killed + use, tmp_path)
+    assert _run(use, tmp_path) == ["21"]
+
+
 def test_lacking_is_what_could_be_kept_on_disk_and_is_not(tmp_path: Path) -> None:
     (tmp_path / "inner.py").write_text(CALLEE.format(2))
     (tmp_path / "outer.py").write_text(CALLER + "nowhere = compiled(lambda x: x, kept=False)")

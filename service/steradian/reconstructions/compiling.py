@@ -1,25 +1,35 @@
 """Compiling what a first reconstruction needs, while something else takes its time.
 
-Run as ``python -m steradian.reconstructions.compiling``, it does once, with little data, what reconstructions of scans
-do, and ends at once where all that is on disk. Two processors share it, and whoever needs a function that another
-process is at waits for that one (:mod:`steradian.compiled`).
+``python -m steradian.reconstructions.compiling``, at the other end of a pipe to its standard input, does once, with
+little data, what reconstructions of scans do, and ends at once where all that is on disk, or where another process is
+at it. Two processors share it, and whoever needs a function that another process is compiling waits for that one
+(:mod:`steradian.compiled`).
 """
 
 from __future__ import annotations
 
+import logging
 import os
 import subprocess
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
+
+from steradian.confinement import die_first
 
 AHEAD: Final = (sys.executable, "-P", "-m", "steradian.reconstructions.compiling")
 SECOND: Final = "second"
 """Argument of who begins with the second half, the depths; the first one is the sensors."""
 NICENESS: Final = 5
-"""By how much it stands back: a scan that runs meanwhile, and who waits for an image, come first."""
+"""By how much it stands back behind a scan that runs meanwhile, where nobody waits for an image yet."""
+SCORE: Final = 500
+"""By how much sooner the kernel ends it than others when memory runs out."""
+PATIENCE: Final = 1.0
+"""Seconds that its end is waited for."""
+_log = logging.getLogger(__name__)
 
 
 @contextmanager
@@ -28,32 +38,40 @@ def compiling_ahead(*half: str) -> Iterator[None]:
 
     For our own programs: where Python is part of another one, ``sys.executable`` may be anything.
     """
-    try:
+    process = None
+    with suppress(OSError):  # where no further process is to be had it is done when it is needed
         process = _started(*half)
-    except OSError:  # no further process is to be had; it is done when it is needed
+    try:
         yield
-        return
-    with process:
-        try:
-            yield
-        finally:
-            process.kill()
+    finally:
+        if process is not None:
+            _end(process)
 
 
 def compile_ahead() -> None:
     """Have it done by other processes, until they are done or this one is gone."""
     with suppress(OSError), _started() as process:
-        process.wait()
+        if code := process.wait():
+            _log.warning("what the first reconstruction needs is not compiled ahead: exit code %d", code)
 
 
 @contextmanager
 def compiling_beside() -> Iterator[None]:
     """Have the second half done by another process while the block, which reconstructs, begins with the first."""
+    with compiling_ahead(SECOND) if _is_wanted() else nullcontext():
+        yield
+
+
+def _is_wanted() -> bool:
     from steradian.imaging.engines.numba.type1 import type1
 
-    used = bool(type1.signatures)  # in this process
-    with nullcontext() if used or not is_needed() else compiling_ahead(SECOND):
-        yield
+    if getattr(type1, "signatures", True):  # it has been used in this process
+        return False
+    try:
+        return is_needed()
+    except Exception as error:  # the reconstruction tells whether that is in its way
+        _log.warning("what is kept on disk of compiled functions cannot be read: %s", error)
+        return False
 
 
 def _started(*half: str) -> subprocess.Popen[bytes]:
@@ -62,18 +80,32 @@ def _started(*half: str) -> subprocess.Popen[bytes]:
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
-        start_new_session=True,  # a terminal's Ctrl-C is not meant for it
+        # a terminal's Ctrl-C is not meant for either; a half is in as much of a hurry as whoever starts it
+        start_new_session=not half,
+        process_group=0 if half else None,
     )
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.kill()
+    if process.stdin is not None:
+        process.stdin.close()
+    with suppress(subprocess.TimeoutExpired):  # nobody waits longer for one that hangs in a folder that is gone
+        process.wait(PATIENCE)
+
+
+def _functions() -> list[Any]:
+    from steradian.imaging.engines.numba import depth, image, type1
+    from steradian.reconstructions import halving
+
+    return [type1.pack, type1.type1, depth.to_depth, image.to_image, image.close_up, halving.means]
 
 
 def is_needed() -> bool:
     """Whether there is a place on disk for it, and something is not there, or not for this processor."""
     from steradian.compiled import is_lacking
-    from steradian.imaging.engines.numba import depth, image, type1
-    from steradian.reconstructions import halving
 
-    functions = (type1.pack, type1.type1, depth.to_depth, image.to_image, image.close_up, halving.means)
-    return any(is_lacking(function) for function in functions)
+    return any(is_lacking(function) for function in _functions())
 
 
 def compile_all(half: str = "") -> None:
@@ -99,14 +131,27 @@ def compile_all(half: str = "") -> None:
 def main(half: str = "") -> None:
     """Be such a process, until it is done or whoever started it is gone."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    with suppress(OSError, AttributeError):
-        os.nice(NICENESS)
-    if not is_needed():
-        return
+    die_first(SCORE)
+    if not half:
+        _stand_back()
+    from filelock import Timeout
+
+    from steradian.compiled import is_lacking, lock_beside
     from steradian.imaging.workers import available
 
-    with compiling_ahead(SECOND) if not half and available() > 1 else nullcontext():
+    lacking = next((function for function in _functions() if is_lacking(function)), None)
+    if lacking is None:
+        return
+    share = not half and available() > 1
+    with suppress(Timeout), lock_beside(lacking, half or "first"), compiling_ahead(SECOND) if share else nullcontext():
         compile_all(half)
+
+
+def _stand_back() -> None:
+    with suppress(OSError, AttributeError):
+        os.nice(NICENESS)
+    with suppress(OSError):  # Linux weighs the processes of a session, which it has to itself, against other sessions
+        Path("/proc/self/autogroup").write_text(str(NICENESS))
 
 
 def _end_with_parent() -> None:

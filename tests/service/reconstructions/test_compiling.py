@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -9,11 +10,18 @@ from pathlib import Path
 import pytest
 
 import steradian
+from steradian.reconstructions.compiling import AHEAD, SECOND
 from support.commands import run_here
 from support.services import Service
 from support.waiting import until
 
 pytestmark = pytest.mark.timeout(300)
+ASKING = """
+import time
+from steradian.reconstructions.compiling import compiling_ahead
+with compiling_ahead():
+    time.sleep(300)
+"""
 LAST = {"depth.to_depth", "image.close_up", "halving.means"}
 """Functions that are compiled at the end of each half, and of both."""
 
@@ -73,12 +81,39 @@ def test_a_service_compiles_by_itself_what_its_first_job_needs(fresh, tmp_path):
         service.close()
 
 
+def test_each_half_comes_to_its_end_alone(fresh):
+    with subprocess.Popen([*AHEAD, SECOND], stdin=subprocess.PIPE) as second:
+        assert second.wait() == 0
+    assert {"depth.to_depth", "image.close_up", "halving.means"} <= fresh.names()
+    assert not any(name.startswith("type1.") for name in fresh.names())
+    with subprocess.Popen(AHEAD, stdin=subprocess.PIPE) as first:
+        assert first.wait() == 0
+    assert {"type1.pack", "type1.type1"} <= fresh.names()
+
+
+def test_of_two_processes_one_is_at_it_and_it_ends_with_whoever_is_killed(fresh):
+    with subprocess.Popen([sys.executable, "-c", ASKING]) as asking:
+        try:
+            until(lambda: len(fresh.compiling()) == 2)  # a half each
+            both = [int(process) for process in fresh.compiling()]
+            for process in both:
+                os.kill(process, signal.SIGSTOP)
+            with subprocess.Popen(AHEAD, stdin=subprocess.PIPE) as another:
+                assert another.wait(200) == 0
+            for process in both:
+                os.kill(process, signal.SIGCONT)
+        finally:
+            asking.kill()
+    until(lambda: not fresh.compiling(), 60)
+
+
 @pytest.mark.parametrize(
     "words", ["scan run plan.json --simulator-speed 0.2", "reconstruct scan.h5"], ids=["scan", "image"]
 )
 def test_other_processes_compile_it_while_a_command_scans_or_makes_an_image_and_no_longer(fresh, plan, words, tmp_path):
     if words.startswith("reconstruct"):
         run_here("scan", "run", "plan.json", "--simulator-speed", "1000", cwd=tmp_path)
+        until(lambda: not fresh.compiling(), 30)
     command = [sys.executable, "-m", "steradian", *words.split()]
     with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as made:
         until(lambda: fresh.compiling() or made.poll() is not None)
