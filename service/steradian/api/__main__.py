@@ -13,9 +13,9 @@ import uvicorn
 from steradian.api.app import create_app
 from steradian.api.connections import Door, GuardedConfig, places
 from steradian.api.middleware import StreamsInTurn
+from steradian.lifeline import end_with_stdin
 from steradian.logs import configure_logging
 from steradian.runtime.heartbeat import Heartbeat
-from steradian.runtime.lifeline import end_with_stdin
 from steradian.settings import Settings
 from steradian.storage.paths import DataDirectory
 

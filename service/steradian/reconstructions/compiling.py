@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from steradian.confinement import die_first
+from steradian.lifeline import end_with_stdin
 
 AHEAD: Final = (sys.executable, "-P", "-m", "steradian.reconstructions.compiling")
 SECOND: Final = "second"
@@ -130,7 +131,7 @@ def compile_all(half: str = "") -> None:
 
 def main(half: str = "") -> None:
     """Be such a process, until it is done or whoever started it is gone."""
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=end_with_stdin, args=(lambda: os._exit(0),), daemon=True).start()
     die_first(SCORE)
     if not half:
         _stand_back()
@@ -152,12 +153,6 @@ def _stand_back() -> None:
         os.nice(NICENESS)
     with suppress(OSError):  # Linux weighs the processes of a session, which it has to itself, against other sessions
         Path("/proc/self/autogroup").write_text(str(NICENESS))
-
-
-def _end_with_parent() -> None:
-    while os.read(0, 4096):
-        pass
-    os._exit(0)
 
 
 if __name__ == "__main__":

@@ -17,10 +17,10 @@ from sqlalchemy.exc import DBAPIError
 
 from fabry_perot import Recovery
 from steradian.errors import DiskFull, ScanFailed, ScanInterrupted, SteradianError
+from steradian.lifeline import end_with_stdin
 from steradian.logs import caused_by, configure_logging
 from steradian.runtime.heartbeat import Heartbeat
 from steradian.runtime.keeping import ScanKeeper
-from steradian.runtime.lifeline import end_with_stdin
 from steradian.scans.completing import begin_with
 from steradian.scans.control import End
 from steradian.scans.emergency import EmergencyWatch

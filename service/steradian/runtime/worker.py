@@ -11,11 +11,11 @@ import threading
 from steradian.jobs.heap import share_one_heap
 from steradian.jobs.joining import join
 from steradian.jobs.kinds import KINDS
+from steradian.lifeline import end_with_stdin
 from steradian.logs import configure_logging
 from steradian.reconstructions.compiling import compile_ahead
 from steradian.runtime.gpu import gpu_of_this_machine
 from steradian.runtime.heartbeat import Heartbeat
-from steradian.runtime.lifeline import end_with_stdin
 from steradian.settings import Settings
 from steradian.storage.paths import DataDirectory
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from steradian.jobs.joining import join
 from steradian.jobs.worker import run_worker
+from steradian.lifeline import end_with_stdin
 from steradian.logs import configure_logging
 from steradian.runtime.heartbeat import Heartbeat
-from steradian.runtime.lifeline import end_with_stdin
 from steradian.settings import Settings
 from steradian.storage.paths import DataDirectory
 
