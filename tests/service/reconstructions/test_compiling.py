@@ -81,6 +81,7 @@ def test_a_service_compiles_by_itself_what_its_first_job_needs(fresh, tmp_path):
         service.close()
 
 
+@pytest.mark.long
 def test_each_half_comes_to_its_end_alone(fresh):
     with subprocess.Popen([*AHEAD, SECOND], stdin=subprocess.PIPE) as second:
         assert second.wait() == 0
@@ -91,6 +92,7 @@ def test_each_half_comes_to_its_end_alone(fresh):
     assert {"type1.pack", "type1.type1"} <= fresh.names()
 
 
+@pytest.mark.long
 def test_of_two_processes_one_is_at_it_and_it_ends_with_whoever_is_killed(fresh):
     with subprocess.Popen([sys.executable, "-c", ASKING]) as asking:
         try:
