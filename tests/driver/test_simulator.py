@@ -152,8 +152,8 @@ def wait_until(ready, limit: float) -> None:
 def test_pause_and_resume_from_another_thread_finish_the_scan():
     import threading
 
-    where = points(100)
-    with launch(speed=20) as simulator, fabry_perot.connect(simulator.url) as scanner:
+    where = points(600)  # more than the device holds, so that it waits for the host in mid-scan
+    with launch(speed=40) as simulator, fabry_perot.connect(simulator.url) as scanner:
         scanner.upload(where, **PARAMETERS)
         scanner.start(scanner.arm())
         states = []
@@ -164,14 +164,15 @@ def test_pause_and_resume_from_another_thread_finish_the_scan():
             scanner.resume()
 
         lines, operator = [], threading.Thread(target=operate)
-        for batch in scanner.alines():
-            if not lines:
+        for batch in scanner.alines(idle=True):
+            if batch and not lines:
                 operator.start()
             lines += batch
-            scanner.acknowledge(batch[-1])
+            if states:
+                scanner.acknowledge(lines[-1])
         operator.join()
     assert states == ["paused"]
-    assert [line.number for line in lines] == list(range(100))
+    assert [line.number for line in lines] == list(range(600))
 
 
 def test_an_abort_from_another_thread_ends_the_stream_with_a_typed_error():

@@ -57,22 +57,22 @@ def test_only_the_very_upload_is_resumed_and_what_was_fired_is_had_without_firin
 
 
 def test_a_pause_leaves_nothing_behind_and_idle_batches_keep_the_application_awake():
-    with launch(speed=10.0) as simulator, fabry_perot.connect(simulator.url) as scanner:
-        scanner.upload(POINTS, **PARAMETERS)
+    where = np.tile(POINTS, (20, 1))  # more than the device holds: it cannot be done before the host acknowledges
+    with launch(speed=100.0) as simulator, fabry_perot.connect(simulator.url) as scanner:
+        scanner.upload(where, **PARAMETERS)
         scanner.start(scanner.arm())
-        came = 0
+        lines = []
         for batch in scanner.alines(idle=True):
-            came += len(batch)
-            if batch:
-                scanner.acknowledge(batch[-1])
-            if came >= 5 and scanner.state == "scanning":
+            lines += batch
+            if len(lines) >= 5 and scanner.state == "scanning":
                 scanner.pause()
             if scanner.state == "paused" and not scanner.holds:
                 break
-        assert came == simulator.command("report")["shots"]
+        assert len(lines) == simulator.command("report")["shots"]
         assert not scanner.recovering
+        scanner.acknowledge(lines[-1])
         scanner.resume()
         for batch in scanner.alines():
-            came += len(batch)
+            lines += batch
             scanner.acknowledge(batch[-1])
-        assert came == len(POINTS)
+        assert [line.number for line in lines] == list(range(len(where)))

@@ -171,12 +171,18 @@ def test_a_tuning_map_is_read_from_a_file(service, open_page):
     page = ready(open_page(service, f"/design{SMALL}"))
     places = [(x, y, 1550 + 0.1 * x) for x in (-6, 0, 6) for y in (-6, 0, 6)]
     rows = ["x_mm,y_mm,wavelength_nm", *(",".join(map(str, place)) for place in places)]
-    page.set_input_files("#field-tuning_map", file_of("map.csv", [*rows, "1,2"]))
-    expect(page.locator(".tuning .remarks")).to_contain_text("line 11")
-    page.set_input_files("#field-tuning_map", file_of("map.json", ['{"places": []}']))
-    expect(page.locator(".tuning .remarks")).to_contain_text("positions and wavelengths")
+    wrong = page.locator(".tuning .fault")
+    for name, lines, fault in (
+        ("map.csv", [*rows, "1,2"], "map.csv: line 11"),
+        ("map.json", ['{"places": []}'], "positions and wavelengths"),
+    ):
+        page.set_input_files("#field-tuning_map", file_of(name, lines))
+        expect(wrong).to_contain_text(fault)
+        ready(page)  # what the service says of the design without a map does not wipe it away
+        expect(wrong).to_contain_text(fault)
     page.set_input_files("#field-tuning_map", file_of("map.csv", rows))
     expect(page.locator(".tuning")).to_contain_text("9 places")
+    expect(wrong).to_have_count(0)
     page.locator(FIELD.format("order")).select_option("wavelength")
     ready(page)
     mask = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 60}

@@ -9,8 +9,9 @@ const COLUMNS = ["x_mm", "y_mm", "wavelength_nm"];
 /** A field for it, in the place of remarks too. @param {Design} design @param {() => void} changed */
 export function tuningField(design, changed) {
   const remarks = h("div", { class: "remarks", id: "remarks-tuning_map" });
-  const file = h("input", { type: "file", accept: ".csv,.json", id: "field-tuning_map", "aria-describedby": remarks.id, onchange: () => void take() });
-  const told = h("p", { class: "dim small" });
+  const file = h("input", { type: "file", accept: ".csv,.json", id: "field-tuning_map", "aria-describedby": `told-tuning_map ${remarks.id}`, onchange: () => void take() });
+  /** What is wrong with a file stands here, not among the remarks: those are the service's, and go with its next answer. */
+  const told = h("p", { id: "told-tuning_map", role: "status" });
   const remove = h("button", { type: "button", class: "quiet", onclick: () => give(null) }, "remove");
 
   async function take() {
@@ -20,22 +21,23 @@ export function tuningField(design, changed) {
     try {
       give(mapOf(chosen.name, await chosen.text()));
     } catch (error) {
-      give(null);
-      replace(remarks, h("p", { class: "fault" }, `${chosen.name}: ${error instanceof Error ? error.message : error}`));
+      give(null, `${chosen.name}: ${error instanceof Error ? error.message : error}`);
     }
   }
 
-  /** @param {Design["map"]} map */
-  function give(map) {
+  /** @param {Design["map"]} map @param {string} [fault] */
+  function give(map, fault) {
     design.map = map;
     replace(remarks);
-    show();
+    show(fault);
     changed();
   }
 
-  function show() {
+  /** @param {string} [fault] */
+  function show(fault) {
     remove.hidden = !design.map;
-    told.textContent = design.map ? `${design.map.wavelengths.length} places; not in the address` : "CSV with x_mm, y_mm, wavelength_nm, or JSON as the API takes it";
+    told.className = fault ? "fault small" : "dim small";
+    told.textContent = fault ?? (design.map ? `${design.map.wavelengths.length} places; not in the address` : "CSV with x_mm, y_mm, wavelength_nm, or JSON as the API takes it");
   }
 
   show();
