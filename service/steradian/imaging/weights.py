@@ -22,6 +22,9 @@ _SAME_LINE = 1e-5
 """Coordinates that differ by less than this share of the extent are of one line of a grid."""
 _OFF_GRID = 0.01
 """So many intervals a sensor of a grid may lie beside its place."""
+_ONE_PLACE = 1e-9
+"""Sensors that are no farther apart than this share of the aperture are at one place; so are a grid's lines, of its
+longer side."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,8 @@ def find_lattice(points: NDArray[np.float64]) -> Lattice | None:
         places.append(np.rint(place).astype(np.int64))
         if np.abs(place - places[-1]).max() > _OFF_GRID:
             return None
+    if pitch.min() <= _ONE_PLACE * np.ptp(points, axis=0).max():
+        return None
     counts = np.array([place.max() + 1 for place in places])
     if counts.prod() != len(points):
         return None
@@ -86,13 +91,13 @@ def sensed_outline(positions: NDArray[np.float64], aperture: float | Sequence[fl
         that is within half a mean spacing s of their convex hull, where the outline's area is M·s²; but no wider than
         the aperture, and the whole aperture for sensors at one place.
     """
+    sides = np.broadcast_to(np.asarray(aperture, np.float64), positions.shape[1:])
+    low, high = positions.min(axis=0), positions.max(axis=0)
+    if (high - low).max() <= _ONE_PLACE * sides.max():
+        return outlines.rectangle(-sides / 2, sides / 2)
     lattice = find_lattice(positions)
     if lattice is not None:
         return lattice.outline
-    sides = np.broadcast_to(np.asarray(aperture, np.float64), positions.shape[1:])
-    low, high = positions.min(axis=0), positions.max(axis=0)
-    if not (high > low).any():
-        return outlines.rectangle(-sides / 2, sides / 2)
     bare = outlines.hull(positions)
     count = _number_of_places(positions)
     outline = outlines.widened(bare, _mean_spacing(bare, count) / 2)
@@ -101,7 +106,7 @@ def sensed_outline(positions: NDArray[np.float64], aperture: float | Sequence[fl
 
 
 def _number_of_places(positions: NDArray[np.float64]) -> int:
-    return len(np.unique(np.round(positions / np.ptp(positions, axis=0).max(), 12), axis=0))
+    return len(np.unique(np.round(positions / (_ONE_PLACE * np.ptp(positions, axis=0).max())), axis=0))
 
 
 def _mean_spacing(bare: Outline, count: int) -> float:
@@ -120,10 +125,11 @@ def sensor_areas(positions: NDArray[np.float64], aperture: float | Sequence[floa
     Those of a grid are equal and cost a sort along each axis; else Voronoi cells are drawn (0.5 s and 100 MB for fifty
     thousand sensors, about proportional).
     """
+    outline = sensed_outline(positions, aperture)
     lattice = find_lattice(positions)
     if lattice is not None:
-        return np.full(len(positions), float(lattice.pitch.prod()))
-    return cell_areas(positions, sensed_outline(positions, aperture))
+        return np.full(len(positions), outlines.area(outline) / len(positions))
+    return cell_areas(positions, outline)
 
 
 def voronoi_weights(positions: ArrayLike, aperture: float | tuple[float, ...]) -> NDArray[np.float64]:

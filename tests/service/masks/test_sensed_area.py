@@ -71,6 +71,18 @@ def test_thinned_points_sense_no_more_than_the_mask_and_a_part_only_its_own():
     assert corner.sensed_area == pytest.approx(X * X / 4)
 
 
+@pytest.mark.parametrize("apart", [5e-324, 2.8e-212, 1e-30, 1e-15])
+def test_points_that_no_scanner_could_tell_apart_are_at_one_place(apart):
+    """Together they stand for the whole aperture; as twins of others, for what those stand for alone."""
+    square = apart * np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
+    for close in (square[:2], square[:3], square):
+        np.testing.assert_allclose(custom_mask(close, X).weights, X * X / len(close), rtol=1e-9)
+    three = np.array([[-1e-3, 0], [1e-3, 0], [0, 1e-3]])
+    twins = np.concatenate([three, three + [0, apart]])
+    np.testing.assert_allclose(custom_mask(twins, X).weights, np.tile(custom_mask(three, X).weights / 2, 2), rtol=1e-6)
+    assert custom_mask(square + 1e-3 * np.eye(4, 2), X).sensed_area > 1e-8
+
+
 @pytest.mark.parametrize("name", ["mask.json", "mask.csv", "mask.npy"])
 def test_files_keep_the_sensed_area(tmp_path, name):
     """As JSON, CSV and npy a mask stands for the same area; JSON says it in words."""
