@@ -171,8 +171,11 @@ class ReconstructionPlan:
         data = self.chosen.taken("traces", traces)
         if data.dtype.kind not in "iuf":
             raise InvalidInput("traces", f"an array of {data.dtype}", "integers or floating numbers")
-        wanted = f"shape ({len(g.positions)}, {g.samples}): one row a sensor, one column a sample"
-        if data.ndim not in (2, 3) or data.shape[-2:] != (len(g.positions), g.samples):
+        sensors = len(g.positions)
+        if data.ndim not in (2, 3) or data.shape[-2:] != (sensors, g.samples):
+            wanted = f"shape ({sensors}, {g.samples}): one row a sensor, one column a sample"
+            if data.ndim > 1 and data.shape[-1] == sensors != data.shape[-2]:
+                wanted = f"one row for each of the {sensors} sensors; this has a column for each: transpose it"
             raise InvalidInput("traces", f"an array of shape {data.shape}", wanted)
         scale = real("scale", scale, "a finite factor")
         images = len(data) if data.ndim == 3 else 1

@@ -90,6 +90,14 @@ def test_positions_in_millimetres_are_refused_also_beside_an_aperture_in_millime
             reconstruct(TRACES, 1e3 * MASK.positions, **{**COMMON, "aperture": aperture})
 
 
+@pytest.mark.parametrize("method", ["nedner", "linear", "nearest", "iterative"])
+def test_a_lines_in_columns_are_told_to_be_transposed(method: Any) -> None:
+    """HDF5 of MATLAB comes so, and the count of samples must not be taken from the sensors."""
+    says = f"one row for each of the {MASK.count} sensors; this has a column for each: transpose it"
+    with pytest.raises(InvalidInput, match=says):
+        reconstruct(TRACES.T, MASK.positions, **COMMON, method=method)
+
+
 @pytest.mark.parametrize("field", OFF_UNIT)
 @pytest.mark.parametrize("way", ["plan", "operator", "fit"])
 def test_plan_operator_and_fit_refuse_the_same(way: str, field: str) -> None:
