@@ -1,6 +1,7 @@
 """Weights are areas: of cells that darts find, within what each arrangement says that it senses."""
 
 import json
+from functools import cache
 
 import h5py
 import numpy as np
@@ -28,21 +29,30 @@ X = 12e-3
 DISC = np.pi * X**2 / 4
 POINTS = [PointOfInterest(depth=2e-3, count=300, offset=(x, 0.0)) for x in (-3e-3, 3e-3)]
 CELLS = {
-    "equi-steradian": (equi_steradian_mask(X, 3.6e-3, 300), DISC),
-    "on a scanner's grid": (equi_steradian_mask(X, 3.6e-3, 300, grid=ScannerGrid(count=240, interval=5e-5)), DISC),
-    "small grid": (grid_mask(X, 20, 3e-4), (20 * 3e-4) ** 2),
-    "random": (random_mask(X, 300), X**2),
-    "poisson-disc": (poisson_disc_mask(X, 6e-4), X**2),
-    "combined": (combined_mask(X, POINTS), X**2),
-    "explicit": (custom_mask(random_mask(X, 300).positions, X), X**2),
-    "rectangle": (custom_mask(np.argwhere(np.ones((16, 10))) * 5e-4 - [4e-3, 2.5e-3], X), 160 * 5e-4**2),
+    "equi-steradian": (lambda: equi_steradian_mask(X, 3.6e-3, 300), DISC),
+    "on a scanner's grid": (
+        lambda: equi_steradian_mask(X, 3.6e-3, 300, grid=ScannerGrid(count=240, interval=5e-5)),
+        DISC,
+    ),
+    "small grid": (lambda: grid_mask(X, 20, 3e-4), (20 * 3e-4) ** 2),
+    "random": (lambda: random_mask(X, 300), X**2),
+    "poisson-disc": (lambda: poisson_disc_mask(X, 6e-4), X**2),
+    "combined": (lambda: combined_mask(X, POINTS), X**2),
+    "explicit": (lambda: custom_mask(random_mask(X, 300).positions, X), X**2),
+    "rectangle": (lambda: custom_mask(np.argwhere(np.ones((16, 10))) * 5e-4 - [4e-3, 2.5e-3], X), 160 * 5e-4**2),
 }
+"""What makes a mask of each kind, and the area that it senses."""
+
+
+@cache
+def made(name):
+    return CELLS[name][0]()
 
 
 @pytest.mark.parametrize("name", CELLS)
 def test_each_point_has_the_area_of_its_cell_within_what_is_sensed(name):
     """Of many random places within the outline, each point is nearest to the share that its weight says."""
-    mask, area = CELLS[name]
+    mask, (_, area) = made(name), CELLS[name]
     assert mask.sensed_area == pytest.approx(area, rel=0.025)  # explicit points: where the hull ends is a guess
     low, high = mask.outline.min(axis=0), mask.outline.max(axis=0)
     darts = low + np.random.default_rng(0).random((400_000, 2)) * (high - low)
@@ -78,7 +88,7 @@ def test_points_that_no_scanner_could_tell_apart_are_at_one_place(apart):
     for close in (square[:2], square[:3], square):
         np.testing.assert_allclose(custom_mask(close, X).weights, X * X / len(close), rtol=1e-9)
     three = np.array([[-1e-3, 0], [1e-3, 0], [0, 1e-3]])
-    twins = np.concatenate([three, three + [0, apart]])
+    twins = np.concatenate([three, three + np.array([0, apart])])
     np.testing.assert_allclose(custom_mask(twins, X).weights, np.tile(custom_mask(three, X).weights / 2, 2), rtol=1e-6)
     assert custom_mask(square + 1e-3 * np.eye(4, 2), X).sensed_area > 1e-8
 
@@ -86,7 +96,7 @@ def test_points_that_no_scanner_could_tell_apart_are_at_one_place(apart):
 @pytest.mark.parametrize("name", ["mask.json", "mask.csv", "mask.npy"])
 def test_files_keep_the_sensed_area(tmp_path, name):
     """As JSON, CSV and npy a mask stands for the same area; JSON says it in words."""
-    mask = CELLS["equi-steradian"][0]
+    mask = made("equi-steradian")
     write_mask(mask, tmp_path / name)
     again = read_mask(tmp_path / name, X)
     assert again.sensed_area == pytest.approx(DISC, rel=1e-9)
@@ -97,7 +107,7 @@ def test_files_keep_the_sensed_area(tmp_path, name):
 
 def test_weights_of_another_scale_are_scaled_and_stated_areas_kept(tmp_path):
     """Weights without a unit share what the points sense; a column in mm² is taken at its word."""
-    positions = CELLS["small grid"][0].positions
+    positions = made("small grid").positions
     assert custom_mask(positions, X, np.full(400, 7.0)).sensed_area == pytest.approx((20 * 3e-4) ** 2)
     rows = "\n".join(f"{1e3 * x},{1e3 * y},0.1" for x, y in positions)
     (tmp_path / "a.csv").write_text("x_mm,y_mm,weight_mm2\n" + rows)
@@ -108,7 +118,7 @@ def test_weights_of_another_scale_are_scaled_and_stated_areas_kept(tmp_path):
 
 def test_a_scan_file_states_the_sensed_area(tmp_path):
     """With the corners of its outline."""
-    mask = CELLS["equi-steradian"][0]
+    mask = made("equi-steradian")
     create_scan_file(tmp_path / "scan.h5", ScanPlan.create(mask=mask), scan_id="s", scanner="A")
     with h5py.File(tmp_path / "scan.h5") as file:
         assert file["mask"].attrs["sensed_area_m2"] == pytest.approx(DISC)

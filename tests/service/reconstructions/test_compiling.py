@@ -69,6 +69,7 @@ def plan(tmp_path):
     run_here("plan", "mask.json", "--samples", "256", cwd=tmp_path)
 
 
+@pytest.mark.long
 def test_a_service_compiles_by_itself_what_its_first_job_needs(fresh, tmp_path):
     service = Service(tmp_path, simulator_speed=20.0).start()
     try:
