@@ -105,7 +105,7 @@ def test_the_account_of_a_reboot_counts_pulses_by_place():
 
 def test_a_scanner_that_restarts_in_mid_plan_ends_with_every_a_line_and_a_balanced_account():
     where = places(40)
-    with launch(speed=5, **SIX) as simulator, fabry_perot.connect(simulator.url) as scanner:
+    with launch(speed=5, ring=64, **SIX) as simulator, fabry_perot.connect(simulator.url) as scanner:
         scanner.upload(where, beams=6, **COMMON)
         scanner.start(scanner.arm())
         got, asked = [], False

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from contextlib import suppress
 from functools import cache, partial
 
 import numpy as np
@@ -16,6 +17,7 @@ from fabry_perot.simulator import faults, launch, phantoms
 from fabry_perot.simulator.recorder import peak_pressure
 from fabry_perot.wire.codes import AbortLevel, Operation, Type
 from fabry_perot.wire.states import DeviceState
+from support.waiting import until
 
 SAMPLES = 1024
 PATIENT = Recovery(patience=60.0)
@@ -52,23 +54,33 @@ def take_all(scanner, count: int, events) -> list:
         try:
             for batch in scanner.alines():
                 lines += batch
-                scanner.acknowledge(batch[-1])
-                while events and len(lines) >= events[0][0]:
-                    events.pop(0)[1]()
+                keep = partial(scanner.acknowledge, batch[-1])
+                if events and len(lines) >= events[0][0] and events[0][1](keep):
+                    events.pop(0)
+                keep()
         except (fabry_perot.LeaseLapsed, fabry_perot.DeviceRestarted):
             scanner.resume()
     return lines
 
 
-def suffer(simulator, do: str, seconds: float) -> None:
-    """Let the line or the device fail; a reboot comes when A-lines are on their way, so that it costs some."""
+def suffer(simulator, do: str, seconds: float, noise: dict[str, float], keep) -> bool:
+    """Let the line or the device fail; a reboot comes when A-lines are on their way, so that it costs some.
+
+    The device, whether its ring is full by then or not, fires once more when it has been told that A-lines are kept,
+    and what it sends of that is lost; where this process was so late that the laser is off, nothing is done.
+    """
     if do == "reboot":
-        before = simulator.command("cut", way="down", seconds=20.0)["shots"]
-        for _ in range(500):
-            if simulator.command("drift", pm=0)["shots"] > before + 5:
-                break
+        before = simulator.command("noise", way="down", lost_frames=1.0)["shots"]
+        keep()
+        while (seen := simulator.command("drift", pm=0))["shots"] == before and seen["state"] != "safe_hold":
             time.sleep(0.01)
+        if seen["shots"] == before:
+            simulator.command("noise", way="down", **noise)
+            return False
     simulator.command(do, seconds=seconds)
+    if do == "reboot":
+        simulator.command("noise", way="down", **noise)
+    return True
 
 
 def run_scan(tmp_path, count: int, faults, **settings):
@@ -80,9 +92,11 @@ def run_scan(tmp_path, count: int, faults, **settings):
     ):
         scanner.upload(where, samples=SAMPLES, sampling_interval=8e-9, pulse_rate=50.0)
         scanner.start(scanner.arm())
-        events = [(after, partial(suffer, simulator, do, seconds)) for after, do, seconds in faults]
+        noise = {name: settings[name] for name in ("bit_errors", "lost_frames") if name in settings}
+        events = [(after, partial(suffer, simulator, do, seconds, noise)) for after, do, seconds in faults]
         lines = take_all(scanner, count, events)
         report, truth = scanner.report(), simulator.command("report")
+    assert not events, "it came too late each time"
     assert [line.number for line in lines] == [line.point for line in lines] == list(range(count))
     assert exact(lines, where)
     assert report.balanced
@@ -95,12 +109,12 @@ def run_scan(tmp_path, count: int, faults, **settings):
 
 
 def test_unplugging_and_plugging_in_again_interrupts_a_scan_but_costs_no_shot(tmp_path):
-    report = run_scan(tmp_path, 250, [(50, "unplug", 12.0)], speed=20)
+    report = run_scan(tmp_path, 250, [(50, "unplug", 12.0)], speed=20, ring=64)
     assert (report.reconnects, report.restarts, report.refired) == (1, 0, ())
 
 
 def test_after_a_reboot_only_the_points_whose_a_lines_are_lost_are_fired_again_and_named(tmp_path):
-    report = run_scan(tmp_path, 250, [(50, "reboot", 2.0)], speed=20)
+    report = run_scan(tmp_path, 250, [(50, "reboot", 2.0)], speed=20, ring=64)
     assert report.restarts == 1
     assert report.fired == 250 + len(report.refired)
     assert report.refired
@@ -172,13 +186,53 @@ def test_soak_1605_points_over_a_bad_line_with_two_unplugs_and_a_reboot(tmp_path
 
 def test_without_recovery_a_restart_is_reported_as_what_it_is():
     with (
-        launch(speed=5) as simulator,
+        launch(speed=5, ring=64) as simulator,
         fabry_perot.connect(simulator.url, recovery=Recovery(restarts=False)) as scanner,
     ):
         scanner.upload(points(500), samples=64, sampling_interval=8e-9, pulse_rate=50.0)
         scanner.start(scanner.arm())
         with pytest.raises(fabry_perot.DeviceRestarted):
-            take_all(scanner, 500, [(5, partial(simulator.command, "reboot", seconds=0.1))])
+            take_all(scanner, 500, [(5, lambda _keep: bool(simulator.command("reboot", seconds=0.1)))])
+
+
+@pytest.mark.timeout(100)
+@pytest.mark.parametrize(
+    ("do", "seconds", "error"), [("reboot", 0.1, fabry_perot.DeviceRestarted), ("unplug", 1e4, fabry_perot.LinkLost)]
+)
+def test_what_ends_the_connection_while_a_scan_is_taken_up_is_told(do, seconds, error, tmp_path):
+    brief = Recovery(patience=2.0, restarts=False)
+    with (
+        launch(speed=5, ring=64, link=str(tmp_path / "scanner")) as simulator,
+        fabry_perot.connect(simulator.url, recovery=brief) as scanner,
+    ):
+        scanner.upload(points(200), samples=64, sampling_interval=8e-9, pulse_rate=50.0)
+        scanner.start(scanner.arm())
+        until(lambda: simulator.command("drift", pm=0)["state"] == "safe_hold")  # nobody takes A-lines
+        batches = scanner.alines(idle=True)
+        until(lambda: not next(batches))  # what was fired, and the first step back
+        simulator.command(do, seconds=seconds)
+        with pytest.raises(error):
+            list(batches)
+
+
+def test_the_account_of_a_scan_that_is_over_outlives_a_restart():
+    with launch(speed=20) as simulator, fabry_perot.connect(simulator.url) as scanner:
+        scanner.upload(points(20), samples=64, sampling_interval=8e-9, pulse_rate=50.0)
+        scanner.start(scanner.arm())
+        take_all(scanner, 20, [])
+        before = scanner.report()
+        simulator.command("reboot", seconds=0.1)
+
+        def arm():
+            with suppress(fabry_perot.LinkError):  # it has no power yet
+                scanner.arm()
+
+        with pytest.raises(fabry_perot.DeviceRestarted):
+            until(arm)
+        after = scanner.report()
+    assert (after.points, after.fired, after.stored, after.held) == (20, 20, 20, 0)
+    assert after.balanced
+    assert before.age == 0 < after.age
 
 
 def test_a_step_of_recovery_that_goes_unanswered_is_tried_again_later():

@@ -58,7 +58,7 @@ def test_only_the_very_upload_is_resumed_and_what_was_fired_is_had_without_firin
 
 def test_a_pause_leaves_nothing_behind_and_idle_batches_keep_the_application_awake():
     where = np.tile(POINTS, (20, 1))  # more than the device holds: it cannot be done before the host acknowledges
-    with launch(speed=100.0) as simulator, fabry_perot.connect(simulator.url) as scanner:
+    with launch(speed=10.0) as simulator, fabry_perot.connect(simulator.url) as scanner:
         scanner.upload(where, **PARAMETERS)
         scanner.start(scanner.arm())
         lines = []

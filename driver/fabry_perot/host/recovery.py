@@ -127,7 +127,10 @@ class Keeper:
     def poll(self, now: int) -> None:
         """Notice an interruption, or take the next step out of it."""
         host, plan = self._host, self._plan
-        if plan is None or host.failure is not None:
+        if host.failure is not None:
+            self.suspend()  # nothing can be asked of it any more, and whoever waits has to be told
+            return
+        if plan is None:
             return
         self._now = now
         self._note_progress(now)

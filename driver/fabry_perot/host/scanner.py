@@ -341,7 +341,8 @@ class Scanner(Panel):
     def report(self) -> ScanReport:
         """Return the account of the present scan, with the device's counters as they stand now.
 
-        When the link is lost they are those last heard, and ``age`` says how old they are; what arrived counts anyway.
+        When the link is lost, or the scanner restarted when nobody kept a scan, they are those last heard, and ``age``
+        says how old they are; what arrived counts anyway.
         """
         plan, host, ledger = self._plan, self._host, self._keeper.ledger
         if plan is None or host.assembly is None:
@@ -375,7 +376,7 @@ class Scanner(Panel):
         """Return the device's counters, asked for or as last heard, and their age in s."""
         try:
             return self._session.request(Operation.GET), 0.0
-        except LinkError:
+        except (LinkError, DeviceRestarted):
             with self._session.changed:
                 status, age = self.status, self._host.silent_for(self._session.now())
                 return status._asdict() | {"laser_shots": self._keeper.ledger.laser_shots(status)}, age * 1e-6
