@@ -114,7 +114,7 @@ def test_a_page_that_could_not_ask_who_there_is_stops_every_scanner(service, ope
     expect(page.locator("#stopped")).to_contain_text("use the hardware switch")
     until(lambda: other.get(other.id).stopped_at)
     assert laser(service) == "idle"
-    page.faults.clear()  # what was refused
+    page.provoked("503")  # what was refused
 
 
 def test_a_scanner_that_does_not_let_its_stop_go_is_named_and_the_others_are_released(
@@ -135,7 +135,7 @@ def test_a_scanner_that_does_not_let_its_stop_go_is_named_and_the_others_are_rel
     expect(page.locator("#stopped")).to_contain_text("no answer from scanner-1")
     service.http.delete("/scanners/scanner-1").raise_for_status()
     expect(page.locator("#stopped")).to_be_hidden()
-    page.faults.clear()  # what was refused
+    page.provoked("503")  # what was refused
 
 
 @pytest.mark.parametrize("known", [None, {"laser": "unconfirmed", "recorded": True}], ids=["nothing", "less"])
@@ -170,7 +170,7 @@ def test_the_stop_works_while_the_event_stream_is_cut(service, open_page, releas
     expect(page.locator("#stopped")).to_contain_text("laser off (confirmed by the device")
     assert laser(service) == "off"
     page.close()  # which would try the stream again
-    page.faults.clear()  # the stream that was cut
+    page.provoked("net::ERR_FAILED")  # the stream that was cut
 
 
 def test_who_gets_no_answer_is_sent_to_the_hardware_switch(service, open_page, released):
@@ -181,7 +181,7 @@ def test_who_gets_no_answer_is_sent_to_the_hardware_switch(service, open_page, r
     assert laser(service) is None
     page.unroute("**/emergency-stop")
     expect(page.locator("#stopped")).to_contain_text("no scan ran")
-    page.faults.clear()  # the presses that were lost
+    page.provoked("net::ERR_FAILED")  # the presses that were lost
 
 
 def test_a_press_whose_answer_never_comes_is_sent_again(service, open_page, released):
@@ -193,7 +193,6 @@ def test_a_press_whose_answer_never_comes_is_sent_again(service, open_page, rele
     expect(page.locator("#stopped")).to_contain_text("no answer: use the hardware switch")
     expect(page.locator("#stopped")).to_contain_text("no scan ran", timeout=60_000)
     assert laser(service) == "idle"
-    page.faults.clear()
 
 
 def test_a_page_whose_requests_hang_says_that_nobody_answers(service, open_page):
@@ -205,7 +204,6 @@ def test_a_page_whose_requests_hang_says_that_nobody_answers(service, open_page)
     expect(page.locator("#scanner")).to_contain_text("the service does not answer", timeout=60_000)
     expect(page.locator("#cut")).to_contain_text("Not live since")
     page.context.close()
-    page.faults.clear()
 
 
 def test_the_bar_follows_the_scan_that_it_names(service, open_page, released):
@@ -231,7 +229,7 @@ def test_a_page_whose_stream_was_cut_is_live_again(service, open_page):
     page.context.set_offline(False)
     expect(page.locator("body")).to_have_attribute("data-live", "live")
     expect(page.locator("#cut")).to_be_hidden()
-    page.faults.clear()
+    page.provoked("net::ERR_INTERNET_DISCONNECTED")
 
 
 def test_who_listens_after_the_stream_has_opened_is_told_to_read(service, open_page):
@@ -332,6 +330,6 @@ def test_a_key_is_asked_for_once_and_a_cookie_does_the_rest(open_page, tmp_path)
         assert httpx.get(session, cookies=cookies).status_code == 401
         expect(page.get_by_role("button", name="Sign out")).to_be_hidden()
         page.context.close()
-        page.faults.clear()  # that a key is needed is said by 401
+        page.provoked("401")  # a key is needed
     finally:
         service.close()

@@ -53,7 +53,7 @@ def test_the_image_that_grows_is_the_services_projection(service, open_page):
     with page.expect_response("**/revision"):
         page.evaluate(LOOK_AGAIN)
     expect(page.locator("section.image canvas")).to_be_visible()  # it stayed while nobody answered
-    page.faults.clear()
+    page.provoked("net::ERR_FAILED")  # the question that was lost
 
 
 def test_a_scan_is_held_goes_on_and_is_ended_with_what_it_has(service, open_page):

@@ -56,9 +56,9 @@ def test_one_holds_a_name_and_the_next_when_its_session_is_gone(url, lock):
     other.release()
 
 
-def test_a_name_that_somebody_borrows_for_a_moment_is_not_given_up(url, lock, monkeypatch):
+def test_a_name_that_somebody_borrows_for_a_moment_is_not_given_up(url, monkeypatch):
     """After a restart of the database: who is back first looks whether the others are."""
-    other, asked = SessionLock(url, "other"), threading.Event()
+    lock, other, asked = SessionLock(url, "me"), SessionLock(url, "other"), threading.Event()
     assert other.acquire(30) is Hold.HELD
     renew = lock.renew
 
@@ -69,7 +69,6 @@ def test_a_name_that_somebody_borrows_for_a_moment_is_not_given_up(url, lock, mo
         return hold
 
     monkeypatch.setattr(lock, "renew", seen)
-    lock.release()
     with ThreadPoolExecutor(1) as pool:
         with other.borrowed("me") as free:
             assert free
@@ -77,6 +76,7 @@ def test_a_name_that_somebody_borrows_for_a_moment_is_not_given_up(url, lock, mo
             assert asked.wait(60)
         assert kept.result() is Hold.HELD
     other.release()
+    lock.release()
 
 
 def test_a_server_that_hangs_is_not_waited_for(lock, stopped, monkeypatch):
