@@ -148,9 +148,8 @@ def test_waiting_ends_when_the_scan_is_over(server, http, scan):
         for state in (ScanState.ARMING, ScanState.RUNNING, ScanState.COMPLETING, ScanState.COMPLETE):
             scans.transition(scan["id"], state, why="test")
 
-    thread = threading.Thread(target=finish)
+    thread, start = threading.Thread(target=finish), time.monotonic()
     thread.start()
-    start = time.monotonic()
     answer = http.get(f"/scans/{scan['id']}", headers={"Prefer": "respond-async, wait=90"})
     thread.join()
     assert answer.json()["state"] == "complete"

@@ -57,7 +57,7 @@ def test_a_scan_is_followed_while_it_runs_and_ends_as_its_full_reconstruction(se
     job = service.http.post(
         "/reconstructions", json={"scan_id": slow["id"], "follow": True, "interval": 0.3, "parameters": PARAMETERS}
     ).json()
-    seen, deadline = [], time.monotonic() + 90
+    seen, deadline = [], time.monotonic() + 250
     while time.monotonic() < deadline:
         answer = service.http.get(f"/reconstructions/{job['id']}/revision")
         if answer.status_code == 200:
@@ -130,10 +130,8 @@ def test_a_sweep_of_masks_says_how_good_each_would_have_been(service, scan):
     grid = {"arrangement": "grid", "aperture": 13.56e-3, "interval": 1.2e-3}
     masks = [service.make("/masks", **grid, count=count)["id"] for count in (3, 7)]
     made = service.make("/batches", scan_id=scan["id"], vary={"mask_id": masks}, parameters=PARAMETERS)
-    deadline = time.monotonic() + 90
-    while (batch := service.get(f"/batches/{made['id']}").json())["state"] in {"queued", "running"}:
-        assert time.monotonic() < deadline
-        time.sleep(0.1)
+    until(lambda: service.get(f"/batches/{made['id']}").json()["state"] not in {"queued", "running"})
+    batch = service.get(f"/batches/{made['id']}").json()
     assert batch["state"] == "succeeded"
     quality = [job["figures"]["what_if"]["quality"]["volume_correlation"] for job in batch["jobs"]]
     assert quality[0] < quality[1] < 1, "more points see more"
