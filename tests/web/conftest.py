@@ -53,7 +53,7 @@ def service(tmp_path_factory):
 def open_page(chromium):
     """Open pages of a service and watch each: ``open_page(service, "/design")``.
 
-    What a test provokes it names by a part of the words, whenever they come: ``page.provoked("422")``.
+    What a test provokes it names by a part of the words, whenever they come: ``page.provoked("status of 422")``.
     """
     contexts, faults, provoked = [], [], []
 

@@ -42,7 +42,7 @@ def test_a_recording_is_looked_into_what_it_lacks_is_said_and_it_becomes_a_scan(
     page.get_by_role("button", name="Import").click()
     expect(page.locator(".remarks")).to_contain_text(["full for now"])
     page.unroute_all()
-    page.provoked("503")
+    page.provoked("status of 503")
     page.get_by_role("button", name="Import").click()
     expect(page.get_by_text("Imported")).to_be_visible()
     page.get_by_role("button", name="Reconstruct").click()
@@ -101,7 +101,7 @@ def test_a_grid_is_told_by_its_pitch(service, open_page, recording):
     expect(page.get_by_text("Where the sensors are is not stated")).to_be_hidden()
     expect(page.get_by_role("button", name="Import")).to_be_enabled()
     assert drawn(page) > 144
-    page.provoked("422")  # the array alone does not say how many are on a side
+    page.provoked("status of 422")  # the array alone does not say how many are on a side
 
 
 def drawn(page):

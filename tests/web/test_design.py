@@ -59,7 +59,7 @@ def test_what_is_wrong_stands_beside_its_field(service, open_page):
     page.locator(FIELD.format("aperture")).fill("30")
     expect(page.locator(".form .remarks .fault").first).to_be_visible()  # the scanner cannot go so far
     expect(page.get_by_role("button", name="Scan this")).to_be_disabled()
-    page.provoked("422")  # what is refused
+    page.provoked("status of 422")  # what is refused
 
 
 def test_the_point_goes_where_it_is_dragged(service, open_page):
@@ -108,7 +108,7 @@ def test_a_refusal_of_the_second_point_stands_beside_it(service, open_page):
     expect(page.locator("#remarks-x2")).to_contain_text("over the aperture")
     page.locator(FIELD.format("x2")).fill("2")
     ready(page)
-    page.provoked("422")  # what is refused
+    page.provoked("status of 422")  # what is refused
 
 
 def test_any_number_of_points_of_interest(service, open_page):
@@ -132,7 +132,7 @@ def test_any_number_of_points_of_interest(service, open_page):
     page.get_by_role("button", name="Remove point 2").click()
     expect(page.locator(FIELD.format("x2"))).to_have_value("9")
     expect(page.locator(FIELD.format("x3"))).to_have_count(0)
-    page.provoked("422")  # what is refused
+    page.provoked("status of 422")  # what is refused
 
 
 def test_the_form_offers_what_the_api_takes_of_a_plan(service, open_page):
@@ -163,7 +163,7 @@ def test_the_form_offers_what_the_api_takes_of_a_plan(service, open_page):
     assert plan["excitation"] == pytest.approx([750e-9, 850e-9])
     assert plan["beams"] == []
     until(lambda: service.get(f"/scans/{scan['id']}").json()["state"] == "complete")
-    page.provoked("422")  # what is refused
+    page.provoked("status of 422")  # what is refused
 
 
 def test_a_tuning_map_is_read_from_a_file(service, open_page):

@@ -114,7 +114,7 @@ def test_a_page_that_could_not_ask_who_there_is_stops_every_scanner(service, ope
     expect(page.locator("#stopped")).to_contain_text("use the hardware switch")
     until(lambda: other.get(other.id).stopped_at)
     assert laser(service) == "idle"
-    page.provoked("503")  # what was refused
+    page.provoked("status of 503")  # what was refused
 
 
 def test_a_scanner_that_does_not_let_its_stop_go_is_named_and_the_others_are_released(
@@ -135,7 +135,7 @@ def test_a_scanner_that_does_not_let_its_stop_go_is_named_and_the_others_are_rel
     expect(page.locator("#stopped")).to_contain_text("no answer from scanner-1")
     service.http.delete("/scanners/scanner-1").raise_for_status()
     expect(page.locator("#stopped")).to_be_hidden()
-    page.provoked("503")  # what was refused
+    page.provoked("status of 503")  # what was refused
 
 
 @pytest.mark.parametrize("known", [None, {"laser": "unconfirmed", "recorded": True}], ids=["nothing", "less"])
@@ -329,6 +329,6 @@ def test_a_key_is_asked_for_once_and_a_cookie_does_the_rest(open_page, tmp_path)
         assert httpx.get(session, cookies=cookies).status_code == 401
         expect(page.get_by_role("button", name="Sign out")).to_be_hidden()
         page.context.close()
-        page.provoked("401")  # a key is needed
+        page.provoked("status of 401")  # a key is needed
     finally:
         service.close()

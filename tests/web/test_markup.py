@@ -57,8 +57,8 @@ def test_labels_holders_reasons_links_and_problems(service, open_page, markup):
         fence = service.get("/scanners/scanner-0").json()["lease"]["fence"]
         service.http.delete("/scanners/scanner-0/lease", headers={"Scanner-Lease": str(fence)})
         service.http.delete("/scanners/scanner-0/emergency-stop")
-    page.provoked("404")  # what is not there
-    page.provoked("422")  # nor can be an identifier
+    page.provoked("status of 404")  # what is not there
+    page.provoked("status of 422")  # nor can be an identifier
 
 
 @pytest.mark.parametrize("markup", MARKUP)
@@ -87,4 +87,4 @@ def test_names_of_files_and_what_is_in_them(service, open_page, markup):
     page.goto(f"{service.url}/scans")
     expect(page.locator("table")).to_contain_text(f"file: {name}.npz")
     assert text_alone(page)
-    page.provoked("422")  # what cannot be read
+    page.provoked("status of 422")  # what cannot be read

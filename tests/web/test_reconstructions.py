@@ -106,9 +106,9 @@ def test_a_refusal_stands_at_its_field(open_page, service, made):
     page.wait_for_selector("#field-modes-fault:not([hidden])")
     assert "at most 4096" in page.inner_text("#field-modes-fault")
     assert page.evaluate("() => document.activeElement.id") == "field-modes"
-    refusals = [fault for fault in page.faults if "422" in fault]
+    refusals = [fault for fault in page.faults if "status of 422" in fault]
     assert len(refusals) == 1, "the browser itself notes what was refused"
-    page.provoked("422")
+    page.provoked("status of 422")
 
 
 def test_the_queue_can_be_moved_and_cancelled(open_page, service, client, scan):
@@ -221,7 +221,7 @@ def test_a_move_that_is_refused_is_taken_back(open_page, service, client, queue)
     expect(page.locator("#reconstructions [role=alert]")).to_contain_text("cancelled")
     expect(page.locator(f"[data-row='{waiting[2]}']")).to_have_attribute("data-state", "cancelled")
     assert positions(service, waiting[:2]) == [1, 2]
-    page.provoked("409")  # what is refused
+    page.provoked("status of 409")  # what is refused
 
 
 def test_who_asked_is_told(open_page, service, queue):
@@ -322,5 +322,5 @@ def test_markup_in_an_address_is_nothing(open_page, service, made, text):
     page.wait_for_selector("#main button")
     page.wait_for_load_state("networkidle")
     assert page.locator("#main img, #main b, #main script").count() == 0
-    page.provoked("404")
-    page.provoked("422")
+    page.provoked("status of 404")
+    page.provoked("status of 422")
