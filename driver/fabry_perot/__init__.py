@@ -5,12 +5,14 @@ The *device* is the scanner's firmware side (:mod:`fabry_perot.device`), the *dr
 by :mod:`fabry_perot.hardware`; :func:`serve` makes a computer that has it a device.
 """
 
+from fabry_perot import faults
 from fabry_perot.device.serving import serve
 from fabry_perot.errors import (
     DeviceError,
     DeviceFault,
     DeviceRestarted,
     EmergencyStopped,
+    FaultStands,
     LeaseLapsed,
     LinkError,
     LinkLost,
@@ -25,10 +27,13 @@ from fabry_perot.errors import (
 from fabry_perot.hardware import Apparatus, Instrument, InstrumentError
 from fabry_perot.host import Recovery, ScanReport
 from fabry_perot.host.aline import ALine, ALineBatch
+from fabry_perot.host.answers import FaultCleared, PortStatus, StopAnswer
 from fabry_perot.host.asynchronous import AsyncScanner, connect_async
 from fabry_perot.host.capabilities import Capabilities
 from fabry_perot.host.connecting import Found, connect, discover
+from fabry_perot.host.monitor import Monitor
 from fabry_perot.host.scanner import Scanner
+from fabry_perot.host.stopping import emergency_stop, port_status
 from fabry_perot.host.tuning import TuningCurve, TuningDrift, TuningMap
 
 __all__ = [
@@ -41,15 +46,19 @@ __all__ = [
     "DeviceFault",
     "DeviceRestarted",
     "EmergencyStopped",
+    "FaultCleared",
+    "FaultStands",
     "Found",
     "Instrument",
     "InstrumentError",
     "LeaseLapsed",
     "LinkError",
     "LinkLost",
+    "Monitor",
     "NoAnswer",
     "PlanInvalid",
     "PortBusy",
+    "PortStatus",
     "PortUnavailable",
     "Recovery",
     "Refused",
@@ -57,11 +66,15 @@ __all__ = [
     "ScanReport",
     "Scanner",
     "ScannerError",
+    "StopAnswer",
     "TuningCurve",
     "TuningDrift",
     "TuningMap",
     "connect",
     "connect_async",
     "discover",
+    "emergency_stop",
+    "faults",
+    "port_status",
     "serve",
 ]

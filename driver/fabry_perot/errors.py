@@ -15,6 +15,7 @@ ScannerError
     ├── ScanAborted        somebody asked for laser off
     ├── DeviceRestarted    the device booted anew; what it had not delivered is gone; likewise
     ├── DeviceFault        a latched fault of the hardware
+    ├── FaultStands        a fault cannot be cleared, because its cause still stands
     └── EmergencyStopped   the emergency stop is latched
 
 Every class has a stable ``code`` for logs and for layers above.
@@ -23,6 +24,8 @@ Every class has a stable ``code`` for logs and for layers above.
 from __future__ import annotations
 
 from typing import ClassVar
+
+from fabry_perot import faults
 
 
 class ScannerError(Exception):
@@ -147,9 +150,46 @@ class DeviceRestarted(DeviceError):
 
 
 class DeviceFault(DeviceError):
-    """The device reports a latched hardware fault."""
+    """The device reports a latched hardware fault; the message names it, its remedy and the command that clears it.
+
+    Parameters
+    ----------
+    fault
+        The fault's code, as in STATUS (:mod:`fabry_perot.faults`).
+    port
+        The scanner's port, for the command in the message.
+    """
 
     code = "device-fault"
+
+    def __init__(self, fault: int, port: str = "PORT") -> None:
+        self.fault, self.port = fault, port
+        super().__init__(faults.advice(fault, port))
+
+    def __reduce__(self) -> tuple[type[DeviceFault], tuple[int, str]]:
+        return type(self), (self.fault, self.port)
+
+
+class FaultStands(DeviceError):
+    """A fault was not cleared, because its cause still stands.
+
+    Parameters
+    ----------
+    fault
+        The fault's code, as in STATUS; 0 for the latched emergency stop.
+    cause
+        The cause that stands, as a clause (:func:`fabry_perot.faults.standing`).
+    """
+
+    code = "fault-stands"
+
+    def __init__(self, fault: int, cause: str) -> None:
+        self.fault, self.cause = fault, cause
+        known = faults.by_code(fault)
+        super().__init__(f"{cause}, so the fault {known.name} was not cleared; {known.remedy} first")
+
+    def __reduce__(self) -> tuple[type[FaultStands], tuple[int, str]]:
+        return type(self), (self.fault, self.cause)
 
 
 class EmergencyStopped(DeviceError):

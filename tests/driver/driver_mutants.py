@@ -13,6 +13,7 @@ from fabry_perot.device import body as device_body
 from fabry_perot.device.lease import LaserLease
 from fabry_perot.device.planbuffer import PlanBuffer
 from fabry_perot.device.ring import ALineRing
+from fabry_perot.host.aborts import Aborts
 from fabry_perot.host.assembly import Assembly
 from fabry_perot.host.core import Host
 from fabry_perot.host.recovery import Keeper
@@ -117,13 +118,14 @@ def _future_echoes(patch: pytest.MonkeyPatch) -> None:
 
 
 def _one_abort(patch: pytest.MonkeyPatch) -> None:
-    poll = Host.poll
+    due = Aborts.due
 
-    def once(self, now: int) -> None:
-        poll(self, now)
-        self._abort_due = 1 << 62 if self.aborting else 0
+    def once(self, now: int) -> bytes | None:
+        payload = due(self, now)
+        self._due = 1 << 62 if self.pending else 0
+        return payload
 
-    patch.setattr(Host, "poll", once)
+    patch.setattr(Aborts, "due", once)
 
 
 def _same_token(patch: pytest.MonkeyPatch) -> None:

@@ -17,6 +17,7 @@ from typing import Any, ParamSpec, Self, TypeVar
 from fabry_perot.hardware.instrument import Instrument
 from fabry_perot.host import ScanReport
 from fabry_perot.host.aline import ALine, ALineBatch
+from fabry_perot.host.answers import FaultCleared
 from fabry_perot.host.capabilities import Capabilities
 from fabry_perot.host.connecting import connect
 from fabry_perot.host.scanner import Scanner
@@ -130,9 +131,9 @@ class AsyncScanner:
         """Close the shutter and go to the rest position."""
         await self._run(self._scanner.park)
 
-    async def clear_fault(self) -> None:
-        """Clear a latched fault or emergency stop."""
-        await self._run(self._scanner.clear_fault)
+    async def clear_fault(self, by: str = "") -> FaultCleared:
+        """Clear a latched fault or emergency stop: the deed of a person of that name."""
+        return await self._run(self._scanner.clear_fault, by)
 
     async def set(self, **parameters: int) -> dict[str, int]:
         """Change parameters of the device."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from fabry_perot.errors import DeviceRestarted, LinkLost, NoAnswer, ScannerError
+from fabry_perot.host.aborts import Aborts
 from fabry_perot.host.aline import ALineBatch
 from fabry_perot.host.assembly import Assembly
 from fabry_perot.host.calls import Call, Calls
@@ -18,7 +19,6 @@ from fabry_perot.wire.framing import FLAG_RETRANSMISSION, FLAG_URGENT, MAX_PAYLO
 from fabry_perot.wire.messages import (
     CAPS_REQUEST,
     MISSING,
-    Abort,
     AbortAck,
     ALineAck,
     Hello,
@@ -54,6 +54,8 @@ class HostBody:
         self.plan_status: PlanStatus | None = None
         self.capabilities: Capabilities | None = None
         self.device_state = DeviceState.BOOT
+        self.fault = 0
+        """Code of the last fault that the device reported."""
         self.failure: ScannerError | None = None
         self.assembly: Assembly | None = None
         self.uploader: Uploader | None = None
@@ -75,10 +77,7 @@ class HostBody:
         self._echo_sent = -1
         self.contact = (0, 0)
         """Host time and device time of the last proof that application and running device heard of each other."""
-        self._abort: Abort | None = None
-        self._aborts = nonce
-        """Number of the last ABORT: an answer to another host's, or to an earlier one, confirms nothing."""
-        self._abort_due = 0
+        self.aborts = Aborts(nonce, self.timing.abort_period)
 
     @property
     def state(self) -> HostState:
@@ -127,7 +126,7 @@ class HostBody:
         self._echo_sent, self.ack_due = -1, True
         if not same:
             self.last_words, self.status, self.plan_status = self.status, None, None
-            self._abort = None
+            self.aborts.drop()
 
     def poll(self, now: int) -> None:
         """Send what is due at host time ``now``."""
@@ -139,9 +138,8 @@ class HostBody:
         if self.phase is HostState.CONFIG and now >= self._caps_due:
             self._caps_due = now + self.timing.hello_period
             self.send(Type.CAPS, CAPS_REQUEST.pack(len(self.caps_buffer)))
-        if self._abort is not None and now >= self._abort_due:
-            self._abort_due = now + self.timing.abort_period
-            self.send(Type.ABORT, pack(self._abort), FLAG_URGENT)
+        if (abort := self.aborts.due(now)) is not None:
+            self.send(Type.ABORT, abort, FLAG_URGENT)
         if self.hello is None:
             return
         for payload, again in self.calls.due(now):
@@ -281,20 +279,15 @@ class HostBody:
 
     def abort(self, level: AbortLevel, now: int) -> None:
         """Send ABORT until it is acknowledged; a stronger one that is not yet is not weakened."""
-        if self._abort is not None:
-            level = max(level, AbortLevel(self._abort.level))
-        self._aborts = (self._aborts + 1) & 0xFFFFFFFF
-        self._abort = Abort(level, self._aborts)
-        self._abort_due = now
+        self.aborts.start(level, now)
         self.poll(now)
 
     def abort_acknowledged(self, ack: AbortAck) -> None:
         """Stop repeating the ABORT that ``ack`` answers."""
-        if self._abort == (ack.level, ack.number):
-            self._abort = None
+        if self.aborts.acknowledge(ack):
             self.device_state = DeviceState(ack.state)
 
     @property
     def aborting(self) -> bool:
         """Whether an ABORT is not acknowledged yet."""
-        return self._abort is not None
+        return self.aborts.pending

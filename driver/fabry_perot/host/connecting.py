@@ -13,6 +13,7 @@ from fabry_perot.hardware.instrument import Instrument
 from fabry_perot.host import HostTiming, Recovery
 from fabry_perot.host.local import LocalTransport
 from fabry_perot.host.scanner import Scanner
+from fabry_perot.host.stopping import after_yield
 from fabry_perot.host.tap import Tap
 from fabry_perot.host.transport import Transport, open_transport
 from fabry_perot.wire.framing import fast_stuffing
@@ -30,6 +31,9 @@ def connect(
     tap: Callable[[str], None] | None = None,
 ) -> Scanner:
     """Open a port, begin a session and read the capabilities.
+
+    A program that merely watches the scanner (:class:`fabry_perot.Monitor`) gives way. While the session lasts, other
+    programs can stop the laser (:func:`fabry_perot.emergency_stop`), which raises ScanAborted here.
 
     Parameters
     ----------
@@ -59,9 +63,14 @@ def connect(
         transport = open_transport(url, baudrate) if isinstance(url, str) else LocalTransport(url)
         return transport if tap is None else Tap(transport, tap)
 
-    again = reopen if recovery and isinstance(url, str) else None
+    port = url if isinstance(url, str) else None
+    again = None if recovery is None or port is None else lambda: after_yield(reopen, port)
+
+    def session() -> Scanner:
+        return Scanner(reopen(), timing=timing, recovery=recovery, reopen=again, port=port)
+
     try:
-        return Scanner(reopen(), timing=timing, recovery=recovery, reopen=again)
+        return session() if port is None else after_yield(session, port)
     except PortBusy as error:
         if str(url) in str(error):
             raise

@@ -104,6 +104,9 @@ def _status(host: HostBody, frame: Frame, now: int) -> None:
     status = unpack(Status, frame.payload)
     host.status, host.heard_at = status, now
     host.device_state = DeviceState(status.state)
+    host.aborts.take(status)
+    if host.device_state is DeviceState.FAULT:
+        host.fault = status.fault
     if host.assembly is not None and status.plan == host.assembly.plan:
         host.assembly.sent(status.sent)
 
@@ -116,6 +119,7 @@ def _fault(host: HostBody, frame: Frame, now: int) -> None:
     fault = unpack(Fault, frame.payload)
     if host.device_state is not DeviceState.ESTOP:
         host.device_state = DeviceState.FAULT
+    host.fault = fault.code
     host.send(Type.FAULT_ACK, pack(fault))
 
 

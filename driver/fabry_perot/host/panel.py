@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fabry_perot.errors import NoAnswer, PlanInvalid
+from fabry_perot import faults
+from fabry_perot.errors import DeviceFault, EmergencyStopped, FaultStands, NoAnswer, PlanInvalid
 from fabry_perot.host import Keeper, Recovery
+from fabry_perot.host.answers import FaultCleared, standing
 from fabry_perot.host.capabilities import Capabilities
 from fabry_perot.host.session import Session
 from fabry_perot.host.tuning import TuningCurve, TuningMap
 from fabry_perot.wire.codes import AbortLevel, Operation
 from fabry_perot.wire.messages import Status
+from fabry_perot.wire.states import LATCHED, DeviceState
 
 _LEVELS = {
     "pause": AbortLevel.PAUSE,
@@ -79,9 +83,51 @@ class Panel:
         """Close the shutter and go to the rest position; not while scanning."""
         self._session.request(Operation.PARK)
 
-    def clear_fault(self) -> None:
-        """Clear a latched fault or emergency stop; the laser stays off."""
+    def clear_fault(self, by: str = "") -> FaultCleared:
+        """Clear a latched fault or emergency stop: a person's deed; the laser stays off.
+
+        It also ends an emergency stop that another program sent, after which this scanner cannot be armed.
+
+        Parameters
+        ----------
+        by
+            Name of the person.
+
+        Raises
+        ------
+        FaultStands
+            The cause still stands: interlock open, key off, shutter open or light.
+        Refused
+            Nothing is latched.
+        """
+        with self._session.changed:
+            stopped, self._session.stopped_by = self._session.stopped_by, ""
+        status = self._next_status()
+        if stopped and status.state not in LATCHED:
+            return FaultCleared(faults.EMERGENCY_STOP, by, datetime.now(UTC), self.state)
+        fault = status.fault if status.state == DeviceState.FAULT else 0
+        if status.state in LATCHED and (cause := standing(status)):
+            raise FaultStands(fault, cause)
         self._session.request(Operation.CLEAR_FAULT)
+        status = self._next_status()
+        if status.state in LATCHED:
+            raise FaultStands(status.fault, standing(status) or "the device reported it again at once")
+        return FaultCleared(faults.by_code(fault), by, datetime.now(UTC), self.state)
+
+    def _next_status(self) -> Status:
+        """Wait for a STATUS that is newer than the last one and return it."""
+        with self._session.changed:
+            last = self._host.status
+        self._session.wait(lambda: self._host.status not in (None, last), 2.0)
+        return self.status
+
+    def _must_not_be_latched(self) -> None:
+        """Raise the latched fault or emergency stop: nothing can be armed until a person clears it."""
+        port = self._session.port or "PORT"
+        if self._host.device_state is DeviceState.FAULT:
+            raise DeviceFault(self._host.fault, port)
+        if self._host.device_state is DeviceState.ESTOP:
+            raise EmergencyStopped(faults.advice(0, port))
 
     def abort(self, level: str = "laser-off") -> None:
         """Stop at once: ``"pause"``, ``"laser-off"`` or ``"emergency-stop"`` (latched). Works in every state."""

@@ -43,6 +43,8 @@ class Scanner(Panel):
         How long a scan is carried over interruptions; ``None``: not at all.
     reopen
         Opens the port again after it was lost.
+    port
+        The port, for the control socket by which other programs can stop the laser; ``None``: no such socket.
     """
 
     def __init__(
@@ -52,9 +54,10 @@ class Scanner(Panel):
         timing: HostTiming | None = None,
         recovery: Recovery | None = None,
         reopen: Callable[[], Transport] | None = None,
+        port: str | None = None,
     ) -> None:
         policy = recovery or Recovery(patience=0.0, restarts=False)
-        super().__init__(Session(transport, clock, timing, reopen, policy.patience), policy)
+        super().__init__(Session(transport, clock, timing, reopen, policy.patience, port), policy)
         self._policy = recovery
         self._plan: Plan | None = None
         self._acknowledged = self._first = 0
@@ -122,7 +125,10 @@ class Scanner(Panel):
         ------
         PlanInvalid
             The scanner cannot do this; or ``resume`` and it holds another plan or none.
+        DeviceFault, EmergencyStopped
+            A fault or an emergency stop is latched; :meth:`clear_fault` first.
         """
+        self._must_not_be_latched()
         where = np.asarray(points, dtype=np.float64)
         self.capabilities.check(
             where,
@@ -180,7 +186,16 @@ class Scanner(Panel):
         return uploader is not None and (uploader.done or state is DeviceState.READY)
 
     def arm(self) -> int:
-        """Arm the laser and return the token that :meth:`start` needs; nothing fires yet."""
+        """Arm the laser and return the token that :meth:`start` needs; nothing fires yet.
+
+        Raises
+        ------
+        ScanAborted
+            Another program sent an emergency stop; :meth:`resume` or :meth:`clear_fault` first.
+        DeviceFault, EmergencyStopped
+            A fault or an emergency stop is latched; :meth:`clear_fault` first.
+        """
+        self._must_not_be_latched()
         return int(self._session.request(Operation.ARM)["token"])
 
     def start(self, token: int) -> None:
@@ -253,6 +268,8 @@ class Scanner(Panel):
         """Return what has arrived, ``None`` when the plan is done; raises why nothing more will come."""
         now, host = self._session.now(), self._host
         host.renew(now)
+        if self._session.stopped_by:
+            self._keeper.release()
         if self._policy is not None:
             self._keeper.poll(now)
         batch = host.take()
@@ -262,13 +279,15 @@ class Scanner(Panel):
             return None
         kept = self._policy is not None and self._keeper.engaged
         patience = int(self._policy.patience * 1e6) if kept and self._policy else host.timing.patience
-        error = stop_reason(host, now, patience)
+        error = stop_reason(host, now, patience, self._session.port or "PORT")
         if error is None or self._keeper.busy or (kept and self._keeper.minding):
             return ALineBatch()
         cleared = host.status is not None and host.status.cause == HoldCause.NONE
         if kept and cleared and self._keeper.waiting and isinstance(error, ScanAborted):
             # RELEASE has cleared the cause, and then the time was over within which the keeper may go on
             error = LeaseLapsed("the laser lease lapsed: the laser is off, plan and data are kept")
+        if isinstance(error, LeaseLapsed | ScanAborted):
+            self._session.must_not_be_stopped()
         if isinstance(error, LeaseLapsed | DeviceRestarted):
             self._keeper.suspend()
         else:
@@ -314,16 +333,27 @@ class Scanner(Panel):
             By itself it may not; the laser is off.
         PlanInvalid
             There is no scan.
+        DeviceFault, EmergencyStopped
+            A fault or an emergency stop is latched; :meth:`clear_fault` first.
+        ScanAborted
+            Another program sent an emergency stop meanwhile.
         Refused, LinkError
             It came to nothing; the laser is off.
         """
         if self._plan is None or self._host.assembly is None:
             raise PlanInvalid("resume", "no scan", "a scan that was uploaded")
+        self._must_not_be_latched()
         deadline = self._session.now() + int(_PATIENCE * 1e6)
         with self._session.changed:
+            if by_itself:
+                self._session.must_not_be_stopped()
+            self._session.stopped_by = ""
             self._keeper.take_up(self._plan, self._session.now(), by_itself=by_itself)
         while True:
             with self._session.changed:
+                if self._session.stopped_by:
+                    self._keeper.release()
+                self._session.must_not_be_stopped()
                 self._keeper.poll(self._session.now())
                 error = self._keeper.refusal or self._host.failure
                 if error is None and self._session.now() > deadline:

@@ -8,11 +8,14 @@ from collections.abc import Callable
 from typing import Any
 
 from fabry_perot.clock import Clock, RealClock
-from fabry_perot.errors import LinkLost, NoAnswer
+from fabry_perot.errors import LinkLost, NoAnswer, ScanAborted
 from fabry_perot.host import Host, HostTiming
+from fabry_perot.host.answers import PortStatus, StopAnswer, answer, in_words
+from fabry_perot.host.control import ControlServer
+from fabry_perot.host.phase import HostState
 from fabry_perot.host.streaming import Pump
 from fabry_perot.host.transport import Transport
-from fabry_perot.wire.codes import Operation
+from fabry_perot.wire.codes import AbortLevel, Operation
 
 STEP = 0.05
 """Longest wait between two looks at the state, in s; also how often a waiting consumer renews the lease."""
@@ -32,6 +35,8 @@ class Session:
         Time limits.
     reopen, patience
         How to open a lost port anew, and for how many seconds to try.
+    port
+        The port, for the control socket by which other programs can stop the laser; ``None``: no such socket.
 
     Raises
     ------
@@ -46,18 +51,42 @@ class Session:
         timing: HostTiming | None = None,
         reopen: Callable[[], Transport] | None = None,
         patience: float = 0.0,
+        port: str | None = None,
     ) -> None:
-        self.clock = clock or RealClock()
+        self.clock, self.port = clock or RealClock(), port
         self.host = Host(secrets.randbits(32), timing)
         self.changed = threading.Condition()
+        self.stopped_by = ""
+        """Name of the person whose emergency stop, sent by another program, ended the work of this session."""
         self._closed = False
-        self._pump = Pump(transport, self.host, self.clock, self.changed, reopen, patience)
+        self._control: ControlServer | None = None
+        self._pump = Pump(transport, self.host, self.clock, self.changed, self._rebinding(reopen), patience)
         try:
+            if port is not None:
+                self._control = ControlServer(self, port)
             self._pump.start()
             self.wait(lambda: self.host.capabilities is not None and self.host.status is not None, _PATIENCE)
         except BaseException:
-            self._pump.stop()
+            self._release()
             raise
+
+    def _rebinding(self, reopen: Callable[[], Transport] | None) -> Callable[[], Transport] | None:
+        """Have the control socket listen under the names that a port has after it was opened anew."""
+        if reopen is None:
+            return None
+
+        def again() -> Transport:
+            transport = reopen()
+            if self._control is not None:
+                self._control.bind()
+            return transport
+
+        return again
+
+    def _release(self) -> None:
+        if self._control is not None:
+            self._control.close()
+        self._pump.stop()
 
     @property
     def reconnects(self) -> int:
@@ -74,7 +103,13 @@ class Session:
 
     def request(self, operation: Operation, **body: Any) -> dict[str, Any]:
         """Make a request and return its answer; raises what the device or the link says instead."""
-        return self.call(lambda now: self.host.call(operation, now, **body))
+
+        def start(now: int) -> Any:
+            if operation in (Operation.ARM, Operation.START):
+                self.must_not_be_stopped()
+            return self.host.call(operation, now, **body)
+
+        return self.call(start)
 
     def call(self, start: Callable[[int], Any]) -> dict[str, Any]:
         """Start a call by ``start(now)`` and return its answer."""
@@ -103,4 +138,55 @@ class Session:
         with self.changed:
             self._closed = True
             self.changed.notify_all()
-        self._pump.stop()
+        self._release()
+
+    def must_not_be_stopped(self) -> None:
+        """Raise ScanAborted once another program has stopped the laser; :attr:`changed` must be held."""
+        if self.stopped_by:
+            raise ScanAborted(f"stopped by an emergency stop from {self.stopped_by}: the laser is off, data are kept")
+
+    def stop(self, who: str, timeout: float) -> StopAnswer:
+        """Turn the laser off for another program, which ends the work of this session.
+
+        Parameters
+        ----------
+        who
+            Name of the person, for the error that the application gets.
+        timeout
+            Longest wait in s for what the device says.
+        """
+        began = self.now()
+        with self.changed:
+            self.stopped_by = who
+            self.host.abort(AbortLevel.LASER_OFF, began)
+            number = self.host.aborts.number
+        self.flush()
+        deadline = began + int(timeout * 1e6)
+        with self.changed:
+            aborts = self.host.aborts
+            while not (aborts.answered(number) and aborts.is_off) and self.now() < deadline and not self._closed:
+                self.changed.wait(STEP)
+                if not aborts.pending and not aborts.answered(number):  # the device has restarted meanwhile
+                    self.host.abort(AbortLevel.LASER_OFF, self.now())
+            trouble = "" if aborts.answered(number) else self._trouble()
+            return answer(aborts.after, (self.now() - began) * 1e-6, trouble=trouble)
+
+    def _trouble(self) -> str:
+        """Say why the device has not acknowledged a stop."""
+        if self.host.failure is not None:
+            return str(self.host.failure)
+        if self.host.phase is HostState.LOST:
+            return "the port is gone"
+        return "the scanner does not answer"
+
+    def port_status(self) -> PortStatus | None:
+        """Return the device's last STATUS, for another program."""
+        with self.changed:
+            status = self.host.status
+            if status is None:
+                return None
+            return in_words(status, self.host.silent_for(self.now()) * 1e-6)
+
+    def give_way(self) -> bool:
+        """Refuse to release the port: this session is somebody's work."""
+        return False

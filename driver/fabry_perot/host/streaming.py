@@ -8,6 +8,7 @@ import secrets
 import threading
 from collections.abc import Callable
 
+from fabry_perot import faults
 from fabry_perot.clock import Clock
 from fabry_perot.errors import (
     DeviceFault,
@@ -162,10 +163,10 @@ class Pump:
         return False
 
 
-def stop_reason(host: Host, now: int, patience: int) -> ScannerError | None:
+def stop_reason(host: Host, now: int, patience: int, port: str = "PORT") -> ScannerError | None:
     """Return why no more A-lines will come by themselves, or ``None`` while they may.
 
-    ``patience`` is for how many µs a silent line is waited for.
+    ``patience`` is for how many µs a silent line is waited for, ``port`` the port in what a fault's error advises.
 
     A-lines the device still holds come first, also when the laser is off already.
     """
@@ -181,9 +182,9 @@ def stop_reason(host: Host, now: int, patience: int) -> ScannerError | None:
     if status.plan != assembly.plan and host.last_words is not None:
         return DeviceRestarted()
     if host.device_state is DeviceState.FAULT:
-        return DeviceFault(f"the scanner reports fault {status.fault}")
+        return DeviceFault(status.fault, port)
     if host.device_state is DeviceState.ESTOP:
-        return EmergencyStopped("the emergency stop is latched")
+        return EmergencyStopped(faults.advice(0, port))
     if host.device_state in (DeviceState.SAFE_HOLD, DeviceState.READY, DeviceState.LINKED):
         if status.cause in (HoldCause.LEASE, HoldCause.SESSION):
             return LeaseLapsed("the laser lease lapsed: the laser is off, plan and data are kept")

@@ -56,6 +56,13 @@ class _Port:
         except (serial.SerialException, OSError, TypeError) as error:
             raise LinkLost(f"cannot write to the port: {error}") from error
 
+    def descriptor(self) -> int | None:
+        """Return the file descriptor to wait on for reading, where the port has one."""
+        try:
+            return int(self._port.fileno())
+        except (serial.SerialException, OSError, AttributeError, TypeError, ValueError):
+            return None
+
     def close(self) -> None:
         """Release the port."""
         try:

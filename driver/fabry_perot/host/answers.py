@@ -1,0 +1,183 @@
+"""Answers to questions about a scanner: its state now, and its state after an emergency stop or a cleared fault."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any, Literal
+
+from fabry_perot import faults
+from fabry_perot.wire.codes import INTERLOCK_CLOSED, KEY_ON, LASER_ARMED, LASER_EMITTING, SHUTTER_OPEN
+from fabry_perot.wire.messages import Status
+from fabry_perot.wire.states import RUNNING, DeviceState
+
+LIGHT = LASER_EMITTING | SHUTTER_OPEN
+"""Laser bits of which each means that light can leave the aperture."""
+_LIVE = RUNNING | {DeviceState.ARMED}
+SWITCH = "use the hardware switch"
+"""End of each sentence that says that a stop was not confirmed."""
+
+
+@dataclass(frozen=True, slots=True)
+class StopAnswer:
+    """Outcome of an emergency stop.
+
+    Parameters
+    ----------
+    laser
+        ``"off"`` only if the device itself said so after the stop: its state is not live, its shutter reads closed and
+        its monitor reads no light. Otherwise ``"unconfirmed"``.
+    state
+        The device's state in lower case, ``""`` unknown.
+    shutter
+        What the device said of its shutter after the stop.
+    holder
+        Program and process that holds the port; ``""`` if this call opened the port itself.
+    detail
+        One plain sentence; of an unconfirmed stop: why, ending in "use the hardware switch".
+    seconds
+        Time the stop took, in s.
+    """
+
+    laser: Literal["off", "unconfirmed"]
+    state: str
+    shutter: Literal["open", "closed", "unknown"]
+    holder: str
+    detail: str
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class PortStatus:
+    """A device as its last STATUS describes it.
+
+    Parameters
+    ----------
+    holder
+        Program and process that holds the port; ``""`` for this one.
+    state
+        The device's state in lower case.
+    laser
+        ``"on"`` while scanning, or when shutter or monitor say that light can leave; ``"armed"``; ``"off"``.
+    shutter, interlock
+        ``"open"`` or ``"closed"``, as the sensors read.
+    key
+        ``"on"`` or ``"off"``.
+    fault
+        Code of the latched fault (:mod:`fabry_perot.faults`), 0 for none.
+    age
+        Seconds since that STATUS.
+    """
+
+    holder: str
+    state: str
+    laser: Literal["off", "armed", "on"]
+    shutter: Literal["open", "closed"]
+    interlock: Literal["open", "closed"]
+    key: Literal["on", "off"]
+    fault: int
+    age: float
+
+
+@dataclass(frozen=True, slots=True)
+class FaultCleared:
+    """Record of a fault that a person cleared.
+
+    Parameters
+    ----------
+    fault
+        The fault that was latched; code 0 for the emergency stop.
+    by
+        Name of the person, as given.
+    at
+        Time, in UTC.
+    state
+        The device's state afterwards, in lower case.
+    """
+
+    fault: faults.Fault
+    by: str
+    at: datetime
+    state: str
+
+    def __str__(self) -> str:
+        who = self.by or "an unnamed person"
+        return f"{self.at:%Y-%m-%dT%H:%M:%SZ} {who} cleared the fault {self.fault.name}; state {self.state}"
+
+
+def in_words(status: Status, age: float, holder: str = "") -> PortStatus:
+    """Return a STATUS in words.
+
+    Parameters
+    ----------
+    status
+        The message.
+    age
+        Seconds since it was received.
+    holder
+        Program and process that holds the port; ``""`` for this one.
+    """
+    bits = status.laser
+    live = status.state in RUNNING
+    armed = bits & LASER_ARMED or status.state == DeviceState.ARMED
+    return PortStatus(
+        holder=holder,
+        state=DeviceState(status.state).name.lower(),
+        laser="on" if bits & LIGHT or live else "armed" if armed else "off",
+        shutter="open" if bits & SHUTTER_OPEN else "closed",
+        interlock="closed" if bits & INTERLOCK_CLOSED else "open",
+        key="on" if bits & KEY_ON else "off",
+        fault=status.fault,
+        age=age,
+    )
+
+
+def as_map(status: PortStatus) -> dict[str, Any]:
+    """Return the fields by name."""
+    return {name: getattr(status, name) for name in PortStatus.__slots__}
+
+
+def is_off(status: Status) -> bool:
+    """Return whether a STATUS says that the laser is off: not armed, not scanning, shutter closed, no light."""
+    return not status.laser & (LIGHT | LASER_ARMED) and status.state not in _LIVE
+
+
+def standing(status: Status) -> str:
+    """Return the cause of a latched fault that still stands, as a clause; empty when it may be cleared."""
+    bits = status.laser
+    return faults.standing(
+        status.fault,
+        interlock_closed=bool(bits & INTERLOCK_CLOSED),
+        key_on=bool(bits & KEY_ON),
+        light=bool(bits & LIGHT),
+    )
+
+
+def answer(status: Status | None, seconds: float, holder: str = "", trouble: str = "") -> StopAnswer:
+    """Return the outcome of a stop.
+
+    Parameters
+    ----------
+    status
+        A STATUS that the device sent after it had acknowledged the stop; ``None`` when there was none.
+    seconds
+        Time the stop took, in s.
+    holder
+        Program and process that holds the port.
+    trouble
+        Why the stop is not confirmed, a clause; empty when only the STATUS decides.
+    """
+    if status is None:
+        return unconfirmed(trouble or "the scanner did not answer", seconds, holder)
+    state = DeviceState(status.state).name.lower()
+    shutter: Literal["open", "closed"] = "open" if status.laser & SHUTTER_OPEN else "closed"
+    if is_off(status) and not trouble:
+        detail = f"the scanner says that the laser is off (state {state}, shutter closed)"
+        return StopAnswer("off", state, shutter, holder, detail, seconds)
+    why = trouble or f"the scanner says {state}, shutter {shutter}{', light' if status.laser & LASER_EMITTING else ''}"
+    return StopAnswer("unconfirmed", state, shutter, holder, f"{why}; {SWITCH}", seconds)
+
+
+def unconfirmed(why: str, seconds: float, holder: str = "") -> StopAnswer:
+    """Return the outcome of a stop that nobody confirmed; ``why`` is a clause."""
+    return StopAnswer("unconfirmed", "", "unknown", holder, f"{why}; {SWITCH}", seconds)
