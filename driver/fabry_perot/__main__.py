@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fabry_perot import conformance, connect, discover
+from fabry_perot import conformance, connect, discover, emergency_stop, faults
 from fabry_perot.errors import PlanInvalid, ScannerError
 from fabry_perot.host import scanfile
 from fabry_perot.host.scanner import Scanner
@@ -61,9 +61,11 @@ def _status(given: argparse.Namespace) -> None:
         figures = {name: getattr(known, name) for name in known.__dataclass_fields__}
         figures |= {"state": scanner.state, "laser": _laser(scanner), "cause": HoldCause(scanner.status.cause).name}
         figures |= {name: value for name, value in scanner.statistics().items() if name not in figures}
+        name, advice = _fault(scanner)
     if given.json:
-        print(json.dumps(figures, default=list))
+        print(json.dumps(figures | {"fault_name": name}, default=list))
         return
+    figures["fault"] = advice or "none"
     width = max(map(len, figures))
     for name, value in figures.items():
         print(f"{name:<{width}}  {value}")
@@ -74,15 +76,33 @@ def _watch(given: argparse.Namespace) -> None:
     with _connect(given) as scanner:
         left = given.count
         while left is None or left > 0:
-            status = scanner.status
+            status, advice = scanner.status, _fault(scanner)[1]
             print(
                 f"{status.device_time * 1e-6:12.3f} s  {scanner.state:<9} laser {_laser(scanner)}; "
-                f"{status.produced} A-lines, {status.acknowledged} acknowledged, {status.shots} shots",
+                f"{status.produced} A-lines, {status.acknowledged} acknowledged, {status.shots} shots"
+                f"{'; ' * bool(advice)}{advice}",
                 flush=True,
             )
             left = None if left is None else left - 1
             if left != 0:
                 time.sleep(given.interval)
+
+
+def _stop(given: argparse.Namespace) -> int:
+    """Turn the laser off, whichever program holds the port, and show what the scanner says; code 1: not confirmed."""
+    outcome = emergency_stop(given.url, baudrate=given.baud, who=given.by)
+    by = f"; the port is held by {outcome.holder}" if outcome.holder else ""
+    off = outcome.laser == "off"
+    print(f"laser {outcome.laser}: {outcome.detail}{by if off else ''}", file=sys.stdout if off else sys.stderr)
+    return 0 if off else 1
+
+
+def _clear_fault(given: argparse.Namespace) -> None:
+    """Clear a latched fault or emergency stop, a person's deed that is refused while the cause stands; no laser."""
+    if not given.by.strip():
+        raise PlanInvalid("by", given.by, "the name of a person")
+    with _connect(given) as scanner:
+        print(scanner.clear_fault(given.by.strip()))
 
 
 def _tune(given: argparse.Namespace) -> None:
@@ -120,13 +140,13 @@ def _scan(given: argparse.Namespace) -> int:
             averages=given.averages,
         )
         rows = scanfile.create(given.output, points, given.samples)
-        before = signal.signal(signal.SIGINT, stop)
+        before, done = signal.signal(signal.SIGINT, stop), False
         try:
             done = scanfile.acquire(scanner, rows, stopping=lambda: asked, progress=_counter(len(points)))
         finally:
             signal.signal(signal.SIGINT, before)
-        stored = int(rows["stored"].sum())
-        print(f"{'' if done else 'laser off; '}{stored} of {len(points)} A-lines in {_located(given.output)}")
+            kept = f"{int(rows['stored'].sum())} of {len(points)} A-lines in {_located(given.output)}"
+            print(f"laser off; {kept}" if asked and not done else kept)
         print(scanner.report(), file=sys.stderr)
     return 0 if done else 130
 
@@ -186,6 +206,14 @@ def _laser(scanner: Scanner) -> str:
     return ", ".join(name for bit, name in _LASER.items() if bits & bit) or "off"
 
 
+def _fault(scanner: Scanner) -> tuple[str, str]:
+    """Return the latched fault's name, and a sentence with its remedy; both empty for none."""
+    if scanner.state not in ("fault", "estop"):
+        return "", ""
+    code = scanner.status.fault if scanner.state == "fault" else 0
+    return faults.by_code(code).name, faults.advice(code)
+
+
 def _located(path: Path) -> str:
     return f"{path} ({path.stat().st_size:,} bytes)"
 
@@ -234,6 +262,10 @@ def _parser() -> argparse.ArgumentParser:
     add = command("watch", _watch)
     add("--interval", type=float, default=1.0, metavar="S", help="seconds between lines")
     add("--count", type=int, metavar="N", help="end after so many lines")
+    add = command("stop", _stop)
+    add("--by", default="", metavar="NAME", help="name of the person, for the program that holds the port")
+    add = command("clear-fault", _clear_fault)
+    add("--by", required=True, metavar="NAME", help="name of the person who made sure that the cause is gone")
     add = command("tune", _tune)
     add("--points", type=Path, metavar="FILE", help="x_mm,y_mm as CSV, or (M, 2) m as .npy; default: the centre")
     add("--steps", type=int, default=101, help="wavelengths in a sweep, 2 to 256")

@@ -7,12 +7,13 @@ the reference decoder: it does not believe the device's own lease or the host's 
 from __future__ import annotations
 
 import struct
+from contextlib import suppress
 
 import numpy as np
 from driver_bench import Bench, truth
 from driver_reference import frames
 
-from fabry_perot.errors import ScannerError
+from fabry_perot.errors import Refused, ScannerError
 from fabry_perot.host import Host, Keeper, Plan, Recovery
 from fabry_perot.simulator.faults import Recorder
 from fabry_perot.wire.codes import AbortLevel, Operation
@@ -148,12 +149,17 @@ class World(Bench):
         call.result()
         self.until(lambda: self.host.failure or self.host.device_state is not DeviceState.LINKED, 5_000)
 
+    def clear(self) -> None:
+        """Clear what is latched, unless its cause stands."""
+        if self.host.device_state in (DeviceState.ESTOP, DeviceState.FAULT):
+            with suppress(Refused):
+                self.call(Operation.CLEAR_FAULT)
+
     def go(self) -> None:
         """Somebody has the scan taken up, whatever ended it, and the keeper keep it."""
         if self.host.assembly is None:  # a host that never got to know the plan must not start it
             self.new_host()
-        if self.host.device_state in (DeviceState.ESTOP, DeviceState.FAULT):
-            self.call(Operation.CLEAR_FAULT)
+        self.clear()
         if self.host.device_state not in RUNNING:
             self.stopped_at = None
             self.keeper.take_up(self.plan, self.host_now)
@@ -189,8 +195,7 @@ class World(Bench):
         self.host, self.host_alive, self.hung, self.plugged_out = Host(self.nonce), True, False, False
         self.keeper = Keeper(self.host, Recovery(patience=1e9))
         self.connect()
-        if self.host.device_state in (DeviceState.ESTOP, DeviceState.FAULT):
-            self.call(Operation.CLEAR_FAULT)
+        self.clear()
         status = self.host.status
         if status.plan == self.plan.uid and status.acknowledged <= len(self.disk):
             self.until(lambda: self.host.plan_status is not None, 5_000)

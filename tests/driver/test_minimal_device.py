@@ -26,6 +26,7 @@ DEFECTS = {
     "the shutter stays open": ("{ d->shutter = 0; }", "{ (void)d; }", "silence"),
     "a gap in the plan is accepted": ("if (first + i == d->expected &&", "if (first + i >= d->expected &&", "gaps"),
     "a gate that is not there is taken": ("data[10 + 16 * i + 14] & 8", "0", "gate"),
+    "a fault is cleared whatever its cause": ("!cause_stands(d) && ", "", "interlock"),
     "sessions are not checked": ("f->session == d->session &&", "", "session"),
     "checksums are not checked": ("crc32c(d->body, size - 4) !=", "0 * crc32c(d->body, 1) > 0 * ", "checksum"),
 }

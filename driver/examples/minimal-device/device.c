@@ -171,6 +171,12 @@ static void raise_fault(struct device *d, unsigned code)
     }
 }
 
+/* What is latched cannot be cleared while its cause is still read. */
+static int cause_stands(const struct device *d)
+{
+    return d->shutter || ((d->fault == 1 || d->fault == 2) && !secured(d));
+}
+
 static void watch(struct device *d)
 {
     if (!secured(d)) {
@@ -461,7 +467,10 @@ static int carry_out(struct device *d, unsigned operation, const struct pairs *p
     case 7: return at_rest ? close_shutter(d), OK : WRONG_STATE;
     case 8: return at_rest ? NOT_SUPPORTED : WRONG_STATE;
     case 9: return step(d, DISARM) ? OK : WRONG_STATE;
-    case 10: return step(d, CLEAR_FAULT) ? OK : WRONG_STATE;
+    case 10:
+        if (d->state >= FAULTED && d->shutter)
+            close_shutter(d);
+        return !cause_stands(d) && step(d, CLEAR_FAULT) ? OK : WRONG_STATE;
     case 11: return step(d, RELEASE) ? OK : WRONG_STATE;
     default: return UNKNOWN;
     }

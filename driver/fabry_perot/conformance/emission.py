@@ -92,6 +92,8 @@ def interlock(peer: Peer, ask: Asking) -> None:
         peer.status is not None and peer.status.laser & SECURED != SECURED, "the laser bit of the interlock clear"
     )
     dark(peer)
+    refused = peer.request(Operation.CLEAR_FAULT).result == Result.WRONG_STATE and peer.state is DeviceState.FAULT
+    peer.need(refused, "CLEAR_FAULT refused with result 1 while the interlock is open")
     ask("close the interlock")
     peer.listen(QUIET)
     peer.need(peer.state is DeviceState.FAULT, "FAULT until CLEAR_FAULT, though the interlock is closed again")

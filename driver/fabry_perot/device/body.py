@@ -7,6 +7,7 @@ import random
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+from fabry_perot import faults
 from fabry_perot.device.lease import LaserLease
 from fabry_perot.device.outbox import Outbox
 from fabry_perot.device.planbuffer import PlanBuffer
@@ -217,10 +218,21 @@ class DeviceBody:
 
     def raise_fault(self, code: int, reason: str = "") -> None:
         """Latch a hardware fault and repeat it until the host acknowledges; the first one counts, all are logged."""
-        log.error("hardware fault %d%s", code, f": {reason}" if reason else "")
+        log.error("hardware fault: %s%s", faults.by_code(code), f": {reason}" if reason else "")
         if self.step(Event.HARDWARE_FAULT) or (self.state in LATCHED and not self.fault):
             self.fault, self._fault_at = code, self.now
             self._fault_number += 1
+
+    def cause_stands(self) -> bool:
+        """Return whether what is latched has a cause that the hardware still reads: it cannot be cleared then."""
+        bits = self.hardware_bits()
+        cause = faults.standing(
+            self.fault,
+            interlock_closed=bool(bits & INTERLOCK_CLOSED),
+            key_on=bool(bits & KEY_ON),
+            light=bool(bits & (SHUTTER_OPEN | LASER_EMITTING)),
+        )
+        return self.state in LATCHED and bool(cause)
 
     def acknowledge_fault(self, number: int) -> None:
         """Stop repeating fault ``number``."""

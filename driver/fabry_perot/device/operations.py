@@ -121,6 +121,14 @@ def _release(device: DeviceBody, body: Body) -> Outcome:
     return _event(device, Event.RELEASE if device.plan.loaded else Event.RELEASE_WITHOUT_PLAN)
 
 
+def _clear_fault(device: DeviceBody, body: Body) -> Outcome:
+    if device.cause_stands():
+        device.close()  # again: it may be the shutter that stands
+        if device.cause_stands():
+            return Result.WRONG_STATE, {}
+    return _event(device, Event.CLEAR_FAULT)
+
+
 def _set(device: DeviceBody, body: Body) -> Outcome:
     if device.state not in _AT_REST or device.job is not None:
         return Result.WRONG_STATE, {}
@@ -169,6 +177,6 @@ _TABLE: dict[Operation, Callable[[DeviceBody, Body], Outcome | None]] = {
     Operation.PARK: _park,
     Operation.TUNE_SCAN: _tune_scan,
     Operation.DISARM: lambda device, body: _event(device, Event.DISARM),
-    Operation.CLEAR_FAULT: lambda device, body: _event(device, Event.CLEAR_FAULT),
+    Operation.CLEAR_FAULT: _clear_fault,
     Operation.RELEASE: _release,
 }
