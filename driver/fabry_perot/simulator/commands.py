@@ -17,7 +17,8 @@ command                                       what it does; all durations in sec
 Each answer holds ``time`` (simulator time, µs), ``shots`` (fired since start), ``last_shot`` (its time), ``ring_peak``,
 ``boots``, the device's ``state`` and whether the ``shutter`` is open; that of ``report`` also ``fired``, the (time,
 point) of the last 200,000 shots: writing them takes tenths of a second, for which the simulator, and with it its
-clock, stands still. A command that is not understood is answered with ``error``.
+clock, stands still. With ``"moves": true`` it holds ``moves``, the last 2,000 movements of the shutter as (time, this
+computer's monotonic clock in s, whether it opened). A command that is not understood is answered with ``error``.
 """
 
 from __future__ import annotations
@@ -70,9 +71,10 @@ class Commands:
             "shutter": machine.instrument.shutter_open(),
         }
 
-    def _do_report(self, fired: bool = True) -> dict[str, Any]:
+    def _do_report(self, fired: bool = True, moves: bool = False) -> dict[str, Any]:
         shots = {"fired": list(self._server.machine.instrument.log)} if fired else {}
-        return {**self._state(), **shots}
+        shutter = {"moves": list(self._server.shutter_log)} if moves else {}
+        return {**self._state(), **shots, **shutter}
 
     def _do_unplug(self, seconds: float) -> dict[str, Any]:
         self._server.unplug(int(seconds * 1e6))

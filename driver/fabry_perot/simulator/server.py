@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import select
+import time
+from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
@@ -17,6 +19,8 @@ LAG = 0.02
 """Device time may fall behind the scaled clock by so many real seconds before the clock is held back."""
 PULL = 16384
 """Bytes taken from the device at a time."""
+SHUTTER_LOG = 2000
+"""Movements of the shutter that are kept."""
 
 
 class Pluggable(Endpoint, Protocol):
@@ -69,6 +73,8 @@ class Server:
         self._plug_at: int | None = None
         self.time = 0
         """Simulator time in µs."""
+        self.shutter_log: deque[tuple[int, float, bool]] = deque([(0, time.monotonic(), False)], SHUTTER_LOG)
+        """Last movements of the shutter: simulator time in µs, this computer's monotonic clock in s, whether it opened."""
 
     def run(self, finished: Callable[[list[int]], bool], watched: list[int]) -> None:
         """Run until ``finished(readable descriptors)``; ``watched`` are waited on besides the line."""
@@ -98,6 +104,7 @@ class Server:
         data = self.endpoint.read(self._up.allowance(self.time, CHUNK))
         self._up.spend(len(data))
         self.machine.receive(self.up(data, self.time), self.time)
+        self._note_shutter()
         if not self._out:
             pulled = self.machine.pull(min(PULL, self._down.allowance(self.time, PULL)))
             self._out = self.down(pulled, self.time)
@@ -107,8 +114,14 @@ class Server:
             self._out = self._out[sent:]
             self._down.spend(sent, busy=sent == allowed and bool(self._out))
 
+    def _note_shutter(self) -> None:
+        is_open = self.machine.instrument.shutter_open()
+        if is_open != self.shutter_log[-1][2]:
+            self.shutter_log.append((self.time, time.monotonic(), is_open))
+
     def _run_unplugged(self, plug_at: int) -> None:
         self.machine.receive(b"", self.time)
+        self._note_shutter()
         self.machine.pull(PULL)  # into the void
         if self.time >= plug_at:
             self.endpoint.plug()
