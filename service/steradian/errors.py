@@ -4,10 +4,13 @@ SteradianError
 ├── InvalidInput      a value is outside its allowed range (also a ``ValueError``)
 ├── NotFound          no such mask, plan, scan or reconstruction (also a ``LookupError``)
 ├── Conflict          the request does not fit the present state
+│   └── FaultStands       a fault is not cleared while its cause stands
 ├── DamagedFile       a file is truncated, foreign or of a newer schema
 ├── DiskFull          the disk cannot hold what is to be written
 ├── ScanFailed        the scanner or its link gave up; what was acknowledged is kept
 │   └── ScanInterrupted   all is well, but the laser may come back only when a person says so
+│       └── FaultLatched  the scanner has latched a fault, which a person clears first
+├── ScannerUnreachable  the scanner does not answer, or its port cannot be opened
 ├── StoreUnavailable  the store of scans and results does not answer; trying again may help
 └── Cancelled         somebody asked for the operation to stop
 
@@ -109,6 +112,39 @@ class ScanInterrupted(ScanFailed):
     """The laser went off and was off for too long, or its device without power: only a person brings it back."""
 
     code = "scan-interrupted"
+
+
+class FaultLatched(ScanInterrupted):
+    """The scanner has latched a fault: a person removes its cause and clears it, then the scan can be resumed.
+
+    Parameters
+    ----------
+    code_number
+        Number of the fault in the scanner's protocol; 0: the emergency stop.
+    message
+        What has happened and what to do.
+    """
+
+    code = "fault-latched"
+
+    def __init__(self, code_number: int, message: str) -> None:
+        self.code_number = code_number
+        super().__init__(message)
+
+    def __reduce__(self) -> tuple[type[FaultLatched], tuple[int, str]]:
+        return type(self), (self.code_number, str(self))
+
+
+class FaultStands(Conflict):
+    """A latched fault of the scanner was not cleared, because its cause stands."""
+
+    code = "fault-stands"
+
+
+class ScannerUnreachable(SteradianError):
+    """The scanner does not answer, or its port cannot be opened; trying again may help."""
+
+    code = "scanner-unreachable"
 
 
 class StoreUnavailable(SteradianError):

@@ -39,6 +39,11 @@ class Settings(BaseSettings):
         pattern=r"^[a-z0-9][a-z0-9-]{0,39}$",
         description="Name of this node's scanner; each scanner of a service needs its own",
     )
+    scanner_watch: bool = Field(
+        default=True,
+        description="Whether the scanner's port is held and listened to between scans; if not, laser, shutter,"
+        " interlock and key are unknown between them",
+    )
     simulator_speed: float = Field(
         default=20.0, gt=0, le=10_000, description="How many times faster than real the simulated scanner runs"
     )

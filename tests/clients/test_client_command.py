@@ -138,3 +138,10 @@ def test_the_same_in_a_shell(url, tmp_path):
     )
     assert ran.returncode == 0, ran.stdout + ran.stderr
     recordings.expect_the_ball(tmp_path)
+
+
+def test_scanner_show_and_clear_fault_without_a_fault_print_the_scanner(run):
+    for words in (("scanner", "show"), ("scanner", "clear-fault", "--reason", "closed again")):
+        shown = run(*words, "--json")
+        assert (shown["id"], shown["fault"]) == ("scanner-0", None)
+        assert shown["laser"] in {"off", "unknown"}

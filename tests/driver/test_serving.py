@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 import fabry_perot
-from fabry_perot.device.endpoints import TcpEndpoint
 from fabry_perot.device.serving import Service
+from fabry_perot.device.tcp import TcpEndpoint
 from fabry_perot.errors import DeviceFault, PortBusy, PortUnavailable
 from fabry_perot.hardware import Apparatus, InstrumentError
 from fabry_perot.hardware.apparatus import FAULT_DIGITISER

@@ -13,6 +13,7 @@ LIMIT = 300
 LONGER = {
     "fabry_perot/conformance/peer",
     "fabry_perot/host/scanner",
+    "steradian/api/problem_kinds",
     "steradian/cli/mask",
     "steradian/imaging/engines/numba/depth",
     "steradian/jobs/ledger",

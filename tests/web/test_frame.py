@@ -12,6 +12,7 @@ from steradian.storage.database import Database, metadata_url
 from steradian.storage.scanners import ScannerRepository
 from steradian.storage.tables import ScannerRow
 from steradian.web.pages import PAGES
+from support.scanners import scanner_of
 from support.services import Service
 from support.waiting import until
 
@@ -55,7 +56,7 @@ def test_a_dialog_does_not_take_the_stop_away(service, open_page, released):
     expect(page.get_by_role("dialog")).to_be_visible()
     box = page.get_by_role("button", name="Emergency stop").bounding_box()
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    expect(page.locator("#stopped")).to_contain_text("Emergency stop: no scan ran")
+    expect(page.locator("#stopped")).to_contain_text("Emergency stop: no scanner is connected")
     page.get_by_role("dialog").get_by_role("button", name="Close").click()
     page.get_by_role("button", name="Release …").click()  # and the answer is in reach, too
     expect(page.get_by_role("dialog")).to_contain_text("is it safe that a laser fires")
@@ -143,9 +144,10 @@ def test_what_a_press_was_answered_stays_shown_while_the_scanner_s_state_says_le
     """As on a node that has not the scanner: it knows from the database, and that learns it later."""
     stop = {"number": "01k0000000000000000000000", "at": "2026-01-01T00:00:00Z", "by": "Ada", "reason": "smoke"}
     answer = stop | {"laser": "off", "seconds": 0.1, "recorded": known is not None}
-    scanner = service.get("/scanners/scanner-0").json() | {"emergency_stop": known and stop | {"seconds": None} | known}
+    scanner = scanner_of(service, emergency_stop=known and stop | {"seconds": None} | known)
     page = open_page(service, "/scans")
     told = {"items": [{"id": "scanner-0", "emergency_stop": answer, "links": {}}]}
+    expect(page.get_by_role("button", name="Emergency stop")).to_be_enabled()
     page.route("**/emergency-stop", lambda route: route.fulfill(status=202, json=told))
     page.route("**/api/v1/scanners", lambda route: route.fulfill(json={"items": [scanner]}))
     page.get_by_role("button", name="Emergency stop").click()
@@ -179,7 +181,7 @@ def test_who_gets_no_answer_is_sent_to_the_hardware_switch(service, open_page, r
     expect(page.locator("#stopped")).to_contain_text("no answer: use the hardware switch")
     assert laser(service) is None
     page.unroute("**/emergency-stop")
-    expect(page.locator("#stopped")).to_contain_text("no scan ran")
+    expect(page.locator("#stopped")).to_contain_text("no scanner is connected")
     page.provoked("net::ERR_FAILED")  # the presses that were lost
 
 
@@ -190,7 +192,7 @@ def test_a_press_whose_answer_never_comes_is_sent_again(service, open_page, rele
     page.route("**/api/v1/emergency-stop", lambda route: route.continue_() if held else held.append(route))
     page.get_by_role("button", name="Emergency stop").click()
     expect(page.locator("#stopped")).to_contain_text("no answer: use the hardware switch")
-    expect(page.locator("#stopped")).to_contain_text("no scan ran", timeout=60_000)
+    expect(page.locator("#stopped")).to_contain_text("no scanner is connected", timeout=60_000)
     assert laser(service) == "idle"
 
 
@@ -316,7 +318,7 @@ def test_a_key_is_asked_for_once_and_a_cookie_does_the_rest(open_page, tmp_path)
         page.goto(f"{service.url}/scans")
         expect(page.locator("body")).to_have_attribute("data-live", "live")
         page.get_by_role("button", name="Emergency stop").click()
-        expect(page.locator("#stopped")).to_contain_text("no scan ran")
+        expect(page.locator("#stopped")).to_contain_text("no scanner is connected")
         asked = {"Authorization": f"Bearer {key}"}
         assert httpx.get(f"{service.url}/api/v1/scanners/scanner-0", headers=asked).json()["emergency_stop"] is not None
         assert "steradian_session" not in page.evaluate("document.cookie")

@@ -207,10 +207,10 @@ def test_interlock_key_shutter_and_lease_stand_beside_the_scan(service, open_pag
     scan = begin(service)
     lease = service.http.put("/scanners/scanner-0/lease", json={"holder": "Ada", "seconds": 60}).json()["lease"]
     page = open_page(service, f"/scans/{scan}")
-    guards = page.get_by_role("group", name="Interlock, key, shutter and lease")
-    for text in ("Interlock closed", "key on", "shutter open", "reserved by Ada until"):
+    guards = page.get_by_role("group", name="Laser, interlock, key, shutter and lease")
+    for text in ("interlock closed", "key on", "shutter open", "reserved by Ada until"):
         expect(guards).to_contain_text(text)
     service.http.delete("/scanners/scanner-0/lease", headers={"Scanner-Lease": str(lease["fence"])})
     end(service, scan)
-    for text in ("Interlock unknown", "shutter unknown", "not reserved by anybody"):
+    for text in ("Laser off", "shutter closed", "not reserved by anybody"):
         expect(guards).to_contain_text(text)

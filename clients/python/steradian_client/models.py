@@ -385,24 +385,54 @@ class Lease(Answer):
 
 
 class EmergencyStop(Answer):
-    """An emergency stop that nobody has released; ``laser`` is off, idle or unconfirmed."""
+    """An emergency stop that nobody has released.
+
+    ``laser`` is off (the scanner itself said so), idle (there is no scanner) or unconfirmed: use the hardware switch.
+    ``detail`` is what the scanner said, or why it could not be asked.
+    """
 
     number: str
     at: datetime
     by: str
     reason: str | None
     laser: str
+    detail: str | None = None
     seconds: float | None
     recorded: bool
 
 
+class Fault(Answer):
+    """A latched fault of a scanner; ``clearable`` once its cause is gone."""
+
+    code: int
+    name: str
+    title: str
+    remedy: str
+    clearable: bool
+
+
 class Scanner(Answer):
-    """A scanner: connection and state apart."""
+    """A scanner: its connection, what the service does with it, and what it says of itself.
+
+    What it says is ``age`` seconds old, and unknown when that is more than a second (ten for the scanner of another
+    node): unknown is not off.
+    """
 
     id: str
     simulated: bool
+    model: str | None = None
+    serial: str | None = None
     connection: str
+    holder: str | None = None
     state: str
+    laser: str = "unknown"
+    shutter: str = "unknown"
+    interlock: str = "unknown"
+    key: str = "unknown"
+    fault: Fault | None = None
+    looked_at: datetime | None = None
+    age: float | None = None
+    look_interval: float | None = None
     since: datetime
     last_error: str | None
     lease: Lease | None

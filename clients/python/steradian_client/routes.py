@@ -66,6 +66,7 @@ TAKE_LEASE: Final = Route("PUT", f"{V1}/scanners/{{id}}/lease")
 GIVE_LEASE_BACK: Final = Route("DELETE", f"{V1}/scanners/{{id}}/lease")
 PRESS_STOP: Final = Route("POST", f"{V1}/scanners/{{id}}/emergency-stop")
 PRESS_EVERY_STOP: Final = Route("POST", f"{V1}/emergency-stop")
+CLEAR_FAULT: Final = Route("POST", f"{V1}/scanners/{{id}}/clear-fault", repeatable=False)
 RELEASE_STOP: Final = Route("DELETE", f"{V1}/scanners/{{id}}/emergency-stop", repeatable=False)
 RELEASE_NAMED_STOP: Final = Route("DELETE", f"{V1}/scanners/{{id}}/emergency-stop")
 

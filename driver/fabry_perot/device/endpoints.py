@@ -1,8 +1,10 @@
-"""Where a device's line comes out: a TCP port, a serial port, a pair of sockets in one process; none of them blocks."""
+"""Where a device's line comes out: a serial port, a pair of sockets in one process; neither of them blocks.
+
+A TCP port is in :mod:`fabry_perot.device.tcp`.
+"""
 
 from __future__ import annotations
 
-import select
 import socket
 import time
 from contextlib import suppress
@@ -10,12 +12,7 @@ from typing import Any, Protocol
 
 import serial
 
-from fabry_perot.wire.codes import Type
-from fabry_perot.wire.framing import FLAG_URGENT, Frame, encode_frame
-
 CHUNK = 65536
-MOST_REFUSED = 8
-"""Clients that may wait to hear that another one is connected."""
 QUEUED = 0.02
 """Seconds of line time that may wait in the system: what waits there, an emergency stop's answer cannot overtake."""
 REOPEN = 0.5
@@ -46,129 +43,6 @@ class Endpoint(Protocol):
     def close(self) -> None:
         """Give everything back."""
         ...
-
-
-class TcpEndpoint:
-    """A TCP port for one client at a time; a second one is told who is there and turned away.
-
-    Parameters
-    ----------
-    address
-        ``HOST:PORT``.
-    """
-
-    def __init__(self, address: str) -> None:
-        host, _, port = address.rpartition(":")
-        self._listener = socket.create_server((host or "127.0.0.1", int(port)), backlog=4)
-        self._listener.setblocking(False)
-        self._client: socket.socket | None = None
-        self._refused: list[socket.socket] = []
-        self._unplugged = False
-        name = self._listener.getsockname()
-        self.url = f"socket://{name[0]}:{name[1]}"
-
-    def descriptors(self) -> list[int]:
-        """Return listener and clients."""
-        clients = [*self._refused, *([self._client] if self._client else [])]
-        return [self._listener.fileno(), *(client.fileno() for client in clients)]
-
-    def writable_descriptor(self) -> int | None:
-        """Return the client."""
-        return self._client.fileno() if self._client else None
-
-    def read(self, limit: int) -> bytes:
-        """Return what has arrived; takes a new client when there is none."""
-        self._accept()
-        self._turn_away()
-        if self._client is None:
-            return b""
-        try:
-            data = self._client.recv(min(limit, CHUNK))
-        except BlockingIOError:
-            return b""
-        except OSError:
-            data = b""
-        if not data:
-            self._drop()
-        return data
-
-    def write(self, data: bytes) -> int:
-        """Send what fits; without a client the bytes are lost, as on a line nobody listens to."""
-        if self._client is None:
-            return len(data)
-        try:
-            return self._client.send(data)
-        except BlockingIOError:
-            return 0
-        except OSError:
-            self._drop()
-            return len(data)
-
-    def unplug(self) -> None:
-        """Drop the client and turn others away."""
-        self._unplugged = True
-        self._drop()
-
-    def plug(self) -> None:
-        """Take clients again."""
-        self._unplugged = False
-
-    def close(self) -> None:
-        """Close everything."""
-        self._drop()
-        for client in self._refused:
-            client.close()
-        self._listener.close()
-
-    def _accept(self) -> None:
-        try:
-            client, _ = self._listener.accept()
-        except OSError:
-            return
-        if self._client is not None and _has_left(self._client):
-            self._drop()
-        if self._unplugged or len(self._refused) >= MOST_REFUSED:
-            client.close()
-            return
-        client.setblocking(False)
-        if self._client is not None:
-            self._refused.append(client)
-            return
-        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._client = client
-
-    def _drop(self) -> None:
-        if self._client is not None:
-            self._client.close()
-            self._client = None
-
-    def _turn_away(self) -> None:
-        """Answer whatever those say who came while another was connected by who that is, until they leave."""
-        for client in list(self._refused):
-            try:
-                said = client.recv(CHUNK)
-                if said and self._client is not None:
-                    host, port = self._client.getpeername()[:2]
-                    client.send(encode_frame(Frame(Type.BUSY, FLAG_URGENT, 0, 0, 0, f"{host}:{port}".encode())))
-            except BlockingIOError:
-                continue
-            except OSError:
-                said = b""
-            if not said or self._client is None:
-                self._refused.remove(client)
-                client.close()
-
-
-def _has_left(client: socket.socket) -> bool:
-    """Tell whether a client has closed its end, even if bytes of it wait to be read (where the system can tell)."""
-    if not hasattr(select, "poll"):  # Windows
-        try:
-            return not client.recv(1, socket.MSG_PEEK)
-        except OSError:
-            return False
-    poller = select.poll()
-    poller.register(client, select.POLLHUP | select.POLLERR | getattr(select, "POLLRDHUP", 0))
-    return bool(poller.poll(0))
 
 
 class PairEndpoint:

@@ -13,7 +13,8 @@ from contextlib import ExitStack, contextmanager
 
 from fabry_perot.clock import RealClock
 from fabry_perot.device.core import Device
-from fabry_perot.device.endpoints import CHUNK, Endpoint, SerialEndpoint, TcpEndpoint
+from fabry_perot.device.endpoints import CHUNK, Endpoint, SerialEndpoint
+from fabry_perot.device.tcp import TcpEndpoint
 from fabry_perot.hardware.instrument import Instrument
 from fabry_perot.wire.framing import MAX_PAYLOAD, UART_PAYLOAD
 

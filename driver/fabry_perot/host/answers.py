@@ -179,5 +179,6 @@ def answer(status: Status | None, seconds: float, holder: str = "", trouble: str
 
 
 def unconfirmed(why: str, seconds: float, holder: str = "") -> StopAnswer:
-    """Return the outcome of a stop that nobody confirmed; ``why`` is a clause."""
-    return StopAnswer("unconfirmed", "", "unknown", holder, f"{why}; {SWITCH}", seconds)
+    """Return the outcome of a stop of which the device has said nothing; ``why`` is a clause."""
+    told = why if "could not be asked" in why else f"the scanner could not be asked: {why}"
+    return StopAnswer("unconfirmed", "", "unknown", holder, f"{told}; {SWITCH}", seconds)

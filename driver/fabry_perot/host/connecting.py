@@ -29,6 +29,7 @@ def connect(
     timing: HostTiming | None = None,
     recovery: Recovery | None = _DEFAULT,
     tap: Callable[[str], None] | None = None,
+    cancelled: Callable[[], bool] | None = None,
 ) -> Scanner:
     """Open a port, begin a session and read the capabilities.
 
@@ -50,6 +51,8 @@ def connect(
         How long a scan is carried over a lost line or a restarted device; ``None``: not at all.
     tap
         Called with a line of text for every frame that passes, either way.
+    cancelled
+        Asked some twenty times a second while no session has come about: once it says so, NoAnswer is raised.
 
     Raises
     ------
@@ -67,7 +70,7 @@ def connect(
     again = None if recovery is None or port is None else lambda: after_yield(reopen, port)
 
     def session() -> Scanner:
-        return Scanner(reopen(), timing=timing, recovery=recovery, reopen=again, port=port)
+        return Scanner(reopen(), timing=timing, recovery=recovery, reopen=again, port=port, cancelled=cancelled)
 
     try:
         return session() if port is None else after_yield(session, port)

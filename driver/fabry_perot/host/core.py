@@ -21,6 +21,18 @@ class Host(HostBody):
     whoever consumes the data may call :meth:`renew` and :meth:`acknowledge`: the laser's lease hangs on them.
     """
 
+    _pulled_at = 0
+    """Host time of the last :meth:`poll` before which bytes were sent."""
+
+    def pull(self) -> bytes:
+        """Return the bytes to send now: without any for ``timing.keepalive``, a lone zero byte, which says nothing."""
+        data = super().pull()
+        if not data and self.hello is not None and self._polled_at - self._pulled_at >= self.timing.keepalive:
+            data = b"\0"
+        if data:
+            self._pulled_at = self._polled_at
+        return data
+
     def receive(self, data: bytes, now: int) -> None:
         """Take bytes from the line at host time ``now``."""
         frames = self.deframer.feed(data)

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fabry_perot import faults
-from fabry_perot.errors import DeviceFault, EmergencyStopped, FaultStands, NoAnswer, PlanInvalid
+from fabry_perot.errors import DeviceFault, EmergencyStopped, FaultStands, NoAnswer, PlanInvalid, Refused
 from fabry_perot.host import Keeper, Recovery
-from fabry_perot.host.answers import FaultCleared, standing
+from fabry_perot.host.answers import FaultCleared, StopAnswer, standing
 from fabry_perot.host.capabilities import Capabilities
 from fabry_perot.host.session import Session
 from fabry_perot.host.tuning import TuningCurve, TuningMap
@@ -81,6 +81,7 @@ class Panel:
 
     def park(self) -> None:
         """Close the shutter and go to the rest position; not while scanning."""
+        self._must_not_be_latched()
         self._session.request(Operation.PARK)
 
     def clear_fault(self, by: str = "") -> FaultCleared:
@@ -100,18 +101,20 @@ class Panel:
         Refused
             Nothing is latched.
         """
-        with self._session.changed:
-            stopped, self._session.stopped_by = self._session.stopped_by, ""
         status = self._next_status()
-        if stopped and status.state not in LATCHED:
+        if self._session.stopped_by and status.state not in LATCHED:
+            self._session.stopped_by = ""
             return FaultCleared(faults.EMERGENCY_STOP, by, datetime.now(UTC), self.state)
+        if status.state not in LATCHED:
+            raise Refused(Operation.CLEAR_FAULT.name, "nothing is latched", DeviceState(status.state).name)
         fault = status.fault if status.state == DeviceState.FAULT else 0
-        if status.state in LATCHED and (cause := standing(status)):
+        if cause := standing(status):
             raise FaultStands(fault, cause)
         self._session.request(Operation.CLEAR_FAULT)
         status = self._next_status()
         if status.state in LATCHED:
             raise FaultStands(status.fault, standing(status) or "the device reported it again at once")
+        self._session.stopped_by = ""
         return FaultCleared(faults.by_code(fault), by, datetime.now(UTC), self.state)
 
     def _next_status(self) -> Status:
@@ -139,6 +142,19 @@ class Panel:
         self._session.flush()
         self._session.wait(lambda: not self._host.aborting, 5.0)
 
+    def stop_laser(self, who: str = "", timeout: float = 1.5) -> StopAnswer:
+        """Turn the laser off, end the work of this session, and return what the device says afterwards.
+
+        Parameters
+        ----------
+        who
+            Name of the person, for the ScanAborted that the application gets.
+        timeout
+            Longest time this takes, in s; a device that does not answer by then leaves the stop unconfirmed.
+        """
+        self._keep_nothing()
+        return self._session.stop(who, timeout)
+
     def _keep_nothing(self) -> None:
         with self._session.changed:
             self._keeper.release()
@@ -151,6 +167,7 @@ class Panel:
         PlanInvalid
             There is no such parameter, or the value lies outside its range.
         """
+        self._must_not_be_latched()
         allowed = self.capabilities.parameters
         for name, value in parameters.items():
             if name not in allowed:
@@ -174,6 +191,7 @@ class Panel:
         steps
             Wavelengths in the sweep, 2 … 256.
         """
+        self._must_not_be_latched()
         low, high = self.capabilities.wavelength
         ends = (low if start is None else start, high if stop is None else stop)
         request = {

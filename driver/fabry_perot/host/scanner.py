@@ -45,6 +45,8 @@ class Scanner(Panel):
         Opens the port again after it was lost.
     port
         The port, for the control socket by which other programs can stop the laser; ``None``: no such socket.
+    cancelled
+        Asked until a session has come about: once it says so, NoAnswer is raised.
     """
 
     def __init__(
@@ -55,9 +57,10 @@ class Scanner(Panel):
         recovery: Recovery | None = None,
         reopen: Callable[[], Transport] | None = None,
         port: str | None = None,
+        cancelled: Callable[[], bool] | None = None,
     ) -> None:
         policy = recovery or Recovery(patience=0.0, restarts=False)
-        super().__init__(Session(transport, clock, timing, reopen, policy.patience, port), policy)
+        super().__init__(Session(transport, clock, timing, reopen, policy.patience, port, cancelled), policy)
         self._policy = recovery
         self._plan: Plan | None = None
         self._acknowledged = self._first = 0

@@ -11,7 +11,7 @@ from fabry_perot.clock import Clock, RealClock
 from fabry_perot.errors import LinkLost, NoAnswer, ScanAborted
 from fabry_perot.host import Host, HostTiming
 from fabry_perot.host.answers import PortStatus, StopAnswer, answer, in_words
-from fabry_perot.host.control import ControlServer
+from fabry_perot.host.control_server import ControlServer
 from fabry_perot.host.phase import HostState
 from fabry_perot.host.streaming import Pump
 from fabry_perot.host.transport import Transport
@@ -19,6 +19,8 @@ from fabry_perot.wire.codes import AbortLevel, Operation
 
 STEP = 0.05
 """Longest wait between two looks at the state, in s; also how often a waiting consumer renews the lease."""
+_STOPPED_WITHIN = 2.0
+"""Longest wait in s for the outcome of an emergency stop before the port is released."""
 _PATIENCE = 15.0
 
 
@@ -37,6 +39,8 @@ class Session:
         How to open a lost port anew, and for how many seconds to try.
     port
         The port, for the control socket by which other programs can stop the laser; ``None``: no such socket.
+    cancelled
+        Asked until the session has come about: once it says so, NoAnswer is raised.
 
     Raises
     ------
@@ -52,6 +56,7 @@ class Session:
         reopen: Callable[[], Transport] | None = None,
         patience: float = 0.0,
         port: str | None = None,
+        cancelled: Callable[[], bool] | None = None,
     ) -> None:
         self.clock, self.port = clock or RealClock(), port
         self.host = Host(secrets.randbits(32), timing)
@@ -59,16 +64,23 @@ class Session:
         self.stopped_by = ""
         """Name of the person whose emergency stop, sent by another program, ended the work of this session."""
         self._closed = False
+        self._stops = 0
+        """Emergency stops whose outcome is waited for."""
         self._control: ControlServer | None = None
         self._pump = Pump(transport, self.host, self.clock, self.changed, self._rebinding(reopen), patience)
         try:
             if port is not None:
                 self._control = ControlServer(self, port)
             self._pump.start()
-            self.wait(lambda: self.host.capabilities is not None and self.host.status is not None, _PATIENCE)
+            self.wait(lambda: self._is_up(cancelled), _PATIENCE)
         except BaseException:
             self._release()
             raise
+
+    def _is_up(self, cancelled: Callable[[], bool] | None) -> bool:
+        if cancelled is not None and cancelled():
+            raise NoAnswer("connecting was given up before the scanner had answered")
+        return self.host.capabilities is not None and self.host.status is not None
 
     def _rebinding(self, reopen: Callable[[], Transport] | None) -> Callable[[], Transport] | None:
         """Have the control socket listen under the names that a port has after it was opened anew."""
@@ -77,15 +89,16 @@ class Session:
 
         def again() -> Transport:
             transport = reopen()
-            if self._control is not None:
-                self._control.bind()
+            if (server := self._control) is not None:
+                server.bind()
             return transport
 
         return again
 
     def _release(self) -> None:
-        if self._control is not None:
-            self._control.close()
+        server, self._control = self._control, None  # a connection may be closed twice, by two threads
+        if server is not None:
+            server.close()
         self._pump.stop()
 
     @property
@@ -134,8 +147,9 @@ class Session:
                 self.changed.wait(STEP)
 
     def close(self) -> None:
-        """End the thread and release the port; who waits elsewhere is told."""
+        """End the thread and release the port, after the outcome of an emergency stop; who waits elsewhere is told."""
         with self.changed:
+            self.changed.wait_for(lambda: not self._stops, _STOPPED_WITHIN)
             self._closed = True
             self.changed.notify_all()
         self._release()
@@ -158,6 +172,16 @@ class Session:
         began = self.now()
         with self.changed:
             self.stopped_by = who
+            self._stops += 1
+        try:
+            return self._stop(began, timeout)
+        finally:
+            with self.changed:
+                self._stops -= 1
+                self.changed.notify_all()
+
+    def _stop(self, began: int, timeout: float) -> StopAnswer:
+        with self.changed:
             self.host.abort(AbortLevel.LASER_OFF, began)
             number = self.host.aborts.number
         self.flush()

@@ -2,35 +2,34 @@
 
 from __future__ import annotations
 
-import os
 import queue
-import select
-import socket
 import sys
 import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Protocol, TypeVar
-from urllib.parse import urlsplit
+from typing import TypeVar
 
-from fabry_perot.errors import LinkLost, PortBusy, PortUnavailable
+from fabry_perot.errors import LinkLost, PortBusy, ScannerError
 from fabry_perot.host import control
 from fabry_perot.host.answers import PortStatus, StopAnswer, answer, unconfirmed
+from fabry_perot.host.beside import TURN, SecondOpening, TcpLine, opened
 from fabry_perot.host.control import Listener, Reply
 from fabry_perot.host.passive import Passive
 from fabry_perot.host.ports import lock_owner, program_of
-from fabry_perot.host.transport import Transport, open_transport
+from fabry_perot.host.transport import Transport
 from fabry_perot.wire.states import DeviceState
 
 T = TypeVar("T")
-_ASKING = 0.3
-"""Seconds after which a holder that has not answered is taken for frozen: the port is then opened a second time."""
-_TURN = 0.01
-"""Longest wait for bytes of a line, in s."""
-_SILENCE = 0.3
-"""Seconds without a word of the device after which HELLO is said to it."""
-_MARGIN = 0.25
+_ASKING = 0.1
+"""Seconds after which the stop is also sent beside a holder that has not answered yet."""
+_FROZEN = 0.4
+"""Seconds after which such a holder is taken for frozen, and the bytes that were meant for it are read."""
+_SILENCE, _SILENCE_BESIDE = 0.3, 0.7
+"""Seconds without a word of the device after which HELLO is said to it; the latter beside a program that holds it."""
+_CLOSING = 0.2
+"""Longest wait in s for a line to be closed before the answer is given."""
+_MARGIN = 0.3
 """Seconds beyond the timeout within which an answer is given even where the system hangs."""
 
 
@@ -107,67 +106,6 @@ def ask_to_yield(url: str) -> bool:
     return any(reply is not None and reply.body.get("yielded") is True for reply in replies)
 
 
-class _Line(Protocol):
-    """A line for a stop."""
-
-    def read(self) -> bytes: ...
-
-    def write(self, data: bytes) -> None: ...
-
-    def close(self) -> None: ...
-
-
-class _SecondOpening:
-    """A terminal that another program holds, opened beside it: its settings and its lock are left alone."""
-
-    def __init__(self, path: str) -> None:
-        self._file = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-
-    def read(self) -> bytes:
-        """Return what has arrived."""
-        select.select([self._file], [], [], _TURN)
-        with suppress(BlockingIOError):
-            return os.read(self._file, 4096)
-        return b""
-
-    def write(self, data: bytes) -> None:
-        """Send what fits."""
-        with suppress(BlockingIOError):
-            os.write(self._file, data)
-
-    def close(self) -> None:
-        """Close this opening only."""
-        os.close(self._file)
-
-
-class _TcpLine:
-    """A TCP connection to a device, perhaps beside another host's."""
-
-    def __init__(self, url: str, timeout: float) -> None:
-        parts = urlsplit(url)
-        self._socket = socket.create_connection((parts.hostname or "", parts.port or 0), timeout)
-        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._socket.settimeout(_TURN)
-
-    def read(self) -> bytes:
-        """Return what has arrived; raises LinkLost."""
-        try:
-            data = self._socket.recv(4096)
-        except TimeoutError:
-            return b""
-        if not data:
-            raise LinkLost("the other end closed the connection")
-        return data
-
-    def write(self, data: bytes) -> None:
-        """Send all of ``data``."""
-        self._socket.sendall(data)
-
-    def close(self) -> None:
-        """Close the connection."""
-        self._socket.close()
-
-
 class _Stop:
     """One emergency stop.
 
@@ -184,6 +122,7 @@ class _Stop:
         self._deadline = began + timeout
         self._replies: queue.SimpleQueue[StopAnswer | None] = queue.SimpleQueue()
         self._asked = 0
+        self._told: StopAnswer | None = None
         self._holder = ""
 
     def run(self) -> StopAnswer:
@@ -191,14 +130,13 @@ class _Stop:
         for listener in control.listeners(self._url):
             self._asked += 1
             threading.Thread(target=self._ask, args=(listener,), name="fabry-perot-stop", daemon=True).start()
-        told = self._collect(time.monotonic() + _ASKING) if self._asked else None
-        if told is not None and told.laser == "off":
-            return told
+        if self._told_off(time.monotonic() + _ASKING) and self._told is not None:
+            return self._told
         own = self._through_the_port()
-        if own.laser == "off" or told is None:
-            late = None if own.laser == "off" else self._collect(self._deadline)
-            return late or own
-        return told
+        if own.laser == "off":
+            return own
+        self._told_off(self._deadline)
+        return self._told or own
 
     def _left(self) -> float:
         return max(0.0, self._deadline - time.monotonic())
@@ -221,46 +159,46 @@ class _Stop:
             return
         self._replies.put(StopAnswer(**body, holder=reply.holder, seconds=self._passed()))  # type: ignore[arg-type]
 
-    def _collect(self, deadline: float) -> StopAnswer | None:
-        """Return a holder's answer that the laser is off, otherwise the last one that came until ``deadline``."""
-        last = None
-        while self._asked:
+    def _told_off(self, deadline: float) -> bool:
+        """Take the holders' answers that come until ``deadline``, and return whether one says that the laser is off."""
+        while self._asked and not (self._told is not None and self._told.laser == "off"):
             try:
                 told = self._replies.get(timeout=max(0.0, deadline - time.monotonic()))
             except queue.Empty:
                 break
             self._asked -= 1
-            last = told or last
-            if told is not None and told.laser == "off":
-                break
-        return last
+            self._told = told or self._told
+        return self._told is not None and self._told.laser == "off"
 
     def _through_the_port(self) -> StopAnswer:
         """Send the stop ourselves: through the port, or beside the program that holds it."""
         try:
             line = self._open()
-        except (PortUnavailable, PortBusy, OSError, ValueError) as error:
+        except (ScannerError, OSError, ValueError) as error:
             return unconfirmed(self._could_not(error), self._passed(), self._holder)
         try:
             return self._talk(line)
-        except (LinkLost, OSError) as error:
+        except (ScannerError, OSError) as error:
             return unconfirmed(f"{self._url} could not be asked: {error}", self._passed(), self._holder)
         finally:
             # closing a terminal waits until what was written has left, which may take forever
-            threading.Thread(target=_close, args=(line,), name="fabry-perot-close", daemon=True).start()
+            closing = threading.Thread(target=_close, args=(line,), name="fabry-perot-close", daemon=True)
+            closing.start()
+            closing.join(_CLOSING)
 
-    def _open(self) -> _Line:
+    def _open(self) -> Transport:
         if self._url.startswith("socket://"):
-            return _TcpLine(self._url, self._left())
-        try:
-            return opened(self._url, self._baudrate)
-        except PortBusy:
-            if "://" in self._url or sys.platform == "win32":
-                raise
-            owner = lock_owner(self._url)
-            line = _SecondOpening(self._url)
-            self._holder = program_of(owner) if owner else "another program"
-            return line
+            return TcpLine(self._url, self._left())
+        owner = lock_owner(self._url)
+        if not owner:
+            try:
+                return opened(self._url, self._baudrate)
+            except PortBusy:
+                if "://" in self._url or sys.platform == "win32":
+                    raise
+        line = SecondOpening(self._url)
+        self._holder = program_of(owner) if owner else "another program"
+        return line
 
     def _could_not(self, error: Exception) -> str:
         holder = f", which {self._holder} holds," if self._holder else ""
@@ -270,19 +208,21 @@ class _Stop:
             holder = f", which {self._holder} holds,"
         return f"{self._url}{holder} could not be asked: {error}"
 
-    def _talk(self, line: _Line) -> StopAnswer:
+    def _talk(self, line: Transport) -> StopAnswer:
         """Send ABORT until it is acknowledged, and read what the device says afterwards."""
-        passive = Passive(time.monotonic(), _SILENCE)
+        beside = isinstance(line, SecondOpening)
+        passive = Passive(time.monotonic(), _SILENCE_BESIDE if beside else _SILENCE)
         passive.stop(time.monotonic())
         while self._left() and not passive.aborts.is_off:
             now = time.monotonic()
             data = passive.pull(now)
             if data:
                 line.write(data)
-            passive.receive(line.read(), time.monotonic())
-            told = None if self._replies.empty() else self._collect(0.0)
-            if told is not None and told.laser == "off":
-                return told
+            waiting = self._asked and beside and self._passed() < _FROZEN
+            if self._told_off(now + TURN if waiting else 0.0) and self._told is not None:
+                return self._told
+            if not waiting:
+                passive.receive(line.read(), time.monotonic())
         if passive.aborts.after is not None:
             return answer(passive.aborts.after, self._passed(), self._holder)
         return unconfirmed(f"{self._url} {self._silence(passive)}", self._passed(), self._holder)
@@ -297,12 +237,7 @@ class _Stop:
         return f"{by}could not be asked: no scanner answered within {self._passed():.1f} s"
 
 
-def opened(url: str, baudrate: int | None) -> Transport:
-    """Open a port; the baud rate is the default one where none is given."""
-    return open_transport(url) if baudrate is None else open_transport(url, baudrate)
-
-
-def _close(line: _Line) -> None:
+def _close(line: Transport) -> None:
     with suppress(OSError, LinkLost):
         line.close()
 

@@ -23,6 +23,7 @@ from fabry_perot.errors import (
     ScannerError,
 )
 from fabry_perot.host import Host
+from fabry_perot.host.silence import SilenceLog
 from fabry_perot.host.transport import Transport
 from fabry_perot.wire.states import DeviceState, HoldCause
 
@@ -61,7 +62,7 @@ class Pump:
         self._writing = threading.Lock()
         self._stopping = threading.Event()
         self._broken: LinkLost | None = None
-        self._silent_since: int | None = None
+        self._silences = SilenceLog()
         self._known = (0, 0)
         context = contextvars.copy_context()  # so that a filter of the caller's logs knows whose lines these are
         self._thread = threading.Thread(target=context.run, args=(self._run,), name="fabry-perot-io", daemon=True)
@@ -120,15 +121,9 @@ class Pump:
             _log.info("session %04x with the scanner begins, which has booted as %08x", hello.session, hello.boot)
 
     def _note_silence(self, now: int) -> None:
-        """Log when the scanner goes silent, while it is, and when it is back; a session must have begun."""
-        host, since = self._host, self._silent_since
-        silent = host.hello is not None and host.silent_for(now) > host.timing.silence
-        if silent and since is None:
-            self._silent_since = host.heard_at
-            _log.warning("the scanner is silent: nothing was heard of it for %.1f s", host.silent_for(now) * 1e-6)
-        elif since is not None and not silent:
-            self._silent_since = None
-            _log.warning("the scanner is heard again after %.1f s", (host.heard_at - since) * 1e-6)
+        """Log silences of the scanner; a session must have begun."""
+        if self._host.hello is not None:
+            self._silences.note(now, self._host.heard_at, self._host.timing.silence)
 
     def _replug(self, error: LinkError) -> bool:
         """Wait for the port to come back, less and less often; return whether it did."""

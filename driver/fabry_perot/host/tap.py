@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from fabry_perot import faults
 from fabry_perot.errors import FrameError
 from fabry_perot.host.transport import Transport
 from fabry_perot.wire.codes import Operation, Result, Type
@@ -126,6 +127,8 @@ def _fields(frame: Frame) -> dict[str, Any]:
     if frame.type in _MESSAGES:
         kind = _MESSAGES[frame.type]
         message: dict[str, Any] = unpack(kind, payload, tail=True)._asdict()
+        if frame.type == Type.FAULT:
+            message["name"] = faults.by_code(message["code"]).name
         rest = len(payload) - LAYOUT[kind].size
         return message | ({"more_bytes": rest} if rest else {})
     if frame.type in _NUMBERS:

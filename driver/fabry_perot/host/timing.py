@@ -29,6 +29,8 @@ class HostTiming:
         Between two LEASE while the consumer consumes.
     ttl
         Time to live asked for a lease.
+    keepalive
+        Without anything to send for so long a lone zero byte goes out, so that a TCP endpoint knows the host lives.
     """
 
     hello_period: int = 250_000
@@ -42,3 +44,4 @@ class HostTiming:
     abort_period: int = 20_000
     lease_period: int = 25_000
     ttl: int = 500_000
+    keepalive: int = 1_000_000

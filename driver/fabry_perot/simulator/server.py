@@ -9,7 +9,8 @@ from collections.abc import Callable
 from typing import Protocol
 
 from fabry_perot.clock import ScaledClock
-from fabry_perot.device.endpoints import CHUNK, Endpoint, TcpEndpoint
+from fabry_perot.device.endpoints import CHUNK, Endpoint
+from fabry_perot.device.tcp import TcpEndpoint
 from fabry_perot.simulator.faults import BitFlips, Chain, FrameLoss
 from fabry_perot.simulator.machine import Machine
 from fabry_perot.simulator.options import Options
@@ -74,7 +75,7 @@ class Server:
         self.time = 0
         """Simulator time in µs."""
         self.shutter_log: deque[tuple[int, float, bool]] = deque([(0, time.monotonic(), False)], SHUTTER_LOG)
-        """Last movements of the shutter: simulator time in µs, this computer's monotonic clock in s, whether it opened."""
+        """Last movements of the shutter: simulator time in µs, the computer's monotonic clock in s, whether it opened."""
 
     def run(self, finished: Callable[[list[int]], bool], watched: list[int]) -> None:
         """Run until ``finished(readable descriptors)``; ``watched`` are waited on besides the line."""

@@ -16,6 +16,7 @@ from steradian.api.arrays import NPY, RAW
 from steradian.api.links import add_links
 from steradian.api.problems import RESPONSES, Problem
 from steradian.api.security import GUARDED
+from steradian.api.stop_callers import STOP_TICKET
 
 TAGS: Final = [
     {"name": "service", "description": "What this service is, its limits, and where everything begins"},
@@ -42,6 +43,12 @@ SECURITY: Final = {
         "name": cookies.NAME,
         "description": f"A browser's session (POST /session); what changes something brings {cookies.TOKEN}, too",
     },
+    "stop-ticket": {
+        "type": "apiKey",
+        "in": "header",
+        "name": STOP_TICKET,
+        "description": "A stop ticket (GET /session), good for 7 days for the emergency stop and nothing else",
+    },
     "ticket": {
         "type": "apiKey",
         "in": "query",
@@ -65,6 +72,8 @@ CONFLICTS: Final = frozenset(
 """Operations that a state of things can stand against."""
 NAMING: Final = frozenset({"plan_create", "plan_preview", "scan_create", "batch_create", "reconstruction_create"})
 """Operations without an identifier in their path whose body names what must exist; beside ``job_create``."""
+BY_STOP_TICKET: Final = frozenset({"emergency_stop_press", "emergency_stops_press", "emergency_stops_read"})
+"""Operations that a stop ticket is good for."""
 HEADERS: Final[dict[str, tuple[str, str]]] = {
     "Accept-Ranges": ("That ranges of bytes can be asked for", "bytes"),
     "Cache-Control": ("Whether it may be kept; what has an ETag may be, if it is asked about each time", "no-store"),
@@ -144,7 +153,8 @@ def _complete_operation(path: str, method: str, operation: dict[str, Any]) -> No
         _take_null_out(parameter["schema"])
     guarded = any(path == root or path.startswith(f"{root}/") for root in GUARDED)
     ways: list[dict[str, list[str]]] = [{}, {"key": []}, {"session": []}] if guarded else []
-    operation["security"] = [*ways, {"ticket": []}] if name == "events_follow" else ways
+    more = {"events_follow": "ticket"} | dict.fromkeys(BY_STOP_TICKET, "stop-ticket")
+    operation["security"] = [*ways, {more[name]: []}] if name in more else ways
     if "If-None-Match" in sent:
         answers["304"] = {"description": "The one you have is still right"}
     if "Range" in sent:

@@ -19,7 +19,7 @@ from steradian.security.keys import Principal
 from steradian.storage.scanners import ScannerRepository
 
 WITHIN: Final = 3.0
-"""Seconds for which the other node's answer is waited for: it waits a second itself for what its scanner says."""
+"""Seconds for which the other node's answer is waited for: it waits up to two itself for what its scanner says."""
 SOON: Final = 0.5
 """Seconds after which a press that has not been answered is written into the database, too."""
 AGAIN: Final = 0.25
@@ -119,6 +119,8 @@ def _unconfirmed(errand: _Errand) -> EmergencyAnswer:
         by=errand.question.who.name,
         reason=errand.reason,
         laser="unconfirmed",
+        detail=f"the scanner could not be asked: the node of {errand.scanner_id} has not answered within {WITHIN:g} s;"
+        " use the hardware switch",
         seconds=None,
         recorded=errand.recorded is not None,
     )

@@ -12,8 +12,8 @@ from steradian.storage.emergency import Deed, EmergencyLatch, Press
 from steradian.storage.scanners import EmergencyStopped, ScannerRepository
 from steradian.storage.tables import ScannerRow
 
-PATIENCE = 1.0
-"""Seconds for which the acquisition's answer is waited for; a lease ends within them."""
+PATIENCE = 1.8
+"""Seconds for which the acquisition's answer is waited for: it asks the scanner for up to 1.5 s."""
 RECORDING = 0.2
 """Seconds for which an answer waits until the stop stands in the database, too."""
 ERRANDS = 100
@@ -137,8 +137,9 @@ class EmergencyDesk:
                     row = self._scanner.stop(press.who, press.reason, press.number)
                 self._recorded = press.number
             deed = self.deed(press)
-            if deed is not None and (row.stop_number, row.stop_laser) != (deed.number, deed.laser):
-                self._scanner.note_deed(deed.number, deed.laser, deed.seconds)
+            known = (row.stop_number, row.stop_laser, row.stop_detail)
+            if deed is not None and known != (deed.number, deed.laser, deed.detail):
+                self._scanner.note_deed(deed.number, deed.laser, deed.seconds, deed.detail)
 
     def _known(self, row: ScannerRow) -> Press | None:
         """Return the press that stands; one that only the database knows, by another node or a lost latch, is made."""

@@ -16,7 +16,7 @@ from ulid import ULID
 from steradian.api.headers import complete
 from steradian.api.metrics import Metrics
 from steradian.api.problems import CODE_OF, problem
-from steradian.api.security import EMERGENCY_STOP
+from steradian.api.stop_callers import EMERGENCY_STOP
 from steradian.logs import request_id
 from steradian.settings import Settings
 
@@ -107,8 +107,9 @@ class Observe:
 
 def _is_wish(scope: Scope) -> bool:
     """Whether a request makes nothing, but something of what is there is to end or to go on."""
-    path = scope["path"]
-    return scope["method"] == "DELETE" or path.endswith("/desired-state") or bool(EMERGENCY_STOP.fullmatch(path))
+    method, path = scope["method"], scope["path"]
+    presses = method == "POST" and EMERGENCY_STOP.fullmatch(path)
+    return method == "DELETE" or path.endswith("/desired-state") or bool(presses)
 
 
 class OnlyText:

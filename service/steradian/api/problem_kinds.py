@@ -121,6 +121,13 @@ PROBLEMS: Final[Mapping[str, ProblemKind]] = MappingProxyType(
             "Somebody pressed the emergency stop; nothing fires until a person has released it.",
             "See that all is safe; then DELETE /scanners/{id}/emergency-stop.",
         ),
+        "fault-stands": ProblemKind(
+            409,
+            "The fault cannot be cleared yet",
+            "The scanner has latched a fault whose cause is still there: the interlock is open, the key is off, or"
+            " the shutter is open. detail says which.",
+            "Remove the cause, then POST /scanners/{id}/clear-fault again.",
+        ),
         "resume-refused": ProblemKind(
             409,
             "The scan cannot go on here",
@@ -224,6 +231,20 @@ PROBLEMS: Final[Mapping[str, ProblemKind]] = MappingProxyType(
             "The scan was interrupted",
             "The laser went off and stayed off, or the scanner was without power.",
             "See that all is safe; then resume the scan by its desired-state.",
+        ),
+        "fault-latched": ProblemKind(
+            502,
+            "The scanner has latched a fault",
+            "The interlock opened, the key was turned off, or the hardware failed; the laser is off and every"
+            " acknowledged A-line is kept. The scanner fires again only after a person has cleared the fault.",
+            "Remove the cause that the scanner's fault names, POST /scanners/{id}/clear-fault, then resume the scan.",
+        ),
+        "scanner-unreachable": ProblemKind(
+            503,
+            "The scanner does not answer",
+            "The scanner's port cannot be opened, or nothing answers at it; detail says why.",
+            "Look at its power, its cable and the service's setting of the port, then try again.",
+            retryable=True,
         ),
         "queue-unavailable": ProblemKind(
             503,

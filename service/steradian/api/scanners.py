@@ -44,6 +44,14 @@ class LeaseRequest(Value):
     note: str | None = Field(default=None, max_length=500)
 
 
+class ClearRequest(Value):
+    """Why the fault may be cleared."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"reason": "the enclosure is closed again"}]})
+
+    reason: str | None = Field(default=None, max_length=500)
+
+
 class StopRequest(Value):
     """Why the scanner must stop."""
 
@@ -60,10 +68,14 @@ def list_scanners(services: ServicesNeeded) -> Listing[ScannerView]:
 
 @router.get("/{scanner_id}", summary="One scanner")
 def read_scanner(services: ServicesNeeded, scanner_id: SCANNER_ID, conditions: ConditionsNeeded) -> ScannerView:
-    """Show a scanner: its connection, what it does, its last error, who holds it."""
+    """Show a scanner: its connection, what it does and says of itself, who holds it.
+
+    What it says of laser, shutter, interlock, key and fault is as old as `age` says, and `unknown` when that is more
+    than a second (ten for the scanner of another node): unknown is not off.
+    """
     row = services.scanner.get(scanner_id)
     view = _view(services, row)
-    conditions.tag(etag_of(row.id, row.revision, view))
+    conditions.tag(etag_of(row.id, row.revision, view.model_copy(update={"age": None, "looked_at": None})))
     return view
 
 
@@ -119,7 +131,8 @@ async def press_emergency_stop(
     """Switch the laser off and abort what runs or waits; any authenticated caller may, lease or not.
 
     It needs no database: what cannot be recorded now is recorded later. The answer comes when the scanner has
-    confirmed it, or after a second. No other scan begins until the stop is released, whatever is started anew.
+    confirmed it, whoever holds its port, or after two seconds with the reason why it could not be asked. No other scan
+    begins until the stop is released, whatever is started anew.
     """
     if not services.nodes.knows(scanner_id):
         raise NotFound("scanner", scanner_id)
@@ -163,6 +176,25 @@ def release_emergency_stop(
     return _view(services, services.scanner.get(scanner_id))
 
 
+@router.post("/{scanner_id}/clear-fault", summary="Clear a latched fault")
+def clear_fault(
+    services: ServicesNeeded,
+    who: Who,
+    scanner_id: SCANNER_ID,
+    wanted: Annotated[ClearRequest | None, Body()] = None,
+) -> ScannerView:
+    """Clear the fault that the scanner has latched; the laser stays off, and an interrupted scan can be resumed.
+
+    Refused (409 `fault-stands`) while the cause stands: the interlock is open, the key is off, the shutter is open.
+    Nothing happens where no fault is latched. The event that records it names the caller.
+    """
+    services.scanner.get(scanner_id)
+    if services.faults is None or not services.nodes.is_here(scanner_id):
+        raise Elsewhere(scanner_id)
+    services.faults.clear(who.name, wanted.reason if wanted else None)
+    return _view(services, services.scanner.get(scanner_id))
+
+
 def _place(row: ScannerRow) -> int:
     return row.sequence
 
@@ -172,4 +204,5 @@ def _view(services: Services, row: ScannerRow) -> ScannerView:
     if desk is not None:  # the latch may be ahead of the database
         press = desk.standing
         stop = EmergencyView.of(press, desk.deed(press), recorded=desk.is_recorded(press)) if press else None
-    return ScannerView.of(row, held=services.scanner.is_held(row), stop=stop)
+    status = services.status.read() if services.status is not None and services.nodes.is_here(row.id) else None
+    return ScannerView.of(row, status, services.clock(), held=services.scanner.is_held(row), stop=stop)

@@ -7,7 +7,6 @@ No handler takes a scope, a principal or a key as a parameter: the principal is 
 from __future__ import annotations
 
 import ipaddress
-import re
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from typing import Any, Final, Protocol
@@ -25,10 +24,12 @@ from steradian.api.choices import refuse_unknown
 from steradian.api.cookies import check_page, secret_in
 from steradian.api.nodes import Elsewhere, principal_of
 from steradian.api.problems import NO_DATABASE, database_problem, problem
+from steradian.api.stop_callers import bearer_of_ticket, is_stop
 from steradian.security.keys import Forbidden, KeyStore, Principal, Unauthorized
 from steradian.security.keys import Scope as Need
 from steradian.security.rates import Rate, TooOften
 from steradian.security.sessions import SeenSession, SessionStore
+from steradian.security.stop_tickets import StopTickets
 from steradian.settings import Settings
 
 V1: Final = "/api/v1"
@@ -60,7 +61,9 @@ SCOPES: Final[dict[tuple[str, str], Need | None]] = {
     ("DELETE", f"{V1}/scanners/{{scanner_id}}/lease"): Need.OPERATE,
     ("POST", f"{V1}/scanners/{{scanner_id}}/emergency-stop"): ANYONE,
     ("POST", f"{V1}/emergency-stop"): ANYONE,
+    ("GET", f"{V1}/emergency-stop"): ANYONE,
     ("DELETE", f"{V1}/scanners/{{scanner_id}}/emergency-stop"): Need.OPERATE,
+    ("POST", f"{V1}/scanners/{{scanner_id}}/clear-fault"): Need.OPERATE,
     ("POST", f"{V1}/scans"): Need.OPERATE,
     ("GET", f"{V1}/scans"): Need.READ,
     ("GET", f"{V1}/scans/{{scan_id}}"): Need.READ,
@@ -115,8 +118,6 @@ SCOPES: Final[dict[tuple[str, str], Need | None]] = {
 
 GUARDED: Final = (V1, "/metrics")
 """Paths below which nothing is answered without a key; the rest (health, documentation, pages) holds no data."""
-EMERGENCY_STOP: Final = re.compile(rf"{V1}/(?:scanners/[^/]+/)?emergency-stop")
-"""The paths that are answered while the database is not: whose key it is, is known from the last second."""
 UNSAFE: Final = frozenset({"POST", "PUT", "PATCH", "DELETE"})
 FORWARDING: Final = ("forwarded", "via", "x-real-ip")
 """Headers that a proxy adds, beside all that begin with ``X-Forwarded-``."""
@@ -131,6 +132,7 @@ class _Keeper(Protocol):
     settings: Settings
     keys: KeyStore
     sessions: SessionStore
+    stop_tickets: StopTickets
 
 
 class Authenticate:
@@ -143,7 +145,7 @@ class Authenticate:
 
     def __init__(self, app: ASGIApp, keeper: _Keeper) -> None:
         self.app, self._settings = app, keeper.settings
-        self._keys, self._sessions = keeper.keys, keeper.sessions
+        self._keys, self._sessions, self._tickets = keeper.keys, keeper.sessions, keeper.stop_tickets
         per_second, failed = keeper.settings.requests_per_second, keeper.settings.failed_keys_per_minute
         self._asked, self._failed = Rate(per_second, AT_ONCE * per_second), Rate(failed / 60, failed)
         self._hosts = {name.strip() for name in keeper.settings.allowed_hosts.split(",") if name.strip()}
@@ -153,7 +155,7 @@ class Authenticate:
         if scope["type"] == "http":
             try:
                 scope["state"]["principal"] = principal = await self._principal(scope)
-                counts = not (_is_stop(scope) or scope["state"].get("forwarded"))
+                counts = not (is_stop(scope) or scope["state"].get("forwarded"))
                 if principal is not None and principal is not LOCAL and counts:
                     self._asked.take(principal.name, CHANGE if scope["method"] in UNSAFE else 1.0)
             except Unauthorized as error:
@@ -180,11 +182,13 @@ class Authenticate:
         if (asking := principal_of(headers, self._settings.node_secret)) is not None:
             scope["state"]["forwarded"] = True
             return asking
+        if (bearer := bearer_of_ticket(scope, self._keys, self._sessions, self._tickets)) is not None:
+            return bearer
         if given:
             kind, _, key = given.partition(" ")
             if kind.lower() != "bearer":
                 raise Unauthorized("send the key as Authorization: Bearer …")
-            if _is_stop(scope) and (known := self._keys.recall(key.strip())) is not None:
+            if is_stop(scope) and (known := self._keys.recall(key.strip())) is not None:
                 return known
             return await self._prove(scope, self._keys.check, key.strip())
         if path == f"{V1}/events" and (ticket := parse_qs(scope["query_string"].decode("latin-1")).get("ticket")):
@@ -204,7 +208,7 @@ class Authenticate:
     async def _prove(self, scope: Scope, check: Callable[[str], Principal], secret: str) -> Principal:
         """Tell whose a key or ticket is; an address that sent too many wrong ones is heard with a known key only."""
         address = (scope.get("client") or ("",))[0]
-        if self._failed.is_spent(address) and not _is_stop(scope):
+        if self._failed.is_spent(address) and not (is_stop(scope) and scope["method"] == "POST"):
             if (known := self._keys.recall(secret)) is not None:
                 return known
             raise TooOften(60 / self._settings.failed_keys_per_minute)
@@ -218,7 +222,7 @@ class Authenticate:
     async def _recognise(self, scope: Scope, secret: str) -> SeenSession | None:
         """Tell whose session it is; ``None`` when it is over, and the request counts as one without."""
         with suppress(Unauthorized):
-            if _is_stop(scope):
+            if is_stop(scope):
                 with suppress(Unauthorized):
                     return self._sessions.recall(secret)
             return await run_in_threadpool(self._sessions.check, secret)
@@ -236,10 +240,6 @@ class Authenticate:
         followed = method not in UNSAFE and headers.get("sec-fetch-mode") == "navigate"
         if headers.get("sec-fetch-site", "none") not in {"same-origin", "none"} and not followed:
             raise Forbidden("a page of another origin may do nothing here without a key")
-
-
-def _is_stop(scope: Scope) -> bool:
-    return bool(scope["method"] == "POST" and EMERGENCY_STOP.fullmatch(scope["path"]))
 
 
 def _is_forwarded(headers: Headers) -> bool:

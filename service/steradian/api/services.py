@@ -15,6 +15,7 @@ from sqlalchemy.orm import Session
 
 from steradian.api.couriers import StopCourier
 from steradian.api.emergency import EmergencyDesk
+from steradian.api.faults import FaultDesk
 from steradian.api.looks import Looks
 from steradian.api.memory import Memory
 from steradian.api.nodes import Nodes
@@ -27,8 +28,10 @@ from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import JobRequest, JobStatus, QueueUnavailable
 from steradian.security.keys import KeyStore
 from steradian.security.sessions import SessionStore
+from steradian.security.stop_tickets import StopTickets, shared_secret, stored_secret
 from steradian.settings import Settings
 from steradian.storage.advisory import Hold, SessionLock
+from steradian.storage.clearing import Clearing
 from steradian.storage.database import Database, metadata_url, take_turns
 from steradian.storage.deletion import Deletion, InUse, remove_files
 from steradian.storage.dependence import hold_needs
@@ -42,6 +45,7 @@ from steradian.storage.paths import DataDirectory
 from steradian.storage.plans import PlanRepository
 from steradian.storage.reconstructions import BatchRepository, ReconstructionRepository
 from steradian.storage.repository import Clock, utc_now
+from steradian.storage.scanner_status import StatusBlock
 from steradian.storage.scanners import ScannerRepository
 from steradian.storage.scans import ScanRepository
 from steradian.storage.states import is_terminal
@@ -88,10 +92,15 @@ class Services:
         self.answers = Answers(self.database, clock)
         self.keys = KeyStore(self.database, clock, fixed=settings.api_key)
         self.sessions = SessionStore(self.database, self.keys, clock)
+        shared = settings.node_secret
+        secret = stored_secret(self.data.stop_secret) if shared is None else shared_secret(shared)
+        self.stop_tickets = StopTickets(secret, clock)
         self.log = EventLog(self.database)
         self.emergency = (
             EmergencyDesk(EmergencyLatch(self.data.emergency), self.scanner) if settings.has_scanner else None
         )
+        self.status = StatusBlock(self.data.emergency) if settings.has_scanner else None
+        self.faults = FaultDesk(Clearing(self.data.emergency), self.scanner) if settings.has_scanner else None
         self.nodes = Nodes(settings, self.scanner)
         self.courier = StopCourier(self.nodes, self.scanner)
         self._memory = Memory(self.sessions.remember, self.nodes.remember, self._stay)

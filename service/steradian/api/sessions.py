@@ -10,9 +10,11 @@ from starlette.concurrency import run_in_threadpool
 
 from steradian.api.cookies import TOKEN, secret_in, set_cookie, take_cookie
 from steradian.api.dependencies import ServicesNeeded, Who
-from steradian.api.security import V1, GuardedRoute
+from steradian.api.security import LOCAL, V1, GuardedRoute
+from steradian.api.stop_callers import STOP_TICKET
 from steradian.security.keys import Principal, Scope
 from steradian.security.sessions import SeenSession
+from steradian.security.stop_tickets import StopTickets
 
 router = APIRouter(prefix=V1, tags=["service"], route_class=GuardedRoute)
 
@@ -28,14 +30,20 @@ class SessionView(BaseModel):
     )
     expires: datetime | None = Field(description="When the session ends; null where there is none")
 
+    stop_ticket: str | None = Field(
+        description=f"Value of the header {STOP_TICKET}, with which the emergency stop can be pressed for 7 days, also"
+        " after the session has ended or the key was revoked; null where no key is needed"
+    )
+
     @classmethod
-    def of(cls, principal: Principal, seen: SeenSession | None) -> SessionView:
-        """Show a caller."""
+    def of(cls, principal: Principal, seen: SeenSession | None, tickets: StopTickets) -> SessionView:
+        """Show a caller, with a new stop ticket."""
         return cls(
             principal=principal.name,
             scopes=sorted(principal.scopes),
             csrf_token=None if seen is None else seen.csrf_token,
             expires=None if seen is None else seen.expires,
+            stop_ticket=None if principal == LOCAL else tickets.issue(principal),
         )
 
 
@@ -49,13 +57,13 @@ async def create_session(services: ServicesNeeded, request: Request, response: R
     secret = await run_in_threadpool(services.sessions.open, principal)
     set_cookie(response, secret, request.headers, request.url.scheme)
     response.headers["Location"] = f"{V1}/session"
-    return SessionView.of(who, await run_in_threadpool(services.sessions.check, secret))
+    return SessionView.of(who, await run_in_threadpool(services.sessions.check, secret), services.stop_tickets)
 
 
 @router.get("/session", summary="Who asks, and what a page must know of its session")
-async def read_session(request: Request, who: Who) -> SessionView:
+async def read_session(services: ServicesNeeded, request: Request, who: Who) -> SessionView:
     """Tell as whom the caller is known, by key or by cookie; without keys everybody on the machine is local."""
-    return SessionView.of(who, getattr(request.state, "session", None))
+    return SessionView.of(who, getattr(request.state, "session", None), services.stop_tickets)
 
 
 @router.delete("/session", status_code=204, summary="Sign out")

@@ -22,6 +22,7 @@ from steradian.cli import (
     reconstruct,
     scaling,
     scan,
+    scanner,
     serve,
     sound_speed,
     storage,
@@ -42,7 +43,7 @@ EXIT_CODES: dict[type[SteradianError], int] = {
 """Exit code of each kind of error; 1 for any other, 0 for success."""
 
 ORDER = (
-    *("mask", "plan", "scan", "reconstruct", "what-if", "sound-speed", "import", "export"),
+    *("mask", "plan", "scan", "scanner", "reconstruct", "what-if", "sound-speed", "import", "export"),
     *("demo", "benchmark", "serve", "api", "acquisition", "worker", "key", "storage", "check", "backup", "restore"),
 )
 """Commands as help lists them: in the order of the work."""
@@ -71,6 +72,7 @@ app = typer.Typer(
 app.add_typer(mask.app, name="mask")
 app.command("plan")(plan.plan)
 app.add_typer(scan.app, name="scan")
+app.add_typer(scanner.app, name="scanner")
 app.command("reconstruct")(reconstruct.reconstruct)
 app.command("what-if")(what_if.what_if)
 app.command("sound-speed")(sound_speed.sound_speed)

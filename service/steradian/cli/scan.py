@@ -13,7 +13,8 @@ from ulid import ULID
 
 from fabry_perot.simulator.shapes import NAMES, by_name
 from steradian.cli.console import console, progress_bar, show_end, show_figures
-from steradian.errors import DamagedFile, InvalidInput
+from steradian.cli.scanner import clearing_command
+from steradian.errors import DamagedFile, FaultLatched, InvalidInput
 from steradian.plans import ScanPlan
 from steradian.plans.files import read_value
 
@@ -167,7 +168,10 @@ def _measure(
     with at_terminal(file, needed) as control, scanner_port(scanner, speed=speed, phantom=phantom or PHANTOM) as port:
         with compiling_ahead(), progress_bar() as progress:
             control.shown_by(progress)
-            summary = work(port, control)
+            try:
+                summary = work(port, control)
+            except FaultLatched as error:
+                raise FaultLatched(error.code_number, f"{error}: {clearing_command(port)}") from error
         control.end(summary)
         return summary
 

@@ -18,6 +18,13 @@ Scanner = Annotated[
 Speed = Annotated[
     float | None, typer.Option(help="How much faster than real time a simulated scan runs. [default: 20]")
 ]
+Watch = Annotated[
+    bool | None,
+    typer.Option(
+        "--scanner-watch/--no-scanner-watch",
+        help="Hold the scanner's port between scans and show laser, shutter, interlock and key. [default: yes]",
+    ),
+]
 Own = Annotated[Path | None, typer.Option(help="Folder of this node alone. [default: data]")]
 
 
@@ -28,6 +35,7 @@ def serve(
     workers: Annotated[int | None, typer.Option(help="Reconstructions at a time. [default: 1]")] = None,
     scanner: Scanner = None,
     simulator_speed: Speed = None,
+    scanner_watch: Watch = None,
 ) -> None:
     """Serve the HTTP API, run scans and reconstruct, until Ctrl-C ends every process.
 
@@ -37,7 +45,8 @@ def serve(
 
     An address that others can reach needs a key: see `steradian key create`.
     """
-    _run(data, role="service", host=host, port=port, workers=workers, scanner=scanner, simulator_speed=simulator_speed)
+    where = {"host": host, "port": port, "workers": workers, "scanner": scanner}
+    _run(data, role="service", simulator_speed=simulator_speed, scanner_watch=scanner_watch, **where)
 
 
 def api(host: Host = None, port: Port = None, data: Own = None) -> None:
@@ -61,6 +70,7 @@ def acquisition(
     ] = None,
     scanner: Scanner = None,
     simulator_speed: Speed = None,
+    scanner_watch: Watch = None,
 ) -> None:
     """Be the node of a scanner: run its scans, stop its laser, answer the other nodes, until Ctrl-C.
 
@@ -68,8 +78,8 @@ def acquisition(
     STERADIAN_ADDRESS if that is another one for them. Its folder holds the scans under way; its workers do nothing but
     follow them.
     """
-    where = {"scanner_id": name, "host": host, "port": port, "workers": workers}
-    _run(data, role="acquisition", scanner=scanner, simulator_speed=simulator_speed, **where)
+    where = {"scanner_id": name, "host": host, "port": port, "workers": workers, "scanner": scanner}
+    _run(data, role="acquisition", simulator_speed=simulator_speed, scanner_watch=scanner_watch, **where)
 
 
 def _run(data: Path | None, **given: Any) -> None:

@@ -10,21 +10,25 @@ import logging
 import os
 import signal
 import threading
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from sqlalchemy.exc import DBAPIError
 
 from fabry_perot import Recovery
-from steradian.errors import DiskFull, ScanFailed, ScanInterrupted, SteradianError
+from steradian.errors import DiskFull, FaultLatched, ScanFailed, ScanInterrupted, SteradianError
 from steradian.lifeline import end_with_stdin
 from steradian.logs import caused_by, configure_logging
 from steradian.runtime.heartbeat import Heartbeat
 from steradian.runtime.keeping import ScanKeeper
+from steradian.runtime.scanner_port import ScannerPort
+from steradian.scans.clearing import FaultClerk
 from steradian.scans.completing import begin_with
 from steradian.scans.control import End
 from steradian.scans.emergency import EmergencyWatch
 from steradian.scans.layout import check_disk, scan_file_bytes
+from steradian.scans.port_watch import PortWatch
 from steradian.scans.proof import ResumeRefused
 from steradian.scans.run import ScanSummary, resume_scan, run_scan
 from steradian.scans.session import DEFAULT
@@ -34,11 +38,13 @@ from steradian.settings import Settings
 from steradian.stopping import StopEvent
 from steradian.storage.arrays import Arrays, Folder, scan_name
 from steradian.storage.changes import Changes
+from steradian.storage.clearing import Clearing
 from steradian.storage.database import Database, metadata_url
 from steradian.storage.emergency import EmergencyLatch
 from steradian.storage.object_store import ObjectStore, arrays_of
 from steradian.storage.paths import DataDirectory
 from steradian.storage.plans import PlanRepository
+from steradian.storage.scanner_status import StatusBlock
 from steradian.storage.scanners import ScannerRepository
 from steradian.storage.scans import ScanRepository
 from steradian.storage.states import DesiredScanState, ScanState, route
@@ -47,28 +53,6 @@ from steradian.storage.tables import ScanRow
 _S = ScanState
 _LAST = {End.STOPPED: _S.PARTIAL, End.ABORTED: _S.ABORTED}
 _log = logging.getLogger(__name__)
-
-
-class ScannerPort:
-    """Where the scanner is; a simulated one is started when first needed and again after it failed."""
-
-    def __init__(self, settings: Settings) -> None:
-        self._settings, self._stack, self._url = settings, ExitStack(), ""
-
-    def url(self) -> str:
-        """Return the port to connect to."""
-        if not self._settings.simulated:
-            return self._settings.scanner
-        if not self._url:
-            from fabry_perot.simulator import launch
-
-            self._url = self._stack.enter_context(launch(speed=self._settings.simulator_speed)).url
-        return self._url
-
-    def close(self) -> None:
-        """End a simulated scanner."""
-        self._url = ""
-        self._stack.close()
 
 
 class Acquisition:
@@ -88,6 +72,10 @@ class Acquisition:
         How soon after an interruption the laser may come back by itself.
     arrays
         Where the A-lines of scans are that are over; by default in ``data``.
+    listens
+        Whether the scanner's port is held and listened to between scans.
+    shared
+        Whether other nodes know the scanner from the database.
     """
 
     def __init__(
@@ -99,17 +87,29 @@ class Acquisition:
         stopping: threading.Event,
         recovery: Recovery = DEFAULT,
         arrays: Arrays | None = None,
+        *,
+        listens: bool = True,
+        shared: bool = False,
     ) -> None:
         self._scans, self._plans, self._data, self._port = scans, plans, data, port
         self._stopping, self._recovery = stopping, recovery
         self._arrays = arrays or Folder(data)
-        self._emergency = EmergencyWatch(EmergencyLatch(data.emergency))
         self._scanner = ScannerRepository(scans.database, scans.clock, scans.scanner_id)
+        block = StatusBlock(data.emergency)
+        self._watch = PortWatch(port, block, self._scanner.note_status, listens=listens, shared=shared)
+        self._emergency = EmergencyWatch(EmergencyLatch(data.emergency), self._watch)
+        self._faults = FaultClerk(Clearing(data.emergency), self._watch)
 
     def run(self) -> None:
         """Work until asked to stop; while the database does not answer, wait for it."""
-        with self._emergency.looking():
+        with self.watching():
             self._work()
+
+    @contextmanager
+    def watching(self) -> Iterator[None]:
+        """Watch the scanner's port, the emergency stop and requests to clear a fault until the block ends."""
+        with self._watch.watching(), self._emergency.looking(), self._faults.working():
+            yield
 
     def _work(self) -> None:
         while not self._stopping.is_set():
@@ -190,8 +190,12 @@ class Acquisition:
         self._run(row)
 
     def _run(self, row: ScanRow) -> None:
-        """Work on a scan that is ``arming``, until it is over or interrupted."""
-        self._scanner.report("connected", "scanning")
+        """Work on a scan that is ``arming``, until it is over or interrupted; the port is its own meanwhile."""
+        self._scanner.report(None, "scanning")
+        with self._watch.lent():
+            self._take(row)
+
+    def _take(self, row: ScanRow) -> None:
         watch = ScanWatch(self._scans, row.id, self._stopping, self._emergency)
         try:
             try:
@@ -201,6 +205,9 @@ class Acquisition:
                 watch.close()
             self._finish(row.id, summary.end)
             self._scanner.report("connected", "idle")
+        except FaultLatched as error:
+            how = f" (POST /api/v1/scanners/{self._scanner.id}/clear-fault) and resume the scan"
+            self._give_up(row.id, _S.INTERRUPTED, error.code, f"{error}{how}", link_is_well=True)
         except (ResumeRefused, ScanInterrupted) as error:
             self._give_up(row.id, _S.INTERRUPTED, error.code, str(error), link_is_well=True)
         except ScanFailed as error:
@@ -233,7 +240,8 @@ class Acquisition:
             self._scans.transition(identifier, _S.INTERRUPTED, why="the service ended", summary=figures)
             return
         row = self._scans.get(identifier)
-        if last is _S.PARTIAL and figures.get("stored") == 0:
+        is_empty = figures.get("stored") == 0 or not self._data.scan_file(identifier).exists()
+        if last is _S.PARTIAL and is_empty:
             last = _S.ABORTED  # there is nothing to keep
         press = self._emergency.standing
         why = "every A-line is stored" if last is _S.COMPLETE else press.why if press else row.reason or "requested"
@@ -248,7 +256,7 @@ class Acquisition:
         if not link_is_well:
             self._port.close()
         lost = following is _S.INTERRUPTED and not link_is_well
-        self._scanner.report("disconnected" if lost else "connected", "idle", message)
+        self._scanner.report("disconnected" if lost else "connected", "idle", message if lost else None)
         figures = self._figures(identifier)
         self._scans.transition(identifier, following, why=message, error=(code, message), summary=figures)
 
@@ -277,7 +285,8 @@ def main() -> None:
             if isinstance(store := arrays_of(settings, database), ObjectStore):
                 keeper = ScanKeeper(store, scans, data)
                 threading.Thread(target=keeper.run, args=(stopping,), daemon=True).start()
-            Acquisition(scans, plans, data, port, stopping, recovery, store).run()
+            how = {"listens": settings.scanner_watch, "shared": settings.role != "service"}
+            Acquisition(scans, plans, data, port, stopping, recovery, store, **how).run()
         finally:
             port.close()
             database.close()

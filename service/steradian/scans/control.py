@@ -70,6 +70,9 @@ class Control:
         """Answer for a connected scanner until the block ends; here that is left to the session."""
         return nullcontext()
 
+    def may_fire(self, allowed: bool) -> None:
+        """Learn, before the scanner is told to, that it may fire from now on, or afterwards that it does not."""
+
     def wish(self) -> Wish:
         """Return what is wanted now; asked some twenty times a second."""
         return Wish.LEAVE if self._cancelled is not None and self._cancelled() else Wish.RUN

@@ -3,37 +3,52 @@
 from __future__ import annotations
 
 import logging
+import re
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
+from typing import Final
 
 import fabry_perot
-from fabry_perot.wire.states import RUNNING, DeviceState
 from steradian.logs import caused_by, request_id
+from steradian.scans.port_watch import STOP_WITHIN, PortWatch
+from steradian.scans.scanner_words import status_of
 from steradian.storage.emergency import Deed, EmergencyLatch, Press
 
-LOOK = 0.01
+LOOK: Final = 0.01
 """Seconds between two looks at the latch."""
+AGAIN: Final = 0.25
+"""Seconds after which a scanner is asked again that did not confirm the stop."""
+LEAVING: Final = 0.2
+"""Seconds for which a session that is being closed is waited for."""
+LONGEST: Final = 500
+"""Characters of an answer's sentence."""
+_NO_SCANNER: Final = "there is no scanner: the simulated one is not running"
 _log = logging.getLogger(__name__)
-_LIVE = frozenset(state.name.lower() for state in (*RUNNING, DeviceState.ARMED))
 
 
 class EmergencyWatch:
     """Switches the laser off while the stop stands, whatever the rest of the process is waiting for.
 
+    A connected scan is stopped by its own connection; without one the scanner is asked through its port, whoever holds
+    that. While the stop stands, a scanner that fires again is stopped again.
+
     Parameters
     ----------
     latch
         Where the stop is pressed.
+    port
+        The scanner's port; ``None``: there is no scanner but the one of a scan.
     """
 
-    def __init__(self, latch: EmergencyLatch) -> None:
-        self._latch = latch
+    def __init__(self, latch: EmergencyLatch, port: PortWatch | None = None) -> None:
+        self._latch, self._port = latch, port
         self._scanner: fabry_perot.Scanner | None = None
         self._cause = ""
         """The request that the scanner works for."""
         self._told: Deed | None = None
+        self._asked = float("-inf")
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="emergency-stop", daemon=True)
 
@@ -57,9 +72,18 @@ class EmergencyWatch:
         """Answer for a connected scanner until the block ends."""
         self._scanner, self._cause = scanner, request_id.get()
         try:
-            yield
+            if self._port is None:
+                yield
+            else:
+                with self._port.guarding(scanner):
+                    yield
         finally:
             self._scanner, self._cause = None, ""
+
+    def may_fire(self, allowed: bool) -> None:
+        """Say, before it is told to, that the scanner may fire from now on, or afterwards that it does not."""
+        if self._port is not None:
+            self._port.may_fire(allowed)
 
     def _run(self) -> None:
         while not self._over.wait(LOOK):
@@ -74,20 +98,52 @@ class EmergencyWatch:
         scanner, cause, told = self._scanner, self._cause, self._told
         if told is None or told.number != press.number:
             told = self._told = self._latch.deed(press.number)  # a former process may have answered
+            self._asked = float("-inf")
         settled = told is not None and told.laser != "unconfirmed"
-        if settled and (scanner is None or scanner.state not in _LIVE):
+        if settled and not self._is_live(scanner):
             return
-        laser = "idle" if scanner is None else _switch_off(scanner)
-        passed = time.monotonic() - press.moment  # another clock after a restart of the computer
-        self._told = Deed(press.number, laser, round(passed, 4) if passed >= 0 else None)
-        if not settled:
-            self._latch.answer(self._told)
+        if time.monotonic() - self._asked < AGAIN:
+            return
+        laser, detail = self._switch_off(scanner, press)
+        self._asked = time.monotonic()
+        passed = self._asked - press.moment  # another clock after a restart of the computer
+        seconds = told.seconds if told is not None and settled else round(passed, 4) if passed >= 0 else None
+        deed = Deed(press.number, laser, seconds, detail[:LONGEST])
+        self._told = deed
+        if told is None or (deed.laser, _wording(detail)) != (told.laser, _wording(told.detail)):
+            self._latch.answer(deed)
+        if told is None or deed.laser != told.laser:
             with caused_by(cause):
-                _log.warning("%s, pressed by %s: laser %s", press.why, press.who, laser)
+                _log.warning("%s, pressed by %s: laser %s; %s", press.why, press.who, laser, detail)
+
+    def _is_live(self, scanner: fabry_perot.Scanner | None) -> bool:
+        """Whether the scanner says now that it fires or may fire."""
+        status = self._port.status() if self._port is not None else status_of(scanner) if scanner is not None else None
+        return status is not None and status.as_of_now().laser in {"armed", "on"}
+
+    def _has_left(self, scanner: fabry_perot.Scanner) -> bool:
+        """Whether a connection is given up, or is so within a moment."""
+        until = time.monotonic() + LEAVING
+        while self._scanner is scanner and time.monotonic() < until:
+            time.sleep(LOOK)
+        return self._scanner is not scanner
+
+    def _switch_off(self, scanner: fabry_perot.Scanner | None, press: Press) -> tuple[str, str]:
+        """Turn the laser off; returns what it is then, and the scanner's words or why it could not be asked."""
+        who = f"{press.who}: {press.reason}" if press.reason else press.who
+        answer: fabry_perot.StopAnswer | None = None
+        try:
+            if scanner is not None:
+                answer = scanner.stop_laser(who, STOP_WITHIN)
+                if answer.laser != "off" and self._has_left(scanner) and self._port is not None:
+                    answer = self._port.stop(who)  # the session was sooner, and has closed the connection
+            elif self._port is not None:
+                answer = self._port.stop(who)
+        except (fabry_perot.ScannerError, OSError) as error:
+            return "unconfirmed", f"the scanner could not be asked: {error}; use the hardware switch"
+        return ("idle", _NO_SCANNER) if answer is None else (answer.laser, answer.detail)
 
 
-def _switch_off(scanner: fabry_perot.Scanner) -> str:
-    with suppress(fabry_perot.ScannerError, OSError):
-        scanner.abort("laser-off")
-        return "off"
-    return "unconfirmed" if scanner.state in _LIVE else "off"  # the session was sooner, and has closed the connection
+def _wording(detail: str) -> str:
+    """Return a sentence without the seconds in it, which alone are no news."""
+    return re.sub(r"\d+", "", detail)

@@ -11,12 +11,14 @@ from pathlib import Path
 import numpy as np
 
 import fabry_perot
-from steradian.errors import Cancelled, Conflict, InvalidInput, ScanFailed, ScanInterrupted
+from steradian.errors import Cancelled, Conflict, FaultLatched, InvalidInput, ScanFailed, ScanInterrupted
 from steradian.plans import ScanPlan
 from steradian.progress import IsCancelled, Progress
-from steradian.scans.check import check_scan_file
+from steradian.scans.check import CheckReport, check_scan_file
 from steradian.scans.control import ENDING, Control, End, Wish
+from steradian.scans.course import Course
 from steradian.scans.excitation import check_excitation
+from steradian.scans.hearing import GivenUp, ending_wish, hearing
 from steradian.scans.layout import check_disk, create_scan_file, scan_file_bytes
 from steradian.scans.proof import (
     Finding,
@@ -115,22 +117,26 @@ def run_scan(
     if (warning := check_disk(path.parent, scan_file_bytes(plan))) is not None:
         _log.warning("%s", warning)
     starter = control or Control(progress, cancelled)
-    with _scanner(scanner_url, recovery, starter) as scanner:
-        model = scanner.capabilities
-        check_scanner(plan, model)
-        create_scan_file(
-            path,
-            plan,
-            scan_id=scan_id,
-            scanner=model.serial,
-            scanner_model=model.model,
-            simulated=model.simulated,
-            pulse_energy=model.pulse_energy,
-        )
-        with AlineStore(path) as store:
-            note_tuning(scanner, store)
-            end = ScanSession(scanner, store, starter, recovery.within).measure(store.missing)
-            return _summary(store, end, asked=control is not None)
+    try:
+        with _scanner(scanner_url, recovery, starter) as scanner:
+            model = scanner.capabilities
+            check_scanner(plan, model)
+            create_scan_file(
+                path,
+                plan,
+                scan_id=scan_id,
+                scanner=model.serial,
+                scanner_model=model.model,
+                simulated=model.simulated,
+                pulse_energy=model.pulse_energy,
+            )
+            with AlineStore(path) as store:
+                with hearing(scanner, starter):
+                    note_tuning(scanner, store)
+                end = ScanSession(scanner, store, starter, recovery.within).measure(store.missing)
+                return _summary(store, end, asked=control is not None)
+    except GivenUp as error:
+        return _given_up(path, Course.of_plan(plan).count, error.wish, asked=control is not None)
 
 
 def resume_scan(
@@ -175,25 +181,40 @@ def resume_scan(
     allowed = tolerance or Tolerance()
     report = check_scan_file(path, progress=progress)
     starter = control or Control(progress, cancelled)
-    with _scanner(scanner_url, recovery, starter) as scanner, AlineStore(path) as store:
-        findings = compare_identity(store, plan, scanner.capabilities)
-        require(findings)
-        session = ScanSession(scanner, store, starter, recovery.within)
-        rescued = session.rescue()
-        wanted = store.missing | store.flagged(retry)
-        if not wanted.any():
-            return _summary(store, End.COMPLETE, rescued, findings)
-        if (wish := starter.wish()) not in ENDING:
-            findings += compare_tuning(scanner, store, allowed)
+    asked = control is not None
+    try:
+        with _scanner(scanner_url, recovery, starter) as scanner, AlineStore(path) as store:
+            findings = compare_identity(store, plan, scanner.capabilities)
             require(findings)
-            wish = starter.wish()
-        if wish in ENDING:  # not a shot more, and what the disk did not take is still in the scanner
-            end = End.ABORTED if wish is Wish.ABORT else End.STOPPED
-            return _summary(store, end, rescued, findings, asked=control is not None)
-        findings += compare_reference(scanner, store, report, allowed)
-        require(findings)
-        end = session.measure(wanted)
-        return _summary(store, end, rescued, findings, asked=control is not None)
+            session = ScanSession(scanner, store, starter, recovery.within)
+            rescued = session.rescue()
+            wanted = store.missing | store.flagged(retry)
+            if not wanted.any():
+                return _summary(store, End.COMPLETE, rescued, findings)
+            with hearing(scanner, starter):
+                if (wish := starter.wish()) not in ENDING:
+                    findings += compare_tuning(scanner, store, allowed)
+                    require(findings)
+                    wish = starter.wish()
+                if wish in ENDING:  # not a shot more, and what the disk did not take is still in the scanner
+                    return _summary(store, _end_of(wish), rescued, findings, asked=asked)
+                findings += _compare_reference(scanner, store, report, allowed, starter)
+            require(findings)
+            end = session.measure(wanted)
+            return _summary(store, end, rescued, findings, asked=asked)
+    except GivenUp as error:
+        return _given_up(path, report.rows, error.wish, asked=asked)
+
+
+def _compare_reference(
+    scanner: fabry_perot.Scanner, store: AlineStore, report: CheckReport, allowed: Tolerance, starter: Control
+) -> list[Finding]:
+    """Measure the reference point again, which fires, and compare it."""
+    starter.may_fire(True)
+    try:
+        return compare_reference(scanner, store, report, allowed)
+    finally:
+        starter.may_fire(False)
 
 
 def check_scanner(plan: ScanPlan, capabilities: fabry_perot.Capabilities) -> None:
@@ -226,17 +247,47 @@ def check_pattern(beams: Sequence[tuple[float, float]], capabilities: fabry_pero
 @contextmanager
 def _scanner(url: str, recovery: fabry_perot.Recovery, starter: Control) -> Iterator[fabry_perot.Scanner]:
     """Connect, under the starter's guard until the laser is off, and say in our own words what goes wrong."""
+    scanner: fabry_perot.Scanner | None = None
     try:
         with ExitStack() as stack:
-            scanner = fabry_perot.connect(url, recovery=recovery)
+            scanner = fabry_perot.connect(url, recovery=recovery, cancelled=lambda: ending_wish(starter) is not None)
             stack.enter_context(starter.guarding(scanner))
-            yield stack.enter_context(scanner)
+            stack.enter_context(scanner)
+            require_no_fault(scanner)
+            yield scanner
     except fabry_perot.PlanInvalid as error:
         raise InvalidInput(error.field, error.value, error.allowed) from error
-    except (fabry_perot.LeaseLapsed, fabry_perot.DeviceRestarted) as error:
-        raise ScanInterrupted(f"{error}; resume the scan when the laser may fire again") from error
     except fabry_perot.ScannerError as error:
+        wish = ending_wish(starter)
+        if wish is Wish.ABORT or (wish is not None and scanner is None):
+            raise GivenUp(wish) from error
+        if scanner is not None:
+            require_no_fault(scanner, error)
+        if isinstance(error, fabry_perot.LeaseLapsed | fabry_perot.DeviceRestarted | fabry_perot.ScanAborted):
+            raise ScanInterrupted(f"{error}; resume the scan when the laser may fire again") from error
         raise ScanFailed(str(error)) from error
+
+
+def require_no_fault(scanner: fabry_perot.Scanner, cause: Exception | None = None) -> None:
+    """Raise FaultLatched where the scanner has latched a fault or an emergency stop, which a person clears first."""
+    if scanner.state in {"fault", "estop"}:
+        code = scanner.status.fault if scanner.state == "fault" else 0
+        fault = fabry_perot.faults.by_code(code)
+        raise FaultLatched(code, f"{fault}; {fault.remedy}, then clear the fault") from cause
+
+
+def _end_of(wish: Wish) -> End:
+    return End.ABORTED if wish is Wish.ABORT else End.STOPPED
+
+
+def _given_up(path: Path, points: int, wish: Wish, *, asked: bool) -> ScanSummary:
+    """Sum up a session that ended before the scanner had answered; its file may not have been made."""
+    if path.exists():
+        with AlineStore(path) as store:
+            return _summary(store, _end_of(wish), asked=asked)
+    if not asked:
+        raise Cancelled("the scan was stopped before it began; nothing is written")
+    return ScanSummary(path, points, 0, 0, _end_of(wish))
 
 
 def _summary(

@@ -25,6 +25,7 @@ from steradian.errors import ScanInterrupted
 from steradian.scans.control import ENDING, Control, End, Phase, Wish
 from steradian.scans.course import Course, Segment
 from steradian.scans.excitation import tune_excitation
+from steradian.scans.hearing import hearing
 from steradian.scans.layout import is_full
 from steradian.scans.store import AlineStore, Upload
 
@@ -41,6 +42,8 @@ AGAIN = 1.0
 _STOPPED = frozenset({HoldCause.REQUEST, HoldCause.CLEARED})
 """Why a scanner stands that was not stopped by us."""
 Answer = TypeVar("Answer")
+URGENT = frozenset({Wish.LEAVE, Wish.ABORT})
+"""Wishes for which a request is not made again."""
 _STANDING = frozenset({"paused", "safe_hold", "ready"})
 """States of a scanner that fires again only when told to."""
 
@@ -117,23 +120,22 @@ class ScanSession:
     def _measure(self, segment: Segment) -> End:
         if self._phase not in {Phase.RUNNING, Phase.RESCUING}:
             self._enter(Phase.ARMING)
-        tune_excitation(self._scanner, segment.excitation)
         tag = 1 + secrets.randbelow(0xFFFFFFFE)
-        upload = Upload(segment.rows, tag, self._store.fired, self._laser_shots())
+        with hearing(self._scanner, self._control):
+            tune_excitation(self._scanner, segment.excitation)
+            upload = Upload(segment.rows, tag, self._store.fired, self._laser_shots(ENDING))
         if not self._store_patiently(lambda: self._store.note_upload(upload)):
             return self._leave(self._control.wish())
-        self._course.upload(self._scanner, segment.rows, tag)
+        with hearing(self._scanner, self._control):
+            self._course.upload(self._scanner, segment.rows, tag)
         if (wish := self._control.wish()) in ENDING:
             return self._leave(wish)
         self._rows = segment.rows
         self._taken.clear()
         self._fired_before, self._shots_before = self._store.fired, self._scanner.status.shots
-        token = self._scanner.arm()
-        if (wish := self._control.wish()) in ENDING:  # what was wished before ARM; an abort after it spends the token
-            return self._leave(wish)
-        self._scanner.start(token)
-        self._fires = True
         try:
+            if (early := self._start()) is not None:
+                return self._leave(early)
             while (end := self._take()) is None:
                 pass
             if end is End.ABORTED:
@@ -144,8 +146,22 @@ class ScanSession:
             self._note_fired()
             raise
         finally:
-            self._fires = False
+            self._may_fire(False)
         return end
+
+    def _start(self) -> Wish | None:
+        """Start the scanner; returns the wish to end that came before it."""
+        self._may_fire(True)
+        with hearing(self._scanner, self._control):
+            token = self._scanner.arm()
+            if (wish := self._control.wish()) in ENDING:  # wished before ARM; an abort after it spends the token
+                return wish
+            self._scanner.start(token)
+        return None
+
+    def _may_fire(self, allowed: bool) -> None:
+        self._fires = allowed
+        self._control.may_fire(allowed)
 
     def _after_a_lapse(self, lapse: fabry_perot.LeaseLapsed) -> End | None:
         """Leave the laser off, unless somebody has wished a pause and ends it now; what else was wished is done."""
@@ -158,9 +174,9 @@ class ScanSession:
             return self._leave(wish)
         raise lapse
 
-    def _laser_shots(self) -> int:
+    def _laser_shots(self, ending: frozenset[Wish] = URGENT) -> int:
         """Return the laser's own counter, which lasts longer than the scanner's boots."""
-        return int(self._insist(self._scanner.statistics)["laser_shots"])
+        return int(self._insist(self._scanner.statistics, ending)["laser_shots"])
 
     def _take(self) -> End | None:
         """Store A-lines as they come; returns how it ended, ``None`` when it goes on after all."""
@@ -202,7 +218,7 @@ class ScanSession:
             self._control.wait(LOOK)
         if wish is Wish.RUN:
             self._enter(Phase.ARMING)
-            self._fires = True
+            self._may_fire(True)
             self._go_on()
         return wish
 
@@ -214,12 +230,15 @@ class ScanSession:
             return End.STOPPED
         self._enter(Phase.ABORTING)
         self._fires = False
+        if wish is Wish.ABORT:
+            answer = self._scanner.stop_laser("the scan's own abort")  # not left before the scanner says that it is off
+            if answer.laser != "off":
+                _log.warning("the abort is not confirmed, the laser goes off by itself: %s", answer.detail)
+            return End.ABORTED
         try:
             self._scanner.abort("laser-off")
         except fabry_perot.ScannerError as error:  # it does not hear us: then its lease is not renewed either
             _log.warning("the scanner does not answer the abort, its laser goes off by itself: %s", error)
-            return End.ABORTED
-        if wish is Wish.ABORT:
             return End.ABORTED
         self._control.laser_is_off()
         self._drain()
@@ -229,6 +248,7 @@ class ScanSession:
         """Stop firing and store what was fired already."""
         self._fires = False
         self._rest()
+        self._control.may_fire(False)
         self._drain()
 
     def _rest(self) -> None:
@@ -313,13 +333,13 @@ class ScanSession:
                 _log.info("the scan was not taken up again: %s", error)
         return True
 
-    def _insist(self, request: Callable[[], Answer]) -> Answer:
-        """Make a request again when the link was renewed under it."""
+    def _insist(self, request: Callable[[], Answer], ending: frozenset[Wish] = URGENT) -> Answer:
+        """Make a request again when the link was renewed under it, unless one of the wishes ``ending`` is there."""
         for left in reversed(range(TRIES)):
             try:
                 return request()
             except (fabry_perot.LinkLost, fabry_perot.NoAnswer):
-                if not left or self._control.wish() in (Wish.LEAVE, Wish.ABORT):
+                if not left or self._control.wish() in ending:
                     raise
             self._control.wait(LOOK)
         raise AssertionError

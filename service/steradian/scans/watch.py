@@ -15,7 +15,6 @@ import fabry_perot
 from steradian.errors import ScanFailed, SteradianError
 from steradian.scans.control import Control, Phase, Wish
 from steradian.scans.emergency import EmergencyWatch
-from steradian.scans.guards import Guards
 from steradian.storage.scanners import ScannerRepository
 from steradian.storage.scans import ScanRepository
 from steradian.storage.states import DesiredScanState, ScanState, route
@@ -65,8 +64,6 @@ class ScanWatch(Control):
         super().__init__()
         self._scans, self._id, self._stopping, self._emergency = scans, identifier, stopping, emergency
         self._row = ScannerRepository(scans.database, scans.clock, scans.scanner_id)
-        self._scanner: fabry_perot.Scanner | None = None
-        self._guards = Guards()
         self._wish, self._why, self._who = Wish.RUN, "", "acquisition"
         self._notes: deque[Callable[[], None]] = deque()
         self._last: tuple[str, int, int] | None = None
@@ -81,13 +78,13 @@ class ScanWatch(Control):
 
     @contextmanager
     def guarding(self, scanner: fabry_perot.Scanner) -> Iterator[None]:
-        """Have the emergency stop reach a connected scanner, and note what it says, until the block ends."""
+        """Have the emergency stop reach a connected scanner until the block ends."""
         with self._emergency.guarding(scanner):
-            self._scanner = scanner
-            try:
-                yield
-            finally:
-                self._scanner = None
+            yield
+
+    def may_fire(self, allowed: bool) -> None:
+        """Have the scanner's state say so at once."""
+        self._emergency.may_fire(allowed)
 
     def wish(self) -> Wish:
         """Return what is wanted now, as far as the database has told; raises what it says against the scan."""
@@ -158,9 +155,6 @@ class ScanWatch(Control):
             if (last := self._last) is not None and last != self._reported:
                 self._scans.report(self._id, *last)
                 self._reported = last
-            if (guards := Guards.of(self._scanner)) != self._guards:
-                self._row.note_guards(guards.interlock, guards.key, guards.shutter)
-                self._guards = guards
             self._answers = True
         except SQLAlchemyError as error:
             if self._answers:
@@ -180,6 +174,8 @@ class ScanWatch(Control):
             return
         for following in route(present, state):
             self._scans.transition(self._id, following, why=why or reason, who="acquisition" if why else person)
+        if state in {_S.PAUSED, _S.ARMING, _S.RUNNING}:
+            self._row.note_state("paused" if state is _S.PAUSED else "scanning")
 
     def _tell(self, why: str | None) -> None:
         stage, reason = (f"blocked: {why}", why) if why else ("A-lines", "A-lines can be stored again")

@@ -4,32 +4,24 @@ DATA/emergency-stop/pressed    the last press: its number, when, who, why
 DATA/emergency-stop/released   the number of the last press that a person released
 DATA/emergency-stop/answered   what the acquisition did about the last press
 
-The stop stands while the last press has not been released. Each file has its full size from the start and is
-overwritten in place, so a full disk stops nobody (on file systems that copy on write a reserve must be left to them).
-A press takes no lock; who releases names the press he saw, so none that came after it is lost. A block that cannot be
-read counts as a press.
+The stop stands while the last press has not been released. Each file is a block (:mod:`steradian.storage.block`), so a
+full disk stops nobody. A press takes no lock; who releases names the press he saw, so none that came after it is lost.
+A block that cannot be read counts as a press.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import time
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from tempfile import NamedTemporaryFile
 from threading import Lock
-from typing import Any, Final
+from typing import Any
 
-import google_crc32c
 from ulid import ULID
 
-SIZE: Final = 4096
-_BLANK: Final = bytes(SIZE)
-_LOOKS, _BETWEEN = 5, 0.001
-"""A block that is being written is looked at again, so often and after so many seconds."""
+from steradian.storage.block import open_block, read_block, write_block
 
 
 @dataclass(frozen=True)
@@ -69,15 +61,18 @@ class Deed:
     number
         Of the press.
     laser
-        ``off``: the scanner confirmed it; ``idle``: no scan ran, nothing was armed; ``unconfirmed``: the scanner does
-        not answer, its laser goes off when the lease that nobody renews ends.
+        ``off``: the scanner itself said so after the stop; ``idle``: there is no scanner, a simulated one was never
+        started; ``unconfirmed``: the scanner could not be asked, or says that its laser is not off.
     seconds
         From the press; ``None`` where the computer was started anew since.
+    detail
+        One sentence: what the scanner said, or why it could not be asked; empty where nothing is to be added.
     """
 
     number: str
     laser: str
     seconds: float | None
+    detail: str = ""
 
 
 class EmergencyLatch:
@@ -91,7 +86,7 @@ class EmergencyLatch:
 
     def __init__(self, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
-        self._files = {name: _open(folder / name) for name in ("pressed", "released", "answered")}
+        self._files = {name: open_block(folder / name) for name in ("pressed", "released", "answered")}
         self._lock = Lock()
 
     def press(self, who: str, reason: str | None, number: str | None = None) -> Press:
@@ -153,30 +148,8 @@ class EmergencyLatch:
         return press if released is not None and released["number"] == press.number else None
 
     def _write(self, name: str, value: dict[str, Any]) -> None:
-        body = json.dumps(value, ensure_ascii=False).encode().ljust(SIZE - 9)
         with self._lock:
-            os.pwrite(self._files[name], b"%08x " % google_crc32c.value(body) + body, 0)
+            write_block(self._files[name], value)
 
     def _read(self, name: str) -> dict[str, Any] | None:
-        """Return what a file holds, ``None`` while nothing was ever written; raises ValueError if it is damaged."""
-        for _ in range(_LOOKS):
-            block = os.pread(self._files[name], SIZE, 0)
-            if block == _BLANK:
-                return None
-            if block[:9] == b"%08x " % google_crc32c.value(block[9:]) and len(block) == SIZE:
-                value: dict[str, Any] = json.loads(block[9:])
-                return value
-            time.sleep(_BETWEEN)
-        raise ValueError(f"{name} does not match its checksum")
-
-
-def _open(path: Path) -> int:
-    """Open a block; one that is missing appears at its full size at once, so that nobody's press is overwritten."""
-    if not path.exists():
-        with NamedTemporaryFile(dir=path.parent, prefix=f"{path.name}.") as draft:
-            draft.write(_BLANK)
-            draft.flush()
-            os.fsync(draft.fileno())
-            with suppress(FileExistsError):
-                os.link(draft.name, path)
-    return os.open(path, os.O_RDWR | getattr(os, "O_CLOEXEC", 0))
+        return read_block(self._files[name], name)

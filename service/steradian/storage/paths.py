@@ -8,7 +8,7 @@ DATA/pictures/<mask id>.png    pictures of masks, once they have been asked for
 DATA/references/<scan id>-….h5 images of all A-lines, shared by jobs that compare with them, kept for a day
 DATA/cache/                    copies of what an object store keeps, if there is one
 DATA/jobs/<id>/                what one job left: a volume with projections and report, an export, its log
-DATA/emergency-stop/           whether the stop is pressed (:mod:`steradian.storage.emergency`)
+DATA/emergency-stop/           whether the stop is pressed (:mod:`steradian.storage.emergency`), key of stop tickets
 DATA/run/<process>.json        heartbeats of the running processes
 DATA/lock                      held by the service that owns the directory
 """
@@ -123,6 +123,11 @@ class DataDirectory:
     def emergency(self) -> Path:
         """Folder of the emergency stop's latch."""
         return self.root.absolute() / "emergency-stop"
+
+    @property
+    def stop_secret(self) -> Path:
+        """File with the key that signs stop tickets; in no backup."""
+        return self.emergency / "ticket-secret"
 
     def heartbeat(self, process: str) -> Path:
         """File that a process touches while it is well."""

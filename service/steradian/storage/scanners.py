@@ -1,33 +1,21 @@
-"""Scanners in the database: connection and state apart, the operator's lease, the emergency stop."""
+"""Scanners in the database: the operator's lease and the emergency stop."""
 
 from __future__ import annotations
 
 from datetime import timedelta
-from typing import Self
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from steradian.errors import Conflict, NotFound
-from steradian.settings import FIRST_SCANNER
-from steradian.storage.database import Database, take_turns
-from steradian.storage.deletion import InUse
+from steradian.errors import Conflict
 from steradian.storage.events import record
-from steradian.storage.repository import Clock, Repository, utc_now
-from steradian.storage.states import ACTIVE_SCAN_STATES, DesiredScanState, ScanState, is_terminal
+from steradian.storage.scanner_rows import ENSURE_LOCK, PRESENT, SCANNER_ID, ScannerRows
+from steradian.storage.states import ACTIVE_SCAN_STATES, DesiredScanState, ScanState
 from steradian.storage.tables import ScannerRow, ScanRow
 
-SCANNER_ID = FIRST_SCANNER
-"""The scanner where nobody says which."""
+__all__ = ["ENSURE_LOCK", "PRESENT", "SCANNER_ID", "EmergencyStopped", "LeaseHeld", "ScannerRepository"]
 MOST_CHARACTERS = 120
 """Of a principal's name in a column."""
-ENSURE_LOCK = 0x57E2AD1E
-"""Number of the PostgreSQL advisory lock under which a scanner is noted."""
-
-
-PRESENT = ScannerRow.retired.is_(None)
-"""Which scanners there are."""
-_OVER = tuple(state for state in ScanState if is_terminal(state))
 
 
 class LeaseHeld(Conflict):
@@ -42,92 +30,8 @@ class EmergencyStopped(Conflict):
     code = "emergency-stopped"
 
 
-class ScannerRepository(Repository[ScannerRow]):
-    """Scanners, one of which it is about; one that is retired is not there for anybody.
-
-    Parameters
-    ----------
-    scanner_id
-        The one that everything but :meth:`get` and lists is about.
-    """
-
-    kind, table = "scanner", ScannerRow
-
-    def __init__(self, database: Database, clock: Clock = utc_now, scanner_id: str = SCANNER_ID) -> None:
-        super().__init__(database, clock)
-        self.id = scanner_id
-
-    def of(self, scanner_id: str) -> Self:
-        """Return the same about another scanner."""
-        return type(self)(self.database, self.clock, scanner_id)
-
-    def ensure(self, *, simulated: bool, address: str | None = None, follows: bool = False) -> ScannerRow:
-        """Return the scanner, which is noted at the first start, or again where it was retired meanwhile.
-
-        Parameters
-        ----------
-        address
-            Where its node answers the others.
-        follows
-            Whether that node has workers of its own, for images that grow with a scan.
-        """
-        with self.database.write() as session:
-            take_turns(session, ENSURE_LOCK)  # API and acquisition of a node start at once
-            row = session.scalars(select(ScannerRow).where(ScannerRow.id == self.id)).one_or_none()
-            if row is None:
-                now = self.clock()
-                state = {"connection": "unknown", "state": "idle", "since": now, "fence": 0}
-                row = ScannerRow(id=self.id, simulated=simulated, **state)
-                session.add(row)
-            row.simulated, row.address, row.follows, row.retired = simulated, address, follows, None
-        return row
-
-    def retire(self, who: str, reason: str | None = None) -> None:
-        """Have the scanner be none any more, until its node notes it again; a stop that is pressed stays so for then.
-
-        Raises
-        ------
-        InUse
-            When a scan of it is not over.
-        """
-        with self.database.write() as session:
-            row = self._find(session, self.id, lock=True)
-            mine = select(ScanRow.id).where(ScanRow.scanner_id == self.id, ScanRow.state.not_in(_OVER))
-            if left := list(session.scalars(mine.order_by(ScanRow.sequence))):
-                raise InUse(f"{self.id} cannot be retired while a scan of it is not over: {', '.join(left)}")
-            row.retired, row.since = self.clock(), self.clock()
-            row.address, row.follows, row.lease_ends = None, False, None
-            row.connection, row.state = "unknown", "idle"
-            row.interlock = row.key_switch = row.shutter = "unknown"
-            self._event(session, row, who, "retired" + (f": {reason}" if reason else ""))
-
-    def rows(self) -> list[ScannerRow]:
-        """Return all scanners, by name."""
-        with self.database.read() as session:
-            return list(session.scalars(select(ScannerRow).where(PRESENT).order_by(ScannerRow.id)))
-
-    def report(self, connection: str, state: str, error: str | None = None) -> None:
-        """Note how the scanner stands: whether it is connected, what it does, and what went wrong last."""
-        with self.database.write() as session:
-            row = self._find(session, self.id, lock=True)
-            if (row.connection, row.state) == (connection, state) and error is None:
-                return
-            row.connection, row.state, row.since = connection, state, self.clock()
-            row.last_error = error or row.last_error
-            if state == "idle":  # nobody asks it any more
-                row.interlock = row.key_switch = row.shutter = "unknown"
-            self._event(session, row, "acquisition", error or state)
-
-    def note_guards(self, interlock: str, key: str, shutter: str) -> None:
-        """Note what a connected scanner says of its interlock (open, closed), key (on, off) and shutter."""
-        with self.database.write() as session:
-            query = select(ScannerRow).where(ScannerRow.id == self.id).with_for_update()
-            row = session.scalars(query).one_or_none()  # no scan ends because nobody can be told of its guards
-            told = {"interlock": interlock, "key": key, "shutter": shutter}
-            if row is not None and (row.interlock, row.key_switch, row.shutter) != (interlock, key, shutter):
-                row.interlock, row.key_switch, row.shutter = interlock, key, shutter
-                why = ", ".join(f"{name} {value}" for name, value in told.items())
-                self._event(session, row, "acquisition", why)
+class ScannerRepository(ScannerRows):
+    """Scanners with their leases and stops; parameters as of :class:`ScannerRows`."""
 
     def lease(self, holder: str, seconds: float, note: str | None, who: str, fence: int | None = None) -> ScannerRow:
         """Take the scanner, or hold it for longer; a new lease gets a new, greater fencing number.
@@ -234,7 +138,7 @@ class ScannerRepository(Repository[ScannerRow]):
             row = self._find(session, self.id, lock=True)
             row.stopped_at, row.stopped_by, row.stop_reason = row.stopped_at or now, row.stopped_by or who, reason
             if row.stop_number is None or (number is not None and not carried):
-                row.stop_number, row.stop_laser, row.stop_seconds = number, None, None
+                row.stop_number, row.stop_laser, row.stop_seconds, row.stop_detail = number, None, None, None
             why = f"emergency stop: {reason or 'no reason given'}"
             mine = (ScanRow.scanner_id == self.id) & ScanRow.state.in_([*ACTIVE_SCAN_STATES, ScanState.QUEUED])
             for scan in session.scalars(select(ScanRow).where(mine).with_for_update()):
@@ -245,12 +149,12 @@ class ScannerRepository(Repository[ScannerRow]):
             self._event(session, row, who, why)
         return row
 
-    def note_deed(self, number: str, laser: str, seconds: float | None) -> None:
+    def note_deed(self, number: str, laser: str, seconds: float | None, detail: str = "") -> None:
         """Note what became of the press that stands, which its scanner's node knows by this number."""
         with self.database.write() as session:
             row = self._find(session, self.id, lock=True)
             if row.stopped_at is not None:
-                row.stop_number, row.stop_laser, row.stop_seconds = number, laser, seconds
+                row.stop_number, row.stop_laser, row.stop_seconds, row.stop_detail = number, laser, seconds, detail
 
     def release_stop(self, who: str, reason: str | None = None, number: str | None = None) -> ScannerRow:
         """Release the emergency stop; scans begin again only when somebody asks for them.
@@ -273,20 +177,8 @@ class ScannerRepository(Repository[ScannerRow]):
         """Whether somebody's lease still runs."""
         return self._is_held(row)
 
-    def _find(self, session: Session, identifier: str, *, lock: bool = False) -> ScannerRow:
-        row = super()._find(session, identifier, lock=lock)
-        if row.retired is not None:
-            raise NotFound(self.kind, identifier)
-        return row
-
     def _is_held(self, row: ScannerRow) -> bool:
         return row.lease_ends is not None and row.lease_ends > self.clock()
-
-    def _event(self, session: Session, row: ScannerRow, who: str, why: str) -> None:
-        stopped = row.stopped_at is not None
-        data = {"connection": row.connection, "state": row.state, "emergency_stop": stopped, "who": who, "why": why}
-        data |= {"interlock": row.interlock, "key": row.key_switch, "shutter": row.shutter}
-        record(session, self.clock(), "scanner", row.id, data)
 
 
 def _holder(row: ScannerRow) -> str:

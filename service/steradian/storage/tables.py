@@ -169,8 +169,10 @@ class ScannerRow(Table):
     """A scanner: how it stands, who holds it, and whether somebody pressed the emergency stop.
 
     The lease is the principal's in ``held_by``; ``holder`` is how that one calls itself. ``address`` is where its node
-    answers the others, ``follows`` whether it has workers for images that grow with a scan. ``stop_number``,
-    ``stop_laser`` and ``stop_seconds`` tell of the press that stands. One that is ``retired`` is none any more, until
+    answers the others, ``follows`` whether it has workers for images that grow with a scan. ``looked_at`` is when
+    the scanner said what ``laser``, ``shutter``, ``interlock``, ``key_switch`` and ``fault`` repeat, ``port_holder``
+    the other program that holds its port. ``stop_number``, ``stop_laser``, ``stop_seconds`` and ``stop_detail`` tell
+    of the press that stands. One that is ``retired`` is none any more, until
     its node starts again: it keeps its stop.
     """
 
@@ -184,6 +186,12 @@ class ScannerRow(Table):
     interlock: Mapped[str] = mapped_column(String(16), default="unknown")
     key_switch: Mapped[str] = mapped_column(String(16), default="unknown")
     shutter: Mapped[str] = mapped_column(String(16), default="unknown")
+    laser: Mapped[str] = mapped_column(String(16), default="unknown", server_default="unknown")
+    fault: Mapped[dict[str, Any] | None] = mapped_column(JSON(none_as_null=True))
+    port_holder: Mapped[str | None] = mapped_column(String(200))
+    model: Mapped[str | None] = mapped_column(String(120))
+    serial: Mapped[str | None] = mapped_column(String(120))
+    looked_at: Mapped[datetime | None]
     since: Mapped[datetime]
     last_error: Mapped[str | None] = mapped_column(Text)
     fence: Mapped[int]
@@ -197,6 +205,7 @@ class ScannerRow(Table):
     stop_number: Mapped[str | None] = mapped_column(String(40))
     stop_laser: Mapped[str | None] = mapped_column(String(16))
     stop_seconds: Mapped[float | None]
+    stop_detail: Mapped[str | None] = mapped_column(Text)
     address: Mapped[str | None] = mapped_column(String(200))
     follows: Mapped[bool] = mapped_column(default=False, server_default=false())
     retired: Mapped[datetime | None]

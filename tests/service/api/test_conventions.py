@@ -33,6 +33,7 @@ READS = {
     f"{V1}/plans/{{plan_id}}": {TAG},
     f"{V1}/scanners": set(),
     f"{V1}/scanners/{{scanner_id}}": {TAG},
+    f"{V1}/emergency-stop": set(),
     f"{V1}/scans": set(),
     f"{V1}/scans/{{scan_id}}": {TAG, PREFER},
     f"{V1}/scans/{{scan_id}}/file": {TAG, RANGE, PREFER},

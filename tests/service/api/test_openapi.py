@@ -41,8 +41,8 @@ OPERATIONS = {
         reconstruction_volume_read reconstruction_zarr_read reconstructions_list
     """,
     "scanners": """
-        emergency_stop_press emergency_stop_release emergency_stops_press scanner_lease_return scanner_lease_take
-        scanner_read scanner_retire scanners_list
+        emergency_stop_press emergency_stop_release emergency_stops_press emergency_stops_read fault_clear
+        scanner_lease_return scanner_lease_take scanner_read scanner_retire scanners_list
     """,
     "scans": """
         scan_alines_read scan_change scan_coverage_read scan_create scan_delete scan_desired_state_set

@@ -12,7 +12,9 @@ import httpx
 import pytest
 
 from steradian.api import nodes
+from steradian.storage.clearing import ClearAnswer, Clearing
 from steradian.storage.emergency import Deed
+from steradian.storage.tables import EventRow
 from support.apis import ApiProcess
 from support.pairs import NOBODY, SECRET, Pair
 from support.waiting import until
@@ -39,6 +41,29 @@ def test_a_press_is_answered_by_the_scanner_s_node_and_its_release_too(pair):
     assert pair.http.delete(STOP, params={"number": press.number}).json()["emergency_stop"] is None
     assert pair.latch.standing() is None
     assert pair.http.post("/scanners/scanner-9/emergency-stop").status_code == 404
+
+
+def test_clear_fault_on_a_node_without_the_scanner_is_carried_out_and_recorded_by_the_scanners_node(pair):
+    clearing = Clearing(pair.scanner.data.emergency)
+
+    def answer_with(*about):
+        request = until(clearing.asked)
+        clearing.answer(ClearAnswer(request.number, *about))
+        return request.who
+
+    with ThreadPoolExecutor(1) as acquisition:
+        who = acquisition.submit(answer_with, "interlock-opened")
+        cleared = pair.http.post("/scanners/scanner-0/clear-fault", json={"reason": "closed"})
+        assert (cleared.status_code, who.result()) == (200, "local"), cleared.text
+    with pair.database.read() as session:
+        told = [row.data for row in session.query(EventRow).where(EventRow.kind == "scanner")]
+    assert ("local", "fault cleared: interlock-opened: closed") in [(one["who"], one["why"]) for one in told]
+
+
+def test_clear_fault_without_an_acquisition_process_says_that_it_does_not_answer(pair):
+    refused = pair.http.post("/scanners/scanner-0/clear-fault")
+    assert (refused.status_code, refused.json()["code"]) == (503, "scanner-unreachable")
+    assert "acquisition process" in refused.json()["detail"]
 
 
 def test_a_press_that_reaches_nobody_stands_in_the_database_and_then_at_the_scanner(pair):

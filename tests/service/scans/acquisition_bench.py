@@ -6,7 +6,8 @@ import time
 from fabry_perot import Recovery
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.runtime.acquisition import Acquisition, ScannerPort
+from steradian.runtime.acquisition import Acquisition
+from steradian.runtime.scanner_port import ScannerPort
 from steradian.settings import Settings
 from steradian.storage.database import Database
 from steradian.storage.masks import MaskRepository
@@ -24,6 +25,9 @@ class Port:
         self._url = url
 
     def url(self):
+        return self._url
+
+    def present(self):
         return self._url
 
     def close(self):

@@ -83,27 +83,28 @@ def test_a_scan_whose_beginning_is_gone_fails_and_says_so(bench):
     assert not bench.data.scan_file(following).exists()
 
 
-def test_interlock_key_and_shutter_are_told_while_a_scan_has_the_scanner(tmp_path):
-    """A pause closes the shutter and keeps the scanner; without a scan nobody asks it, and nothing is known."""
+def test_the_scanners_row_during_and_after_a_scan_shows_interlock_key_and_shutter(tmp_path):
+    """A pause closes the shutter and keeps the scanner; between scans the port is listened to."""
     with launch(speed=50.0) as simulator:
         bench = Bench(tmp_path, Port(simulator.url))
         identifier = bench.queue(pulse_rate=1.0, averages=20)
 
         def told():
             row = bench.scanner.get("scanner-0")
-            return row.interlock, row.key_switch, row.shutter
+            return row.state, row.interlock, row.key_switch, row.shutter
 
         def act():
-            until(lambda: told() == ("closed", "on", "open"))
+            until(lambda: told() == ("scanning", "closed", "on", "open"))
             bench.scans.desire(identifier, W.PAUSED, None)
-            until(lambda: told() == ("closed", "on", "closed"))
+            until(lambda: told() == ("paused", "closed", "on", "closed"))
             simulator.command("interlock", closed=False)
-            until(lambda: told() == ("open", "on", "closed"))
+            until(lambda: told() == ("paused", "open", "on", "closed"))
             bench.scans.desire(identifier, W.ABORTED, None)
 
-        assert told() == ("unknown", "unknown", "unknown")
-        bench.meanwhile(act)
-        assert told() == ("unknown", "unknown", "unknown")
+        assert told() == ("idle", "unknown", "unknown", "unknown")
+        with bench.work.watching():
+            bench.meanwhile(act)
+            until(lambda: told() == ("idle", "open", "on", "closed"))
         bench.close()
 
 
@@ -136,6 +137,8 @@ def test_a_scanner_that_is_not_there_interrupts_the_scan_which_may_be_settled_by
     class Unplugged:
         def url(self):
             return str(tmp_path / "no-such-port")
+
+        present = url
 
         def close(self):
             pass

@@ -19,6 +19,8 @@ def test_a_scan_whose_scanner_falls_silent_does_not_count_as_running(tmp_path):
         def url(self):
             return simulator.url
 
+        present = url
+
         def close(self):
             pass
 

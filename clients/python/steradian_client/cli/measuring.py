@@ -133,7 +133,7 @@ def import_(
 @scanner.command("list", help="Show all scanners.")
 def list_scanners(context: typer.Context, as_json: AsJson = False) -> None:
     """Show all scanners."""
-    columns = ("id", "connection", "state", "since", "lease", "emergency_stop")
+    columns = ("id", "connection", "state", "laser", "interlock", "fault", "since", "lease", "emergency_stop")
     show_all(client_of(context).scanners.list(), columns, as_json)
 
 
@@ -166,7 +166,7 @@ def stop(context: typer.Context, reason: Reason = None, scanner_id: str = SCANNE
 def stop_all(context: typer.Context, reason: Reason = None) -> None:
     """Press the emergency stop of all."""
     for name, pressed in client_of(context).scanners.stop_all(reason).items():
-        print(f"{name}: laser {pressed.laser}, press {pressed.number}")
+        print(f"{name}: laser {pressed.laser}, press {pressed.number}{f'; {pressed.detail}' if pressed.detail else ''}")
 
 
 @scanner.command("retire", help="Have a scanner that is no more be none of the service; refused while its node lives.")
@@ -186,3 +186,17 @@ def release(
 ) -> None:
     """Release the emergency stop."""
     show(client_of(context).scanners.release_stop(number, scanner_id=scanner_id), as_json)
+
+
+@scanner.command("show", help="Show a scanner: connection, laser, shutter, interlock, key, fault, and how old that is.")
+def show_scanner(context: typer.Context, scanner_id: str = SCANNER, as_json: AsJson = False) -> None:
+    """Show a scanner."""
+    show(client_of(context).scanners.get(scanner_id), as_json)
+
+
+@scanner.command("clear-fault", help="Clear a latched fault, once its cause is gone; the laser stays off.")
+def clear_fault(
+    context: typer.Context, reason: Reason = None, scanner_id: str = SCANNER, as_json: AsJson = False
+) -> None:
+    """Clear a latched fault."""
+    show(client_of(context).scanners.clear_fault(scanner_id, reason=reason), as_json)

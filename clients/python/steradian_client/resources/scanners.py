@@ -105,6 +105,20 @@ class Scanners(Resource[World]):
         route = routes.RELEASE_STOP if number is None else routes.RELEASE_NAMED_STOP
         return await self._session.ask(Scanner, route, {"id": scanner_id}, params={"number": number, "reason": reason})
 
+    @operation
+    async def clear_fault(self, scanner_id: str = SCANNER, *, reason: str | None = None) -> Scanner:
+        """Clear a latched fault, once its cause is gone; the laser stays off, and an interrupted scan can be resumed.
+
+        Nothing happens where no fault is latched.
+
+        Raises
+        ------
+        Conflict
+            While the cause stands (``fault-stands``), or a scan or another program has the scanner.
+        """
+        body = {"reason": reason} if reason else None
+        return await self._session.ask(Scanner, routes.CLEAR_FAULT, {"id": scanner_id}, json=body)
+
     async def _take(
         self, holder: str, seconds: float, note: str | None, lease: Lease | int | None, scanner_id: str
     ) -> Lease:

@@ -3,11 +3,11 @@
 import { authorize, signIn, startSession } from "./session.js";
 
 export const BASE = "/api/v1";
-const AT_ONCE = 4; // of six connections that a browser opens: one is the event stream's, one stays free for the stop
+const AT_ONCE = 3; // of six connections that a browser opens: one is the event stream's, two are for looks, which give way to the stop
 const HURRIED = { priority: /** @type {const} */ ("high") };
 
 /** @typedef {{pointer: string, allowed: string, detail: string, place: string}} Finding */
-/** @typedef {{signal?: AbortSignal, headers?: Record<string, string>, accept?: string, urgent?: boolean}} How */
+/** @typedef {{signal?: AbortSignal, headers?: Record<string, string>, accept?: string, urgent?: boolean, asks?: boolean}} How  asks: false where nobody is asked to sign in */
 
 /** What the service refused, in its words. */
 export class Problem extends Error {
@@ -104,7 +104,7 @@ async function exchange(method, path, body, how) {
     else leave();
   }
   if (!answer) return exchange(method, path, body, how); // it gave way
-  return answer.status === 401 && (await signIn(answer, method !== "GET")) ? exchange(method, path, body, how) : answer;
+  return answer.status === 401 && how.asks !== false && (await signIn(answer, method !== "GET")) ? exchange(method, path, body, how) : answer;
 }
 
 /**
@@ -121,6 +121,28 @@ async function send(method, address, body, how, way) {
   const answer = await fetch(address, { method, headers, body: sent, signal, ...(how.urgent ? HURRIED : {}) });
   const whole = [204, 304].includes(answer.status) ? null : await answer.arrayBuffer();
   return new Response(whole, answer);
+}
+
+/**
+ * Look at something small that must not wait for what else is under way; a press of the stop aborts it (AbortError).
+ * Raises {@link Problem} for what is refused, at once: who must sign in is asked to meanwhile, where that is wanted.
+ * @param {string} path below /api/v1
+ * @param {number} patience milliseconds for the whole answer
+ * @param {{headers?: Record<string, string>, asks?: boolean}} [how]
+ * @returns {Promise<any>}
+ */
+export async function lookAt(path, patience, { headers = {}, asks = false } = {}) {
+  const way = new AbortController();
+  reading.add(way);
+  try {
+    const signal = AbortSignal.any([way.signal, AbortSignal.timeout(patience)]);
+    const answer = await fetch(BASE + path, { headers: { Accept: "application/json", ...headers }, signal, cache: "no-store", ...HURRIED });
+    if (answer.ok) return await answer.json();
+    if (answer.status === 401 && asks) void signIn(answer.clone(), false);
+    throw new Problem(answer.status, await answer.json().catch(() => null), answer);
+  } finally {
+    reading.delete(way);
+  }
 }
 
 /** @param {Response} answer */

@@ -94,3 +94,6 @@ export function identifierOf(id, href) {
   const button = h("button", { type: "button", class: "quiet copy", title: `Copy ${id}`, "aria-label": `Copy ${id}`, onclick: () => copy(button, id) }, "copy");
   return h("span", { class: "id", title: id }, href ? h("a", { href }, short) : short, button);
 }
+
+/** A text of the service as a sentence of its own. @param {string} text */
+export const sentence = (text) => text.charAt(0).toUpperCase() + text.slice(1) + (/[.!?]$/.test(text) ? "" : ".");

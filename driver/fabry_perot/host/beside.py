@@ -1,0 +1,71 @@
+"""Lines for an emergency stop: a port that is free, and ways to a device beside the program that holds its port."""
+
+from __future__ import annotations
+
+import os
+import select
+import socket
+from contextlib import suppress
+from urllib.parse import urlsplit
+
+from fabry_perot.errors import LinkLost
+from fabry_perot.host.transport import Transport, open_transport
+
+TURN = 0.01
+"""Longest wait for bytes of a line, in s."""
+
+
+class SecondOpening:
+    """A terminal that another program holds, opened beside it: its settings and its lock are left alone."""
+
+    def __init__(self, path: str) -> None:
+        self._file = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+
+    def read(self) -> bytes:
+        """Return what has arrived."""
+        select.select([self._file], [], [], TURN)
+        with suppress(BlockingIOError):
+            return os.read(self._file, 4096)
+        return b""
+
+    def write(self, data: bytes) -> None:
+        """Send what fits."""
+        with suppress(BlockingIOError):
+            os.write(self._file, data)
+
+    def close(self) -> None:
+        """Close this opening only."""
+        os.close(self._file)
+
+
+class TcpLine:
+    """A TCP connection to a device, perhaps beside another host's."""
+
+    def __init__(self, url: str, timeout: float) -> None:
+        parts = urlsplit(url)
+        self._socket = socket.create_connection((parts.hostname or "", parts.port or 0), timeout)
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._socket.settimeout(TURN)
+
+    def read(self) -> bytes:
+        """Return what has arrived; raises LinkLost."""
+        try:
+            data = self._socket.recv(4096)
+        except TimeoutError:
+            return b""
+        if not data:
+            raise LinkLost("the other end closed the connection")
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Send all of ``data``."""
+        self._socket.sendall(data)
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._socket.close()
+
+
+def opened(url: str, baudrate: int | None) -> Transport:
+    """Open a port; the baud rate is the default one where none is given."""
+    return open_transport(url) if baudrate is None else open_transport(url, baudrate)

@@ -1,0 +1,33 @@
+"""Where the acquisition's scanner is."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+
+from steradian.settings import Settings
+
+
+class ScannerPort:
+    """Where the scanner is; a simulated one is started when first needed and again after it failed."""
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings, self._stack, self._url = settings, ExitStack(), ""
+
+    def present(self) -> str | None:
+        """Return the port; ``None`` while a simulated scanner has not been started."""
+        return (self._url or None) if self._settings.simulated else self._settings.scanner
+
+    def url(self) -> str:
+        """Return the port to connect to."""
+        if not self._settings.simulated:
+            return self._settings.scanner
+        if not self._url:
+            from fabry_perot.simulator import launch
+
+            self._url = self._stack.enter_context(launch(speed=self._settings.simulator_speed)).url
+        return self._url
+
+    def close(self) -> None:
+        """End a simulated scanner."""
+        self._url = ""
+        self._stack.close()

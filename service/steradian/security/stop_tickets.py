@@ -1,0 +1,120 @@
+"""Stop tickets: what lets a page that was opened signed in press the emergency stop after its session has ended.
+
+A ticket names its principal and the time at which it ends, signed with HMAC-SHA256. It is checked without a database,
+so a page can press the stop while there is none. It allows the emergency stop and nothing else.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import hmac
+import json
+import os
+import secrets
+from contextlib import suppress
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+from typing import Final
+
+from steradian.security.keys import Principal, Unauthorized
+from steradian.storage.repository import Clock, utc_now
+
+LIFETIME: Final = timedelta(days=7)
+"""How long a ticket is valid; a page that is open and signed in gets new ones."""
+SUFFIX: Final = " (stop ticket)"
+"""What follows the principal's name in the record of a press."""
+LONGEST: Final = 1000
+"""Characters of a ticket; a longer one is refused unread."""
+_LONGEST_NAME: Final = 120
+"""Characters of the column that records who pressed the stop."""
+_SECRET_BYTES: Final = 32
+_WORTHLESS = "the stop ticket is unknown or too old; sign in again"
+
+
+class StopTickets:
+    """Issues and checks the tickets of one service.
+
+    Parameters
+    ----------
+    secret
+        The key of the signatures; see :func:`stored_secret` and :func:`shared_secret`.
+    """
+
+    def __init__(self, secret: bytes, clock: Clock = utc_now) -> None:
+        self._secret, self._clock = secret, clock
+
+    def issue(self, principal: Principal) -> str:
+        """Make a ticket for a principal who has proved a key, valid for :data:`LIFETIME`."""
+        ends = self._clock() + LIFETIME
+        said = json.dumps([principal.name, int(ends.timestamp())], ensure_ascii=False).encode()
+        return f"{_text(said)}.{_text(self._sign(said))}"
+
+    def check(self, ticket: str) -> Principal:
+        """Return the principal of a ticket, with :data:`SUFFIX` after the name and without any scope.
+
+        Raises
+        ------
+        Unauthorized
+            When the ticket was not made with this secret, or has ended.
+        """
+        said, signature = _parts(ticket)
+        if not hmac.compare_digest(signature, self._sign(said)):
+            raise Unauthorized(_WORTHLESS)
+        name, ends = json.loads(said)
+        if datetime.fromtimestamp(ends, UTC) <= self._clock():
+            raise Unauthorized(_WORTHLESS)
+        return Principal(_shortened(name), frozenset())
+
+    def _sign(self, said: bytes) -> bytes:
+        return hmac.digest(self._secret, said, hashlib.sha256)
+
+
+def shared_secret(node_secret: str) -> bytes:
+    """Derive the key that all nodes of a service have in common from their ``STERADIAN_NODE_SECRET``."""
+    return hmac.digest(node_secret.encode(), b"steradian stop ticket", hashlib.sha256)
+
+
+def stored_secret(path: Path) -> bytes:
+    """Read the key from a file, which is made with mode 600 if it is missing or damaged.
+
+    Of several processes that make it at once all read the same one.
+    """
+    with suppress(FileNotFoundError):
+        found = path.read_bytes()
+        if len(found) == _SECRET_BYTES:
+            return found
+        path.unlink(missing_ok=True)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with NamedTemporaryFile(dir=path.parent, prefix=f"{path.name}.") as draft:  # made with mode 600
+        draft.write(secrets.token_bytes(_SECRET_BYTES))
+        draft.flush()
+        os.fsync(draft.fileno())
+        with suppress(FileExistsError):
+            os.link(draft.name, path)
+    return path.read_bytes()
+
+
+def _shortened(name: str) -> str:
+    room = _LONGEST_NAME - len(SUFFIX)
+    return (name if len(name) <= room else f"{name[: room - 1]}…") + SUFFIX
+
+
+def _text(data: bytes) -> str:
+    return base64.urlsafe_b64encode(data).rstrip(b"=").decode()
+
+
+def _data(text: str) -> bytes:
+    return base64.urlsafe_b64decode(f"{text}==")
+
+
+def _parts(ticket: str) -> tuple[bytes, bytes]:
+    """Return what a ticket says and its signature; raises :class:`Unauthorized` when it is no ticket."""
+    try:
+        if len(ticket) > LONGEST:
+            raise ValueError("too long")
+        said, signature = map(_data, ticket.split("."))
+    except ValueError as error:
+        raise Unauthorized(_WORTHLESS) from error
+    return said, signature

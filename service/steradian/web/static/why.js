@@ -1,0 +1,25 @@
+// @ts-check
+// A dialog that asks a person for the reason of what is about to be done, and says why it was refused.
+import { h, openDialog } from "./dom.js";
+
+/**
+ * @param {{title: string, text: string, label: string, name: string, act: (reason: string) => Promise<string>}} about
+ *   `name` stands on the button; `act` does it and returns why it could not be done, or nothing
+ */
+export function askWhy({ title, text, label, name, act }) {
+  const reason = h("input", { type: "text", id: "why", required: true, maxlength: 500, style: { width: "100%" } });
+  const said = h("p", { class: "fault", role: "alert" });
+  const form = h("form", null,
+    h("h2", { id: "why-title" }, title), h("p", null, text),
+    h("label", { for: "why" }, label), reason, said,
+    h("menu", null,
+      h("button", { type: "button", onclick: () => dialog.close() }, "Cancel"),
+      h("button", { class: "primary" }, name)));
+  const dialog = h("dialog", { "aria-labelledby": "why-title" }, form);
+  form.addEventListener("submit", async (event) => {
+    event.preventDefault();
+    said.textContent = await act(reason.value.trim());
+    if (!said.textContent) dialog.close();
+  });
+  openDialog(dialog);
+}

@@ -1,0 +1,196 @@
+"""Monitor of a scanner: what it shows is of now, it disturbs no session, and it gives way to a program that scans."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+from driver_bench import Bench
+from driver_holders import FAST, FOREIGN, program, report, scan_of
+
+import fabry_perot
+from fabry_perot.host.passive import Passive
+from fabry_perot.simulator import launch
+from support.waiting import until
+
+
+def connected(monitor) -> None:
+    until(lambda: monitor.connection == "connected", tell=lambda: f"({monitor.connection}: {monitor.error})")
+
+
+@pytest.mark.parametrize("line", ["terminal", "tcp"])
+def test_a_monitor_of_a_device_that_has_just_booted_shows_its_state(line):
+    with (
+        launch(tcp="127.0.0.1:0" if line == "tcp" else None) as simulator,
+        fabry_perot.Monitor(simulator.url) as monitor,
+    ):
+        connected(monitor)
+        status = monitor.status
+        assert (status.state, status.laser, status.shutter) == ("linked", "off", "closed")
+        assert (status.interlock, status.key, status.fault, status.holder) == ("closed", "on", 0, "")
+        assert (monitor.error, monitor.holder) == (None, "")
+        simulator.command("interlock", closed=False)
+        until(lambda: monitor.status.interlock == "open")
+        simulator.command("key", on=False)
+        until(lambda: monitor.status.key == "off")
+
+
+def test_a_monitor_begins_no_session_with_a_device_that_says_its_status():
+    with launch() as simulator:
+        with fabry_perot.connect(simulator.url) as scanner:
+            scanner.upload([(0.0, 0.0)] * 5, samples=64, sampling_interval=8e-9, pulse_rate=100.0)
+            session = scanner._host.session
+        with fabry_perot.Monitor(simulator.url) as monitor:
+            connected(monitor)
+            assert monitor.status.state == "ready"
+            assert monitor.stop("Pat").laser == "off"
+        with fabry_perot.connect(simulator.url) as scanner:
+            assert scanner._host.session == session % 0xFFFF + 1, "the one after the scanner's own"
+
+
+def test_a_monitor_shows_the_age_of_what_it_knows_and_why_it_knows_nothing_new():
+    with launch() as simulator, fabry_perot.Monitor(simulator.url) as monitor:
+        connected(monitor)
+        assert monitor.status.age < 60
+        simulator.command("cut", way="down", seconds=1000)
+        until(lambda: monitor.connection == "disconnected")
+        assert monitor.status.age > 0.9
+        assert "no scanner has been heard" in monitor.error
+
+
+def test_a_monitor_opens_a_port_again_after_it_was_unplugged():
+    with launch(speed=5) as simulator, fabry_perot.Monitor(simulator.url) as monitor:
+        connected(monitor)
+        simulator.command("unplug", seconds=10)
+        until(lambda: monitor.connection == "disconnected")
+        assert simulator.url in monitor.error
+        assert monitor.stop(timeout=0.3).laser == "unconfirmed"
+        connected(monitor)
+        assert monitor.error is None
+
+
+def test_a_monitor_of_a_port_that_does_not_exist_waits_for_it(tmp_path):
+    port = tmp_path / "port"
+    with fabry_perot.Monitor(str(port)) as monitor:
+        until(lambda: monitor.error and "No such file" in monitor.error)
+        assert (monitor.connection, monitor.status) == ("disconnected", None)
+        answer = monitor.stop(timeout=0.5)
+        assert answer.laser == "unconfirmed"
+        assert answer.detail.endswith("use the hardware switch")
+        with launch(link=str(port)):
+            connected(monitor)
+
+
+def test_a_monitor_of_a_port_that_another_program_has_locked_says_which():
+    with launch() as simulator, program(FOREIGN, simulator.url) as other:
+        assert other.stdout.readline() == "held\n"
+        with fabry_perot.Monitor(simulator.url) as monitor:
+            until(lambda: monitor.connection == "busy")
+            assert f"(process {other.pid})" in monitor.holder
+            assert f"(process {other.pid})" in monitor.error
+            assert monitor.stop(timeout=20.0).laser == "off"
+            other.kill()
+            other.wait()
+            connected(monitor)
+
+
+@pytest.mark.parametrize("line", ["terminal", "tcp"])
+def test_a_monitor_shows_the_laser_of_a_program_that_scans_and_stops_it(line, tmp_path):
+    with (
+        launch(**FAST, tcp="127.0.0.1:0" if line == "tcp" else None) as simulator,
+        fabry_perot.Monitor(simulator.url) as monitor,
+    ):
+        connected(monitor)
+        with scan_of(simulator, tmp_path) as scan:
+            until(lambda: monitor.status.laser == "on")
+            assert monitor.connection == "busy"
+            assert monitor.holder == monitor.status.holder == f"fabry_perot (process {scan.pid})"
+            answer = monitor.stop("Pat", timeout=20.0)
+            assert (answer.laser, answer.holder) == ("off", monitor.holder)
+            assert not report(simulator)["shutter"]
+            assert "stopped by an emergency stop from Pat" in scan.communicate(timeout=250)[1]
+        connected(monitor)
+        assert monitor.status.laser == "off"
+
+
+def test_a_monitor_that_takes_over_from_a_program_that_was_killed_stops_the_laser(tmp_path):
+    with launch(**FAST) as simulator, fabry_perot.Monitor(simulator.url) as monitor:
+        connected(monitor)
+        with scan_of(simulator, tmp_path) as scan:
+            scan.kill()
+        answer = monitor.stop(timeout=20.0)
+        assert answer.laser == "off"
+        assert not report(simulator)["shutter"]
+
+
+def test_a_monitor_clears_a_fault_once_its_cause_is_gone(tmp_path):
+    with launch(**FAST) as simulator:
+        with scan_of(simulator, tmp_path) as scan:
+            simulator.command("interlock", closed=False)
+            assert "the interlock was opened" in scan.communicate(timeout=250)[1]
+        with fabry_perot.Monitor(simulator.url) as monitor:
+            connected(monitor)
+            assert (monitor.status.state, monitor.status.fault) == ("fault", 1)
+            with pytest.raises(fabry_perot.FaultStands, match="the interlock is open"):
+                monitor.clear_fault("Kim")
+            simulator.command("interlock", closed=True)
+            cleared = monitor.clear_fault("Kim")
+            assert (cleared.fault.name, cleared.by, cleared.state) == ("interlock-opened", "Kim", "safe_hold")
+            with pytest.raises(fabry_perot.Refused):
+                monitor.clear_fault("Kim")
+
+
+def test_a_monitor_that_does_not_hold_the_port_clears_nothing(tmp_path):
+    with fabry_perot.Monitor(str(tmp_path / "port")) as monitor, pytest.raises(fabry_perot.NoAnswer):
+        monitor.clear_fault("Kim")
+    with launch() as simulator, program(FOREIGN, simulator.url) as other:
+        other.stdout.readline()
+        with fabry_perot.Monitor(simulator.url) as monitor:
+            until(lambda: monitor.connection == "busy")
+            with pytest.raises(fabry_perot.PortBusy, match=str(other.pid)):
+                monitor.clear_fault("Kim")
+
+
+def test_a_monitor_costs_at_most_one_percent_of_a_core():
+    with launch() as simulator, fabry_perot.Monitor(simulator.url) as monitor:
+        connected(monitor)
+        began = time.monotonic()
+        clock = time.pthread_getcpuclockid(monitor._thread.ident)
+        used = time.clock_gettime(clock)
+        threading.Event().wait(3.0)
+        share = (time.clock_gettime(clock) - used) / (time.monotonic() - began)
+    assert share < 0.01
+
+
+def test_a_monitor_asked_from_many_threads_answers_all(tmp_path):
+    with launch() as simulator, fabry_perot.Monitor(simulator.url) as monitor:
+        connected(monitor)
+        answers: list = []
+        threads = [threading.Thread(target=lambda: answers.append(monitor.stop("Pat", 20.0))) for _ in range(12)]
+        for each in threads:
+            each.start()
+        for each in threads:
+            each.join()
+    assert [each.laser for each in answers] == ["off"] * 12
+
+
+def test_a_status_that_waited_in_a_buffer_is_not_shown_as_of_now():
+    """What a terminal kept from before it was opened comes at once, a device's STATUS a tenth of a second apart."""
+    bench = Bench()
+    bench.connect()
+    passive = Passive(now=10.0)
+    bench.device.poll(bench.device_now + 200_000)
+    old = bench.device.pull(65536)
+    passive.receive(old, 10.001)
+    assert passive.status is None
+    bench.device.poll(bench.device_now + 400_000)
+    passive.receive(bench.device.pull(65536), 10.1)
+    assert passive.status is not None
+
+
+def test_a_monitor_is_closed_while_it_looks_for_its_port(tmp_path):
+    monitor = fabry_perot.Monitor(str(tmp_path / "port"))
+    monitor.close()
+    assert not monitor._thread.is_alive()
+    assert repr(monitor).startswith("<Monitor: ")
