@@ -4,10 +4,10 @@ import { api } from "./api.js";
 import { byId, h, put, renew, replace } from "./dom.js";
 import { startFaults } from "./faults.js";
 import { live } from "./live.js";
-import { nowOf, seen, startLooking, watchAge } from "./seen.js";
+import { seen, startLooking, watchAge } from "./seen.js";
 import { keepSession, signedOut, watchSession } from "./session.js";
 import { doubtOfStop, laserOf, startStop, stopWords, watchStop, worksSince } from "./stop.js";
-import { clock, count, duration, figure } from "./units.js";
+import { clock, count, duration } from "./units.js";
 
 export { watchScanner } from "./seen.js";
 
@@ -57,7 +57,7 @@ function showScanners() {
   } else if (scanners.length > 1) tell(...several(scanners));
   else tell(...one(scanners[0]));
   const seenAgo = trouble ? null : oldest(scanners);
-  const text = seenAgo === null ? "" : `seen ${figure(seenAgo, 1)} s ago`;
+  const text = seenAgo === null ? "" : `seen ${Math.max(0, seenAgo).toFixed(1)} s ago`;
   if (age.textContent !== text) age.textContent = text;
   if (age.parentNode !== pill) pill.append(age);
 }
@@ -73,7 +73,7 @@ function tell(...children) {
 
 /** Seconds since the scanner was seen that was seen least recently; null where one of them is unknown. @param {any[]} scanners */
 function oldest(scanners) {
-  const ages = scanners.map((each) => nowOf(each).age);
+  const ages = scanners.map((each) => laserOf(each.id).age);
   return ages.some((each) => each === null) ? null : Math.max(...ages.map(Number));
 }
 
@@ -84,8 +84,7 @@ const unknown = (why) => h("span", { class: "fault" }, `laser: unknown${why ? ` 
 function one(scanner) {
   const pill = byId("scanner");
   const { connection, lease } = scanner;
-  const { shutter, interlock } = nowOf(scanner);
-  const { laser, why } = laserOf(scanner.id);
+  const { laser, why, shutter, interlock } = laserOf(scanner.id);
   const stop = stopWords(scanner.id);
   const every = scanner.look_interval ? `The service asks the scanner every ${duration(scanner.look_interval)}, this page asks the service every second.` : "";
   pill.title = [scanner.last_error, every].filter(Boolean).join(" ");
@@ -127,7 +126,7 @@ function several(scanners) {
     ...stops.map(([how, names]) => list(how, names)),
     list("not connected", named((each) => each.connection === "disconnected")),
     list("in use by another program", named((each) => each.connection === "in-use")),
-    list("interlock open", named((each) => nowOf(each).interlock === "open"))];
+    list("interlock open", named((each) => laserOf(each.id).interlock === "open"))];
 }
 
 /** @type {any} */

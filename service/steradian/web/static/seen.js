@@ -9,7 +9,7 @@ const LOOK = 1000;
 const PATIENCE = 2500;
 const TICK = 250;
 const DOUBT = 8000; // ms without an answer, after which the event stream is opened anew, too
-const UNKNOWN = /** @type {const} */ ({ laser: "unknown", shutter: "unknown", interlock: "unknown", key: "unknown" });
+export const UNKNOWN = /** @type {const} */ ({ laser: "unknown", shutter: "unknown", interlock: "unknown", key: "unknown" });
 
 /**
  * How a scanner stands now. `why` says why the laser is unknown, `age` how many seconds ago the device told the rest.

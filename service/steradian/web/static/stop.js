@@ -4,7 +4,7 @@
 import { api, lookAt, Problem } from "./api.js";
 import { byId, h, replace } from "./dom.js";
 import { release } from "./release.js";
-import { FRESH, look, nowOf, seen, watchAge, watchScanner } from "./seen.js";
+import { FRESH, look, nowOf, seen, UNKNOWN, watchAge, watchScanner } from "./seen.js";
 import { askToSignIn, stopTicket, wasSignedIn, watchSession } from "./session.js";
 import { elapsed, mark, NEVER } from "./time.js";
 import { clock, duration, sentence } from "./units.js";
@@ -180,15 +180,15 @@ function standing() {
   return seen().scanners.filter((one) => one.emergency_stop).map((one) => [one.id, one.emergency_stop]);
 }
 
-/** How a scanner's laser stands: what the device said to a press is newer than a look from before it. @param {string} name @returns {{laser: string, why: string}} */
+/** How a scanner stands: what the device said to a press is newer than a look from before it. @param {string} name @returns {import("./seen.js").Now} */
 export function laserOf(name) {
   const { scanners, asked } = seen();
-  const answer = press?.answers?.get(name);
-  if (answer && press && asked.steady < press.at.steady && elapsed(press.at) < FRESH) {
-    return answer.laser === "off" ? { laser: "off", why: "" } : { laser: "unknown", why: "the stop is not confirmed" };
-  }
   const one = scanners.find((each) => each.id === name);
-  return one ? nowOf(one) : { laser: "unknown", why: "the service does not know it" };
+  const last = one ? nowOf(one) : { ...UNKNOWN, age: null, why: "the service does not know it" };
+  const answer = press?.answers?.get(name);
+  if (!answer || !press || asked.steady >= press.at.steady || elapsed(press.at) >= FRESH) return last;
+  if (answer.laser !== "off") return { ...last, ...UNKNOWN, age: null, why: "the stop is not confirmed" };
+  return { ...last, laser: "off", shutter: "closed", age: elapsed(press.at) / 1e3, why: "" };
 }
 
 /** What a stop that stands or is on its way has in the pill. @param {string} name of a scanner */

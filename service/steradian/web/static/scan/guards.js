@@ -2,7 +2,7 @@
 // What keeps the laser from harm, as the scanner reads it, how old that is, and who holds the scanner.
 import { h, replace } from "../dom.js";
 import { nowOf, seen, watchAge } from "../seen.js";
-import { clock, figure } from "../units.js";
+import { clock } from "../units.js";
 
 /** What each of them is called when the laser may fire; anything else but that and "unknown" is a fault while it scans. */
 const SAFE = /** @type {Record<string, string>} */ ({ interlock: "closed", key: "on" });
@@ -25,7 +25,7 @@ export class Guards {
     const { scanners, trouble } = seen();
     const one = scanners.find(({ id }) => id === this.of) ?? (this.of === null && scanners.length === 1 ? scanners[0] : null);
     const now = one && nowOf(one);
-    this.age.textContent = now && now.age !== null ? `seen ${figure(now.age, 1)} s ago` : "";
+    this.age.textContent = now && now.age !== null ? `seen ${Math.max(0, now.age).toFixed(1)} s ago` : "";
     const lease = trouble ? null : one?.lease;
     const held = lease ? `reserved by ${lease.holder} until ${clock(lease.ends)}${lease.note ? `: ${lease.note}` : ""}` : "not reserved by anybody";
     this.held.textContent = one && !trouble ? held : "";
