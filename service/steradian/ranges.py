@@ -52,6 +52,8 @@ LENGTH = Range(0, 1, "m", above=True)
 """Sides of apertures, distances between sensors, depths of points of interest."""
 SAMPLING_INTERVAL = Range(1e-10, 1e-5, "s")
 SOUND_SPEED = Range(300, 6000, "m/s")
+TIME_ZERO = Range(-5e-4, 5e-4, "s")
+"""From the laser pulse to the first sample: sound from three quarters of a metre of water needs no longer."""
 
 
 def real(field: str, value: Any, allowed: str) -> float:

@@ -54,6 +54,16 @@ def test_a_recording_is_looked_into_what_it_lacks_is_said_and_it_becomes_a_scan(
     assert service.get(f"/scans/{scan}").json()["summary"]["stored"] == 144
 
 
+def test_depths_of_a_record_that_begins_late_are_shown(service, open_page, tmp_path):
+    x = np.arange(12) * 1e-3 - 5.5e-3
+    places = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1).reshape(-1, 2)
+    traces = np.zeros((144, 151), np.float32)
+    np.savez(tmp_path / "late.npz", traces=traces, positions=places, dt=20e-9, c=1500.0, t0=np.full((1, 144), 3e-6))
+    page = open_page(service, "/data")
+    page.set_input_files("#files", [tmp_path / "late.npz"])
+    expect(page.locator("dl.figures")).to_contain_text("4.5\N{NO-BREAK SPACE}mm to 9.0\N{NO-BREAK SPACE}mm")
+
+
 def test_what_is_given_last_counts(service, open_page, recording):
     """A file that is still on its way when others are dropped changes nothing once it is there."""
     page, held = open_page(service, "/data"), []

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from steradian.api.problems import NotReady
 from steradian.api.services import Services
 from steradian.errors import Conflict, InvalidInput, NotFound
+from steradian.imaging.extent import Extent
 from steradian.jobs.requests import (
     ExportRequest,
     ImportRequest,
@@ -145,16 +146,34 @@ def _check_size(services: Services, scan: ScanRow, parameters: ReconstructionPar
     shape = _shape(services, scan, parameters)
     size, limit = 4 * math.prod(shape), services.settings.max_volume_bytes
     if size > limit:
-        modes = shape[0] // parameters.upsampling
-        raise InvalidInput("parameters.modes", modes, f"a volume of at most {limit} bytes, not {size}")
+        field, value = "parameters.modes", str(shape[0] // parameters.upsampling)
+        if shape[-1] > parameters.upsampling * services.plans.get(scan.plan_id).parameters["samples"]:
+            field, value = "parameters.depth_range", str(parameters.depth_range)
+        raise InvalidInput(field, value, f"a volume of at most {limit} bytes, not {size}")
 
 
 def _shape(services: Services, scan: ScanRow, parameters: ReconstructionParameters) -> tuple[int, ...]:
     """Return how many voxels an image has along each axis across, of which a line of sensors has one, and in depth."""
     modes = parameters.modes or max(2, round(services.masks.get(scan.mask_id).aperture / DEFAULT_SPACING))
-    samples: int = services.plans.get(scan.plan_id).parameters["samples"]
     across = 1 if services.masks.is_line(scan.mask_id) else 2
-    return (*[modes * parameters.upsampling] * across, samples * parameters.upsampling)
+    deep = _slices(services.plans.get(scan.plan_id).parameters, parameters)
+    return (*[modes * parameters.upsampling] * across, deep * parameters.upsampling)
+
+
+def _slices(plan: dict[str, Any], parameters: ReconstructionParameters) -> int:
+    """Return how many slices an image has: one a sample, and more where the record begins later and they are wanted.
+
+    When a record begins only its file says; what is known here is the delay that is asked for, and the range.
+    """
+    samples: int = plan["samples"]
+    interval, speed = plan.get("sampling_interval"), parameters.sound_speed or plan.get("sound_speed")
+    if not interval or not speed:
+        return samples
+    if parameters.depth_range is None:
+        extent = Extent(samples, parameters.conditioning.delay / interval)
+        return max(samples, extent.end - extent.first)
+    first, last = parameters.depth_range
+    return samples if last is None else max(samples, math.ceil((last - (first or 0.0)) / (interval * speed)) + 1)
 
 
 def _least_memory(shape: tuple[int, ...], parameters: ReconstructionParameters) -> int:

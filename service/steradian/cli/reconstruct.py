@@ -38,10 +38,9 @@ def _option(text: str, panel: str | None = None, kind: Quantity | None = None, d
 
 def _area(report: Report) -> str:
     if report.sensed_area_m2 is None:
-        return "; ".join(["weights play no part", *report.notes])
+        return "weights play no part"
     area = report.sensed_area_m2
-    text = f"{1e3 * area:.4g} mm" if len(report.shape) == 2 else f"{1e6 * area:.4g} mm²"
-    return "; ".join([text, *report.notes])
+    return f"{1e3 * area:.4g} mm" if len(report.shape) == 2 else f"{1e6 * area:.4g} mm²"
 
 
 def reconstruct(
@@ -54,8 +53,12 @@ def reconstruct(
     modes: Annotated[int | None, typer.Option(help="Lateral modes per axis; default: as the scan suggests.")] = None,
     upsampling: Annotated[int, typer.Option(help="Sinc interpolation of the finished image, times.")] = 1,
     sound_speed: Annotated[float | None, _option("Speed of sound; default: the scan's.", kind=speed)] = None,
-    first_depth: Annotated[float | None, _option("Compute only from here on.", kind=length)] = None,
-    last_depth: Annotated[float | None, _option("Compute only to here.", kind=length)] = None,
+    first_depth: Annotated[
+        float | None, _option("Compute only from here on; default: 0, or where a late record begins.", kind=length)
+    ] = None,
+    last_depth: Annotated[
+        float | None, _option("Compute only to here; default: where the record ends.", kind=length)
+    ] = None,
     weights: Annotated[str, typer.Option(help="mask (its own), uniform or voronoi.")] = "mask",
     tolerance: Annotated[float, typer.Option(help="Wanted relative error of the transforms.")] = 1e-4,
     window: Annotated[str, typer.Option(help="kaiser-bessel or semicircle.")] = "kaiser-bessel",
@@ -195,8 +198,8 @@ def reconstruct(
         "sensors": f"{report.sensors} of {report.planned}",
         "left out": ", ".join(f"{count} {flag}" for flag, count in report.shots.left_out.items()) or "none",
         "volume": " × ".join(map(str, report.shape)) + f" ({report.axes}), {spacing} µm",
-        "pictures": f"from {1e3 * report.near_field_m:.2f} mm depth, colours to the {report.scale_percentile:g}th"
-        " percentile",
+        "pictures": f"from {1e3 * max(report.near_field_m, report.origin_m[-1]):.2f} mm depth, colours to the "
+        f"{report.scale_percentile:g}th percentile",
         **_fit(report),
         **_band(report),
         "sound speed": f"{report.sound_speed_m_s:g} m/s",
@@ -205,6 +208,8 @@ def reconstruct(
         "files": files_of(output),
     }
     show_figures("Reconstruction", figures)
+    for note in report.notes:
+        console().print(f"[yellow]note[/]: {note}", soft_wrap=True)
     if report.missing is not None:
         console().print(f"[yellow]warning[/]: {report.missing}", soft_wrap=True)
     show_end(("volume", output / "volume.h5"), ("all results", output))

@@ -24,8 +24,6 @@ SUMMABLE = {"float32": 80, "float64": 960}
 MOST_SAMPLES, MOST_THREADS = 1 << 24, 1024
 LEAST_APERTURE = 1e-6
 """Metres: far below the wavelength of any sound that a film hears."""
-LATEST = 1.0
-"""Seconds between laser pulse and first sample, at most; phases are exact to a ten millionth of a turn up to there."""
 LEAST_AREA, MOST_AREA = 1e-7, 4.0
 """What weights may sum to, in areas of the aperture. Sensors may cover a small part of it, and the cells of a coarse
 grid reach beyond an aperture that ends at the outermost sensors; millimetres for metres are a factor of 1000 at
@@ -115,15 +113,6 @@ def apertures(value: object, axes: int) -> tuple[float, ...]:
     if min(sides) < LEAST_APERTURE:
         raise InvalidInput("aperture", min(sides), f"{LEAST_APERTURE:g} to {LENGTH.high:g} m")
     return sides
-
-
-def start_time(value: object) -> float:
-    """Return the time of the first sample in seconds."""
-    allowed = f"a finite time in s, within ±{LATEST:g}"
-    time_zero = real("time_zero", value, allowed)
-    if abs(time_zero) > LATEST:
-        raise InvalidInput("time_zero", time_zero, allowed)
-    return time_zero
 
 
 def working_precision(dtype: DTypeLike | None, tolerance: float) -> Literal["float32", "float64"]:

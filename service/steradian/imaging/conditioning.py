@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from steradian.drawing.style import ColourMap
 from steradian.errors import InvalidInput
 from steradian.imaging.volume import RealArray, Volume
+from steradian.ranges import TIME_ZERO
 
 _CHUNK = 2048  # A-lines filtered at a time, which bounds the memory
 
@@ -59,8 +60,7 @@ class Conditioning:
             raise InvalidInput("remove_common", self.remove_common, "median, mean or None")
         if not (np.isfinite(self.rim) and self.rim >= 0):
             raise InvalidInput("rim", self.rim, "a width from 0 m")
-        if not np.isfinite(self.delay):
-            raise InvalidInput("delay", self.delay, "a finite time in s")
+        TIME_ZERO.check("delay", self.delay)
         if self.band is not None:
             low, high = (float(b or 0.0) for b in self.band)
             if not np.isfinite([low, high]).all() or low < 0 or high < 0 or (high and high <= low):

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from steradian.errors import InvalidInput
 from steradian.imaging import checks
 from steradian.imaging.checks import Sensors
+from steradian.imaging.extent import Extent
 from steradian.imaging.parameters import Parameters
 from steradian.imaging.transforms.sizes import fast_multiple, fast_record
 from steradian.imaging.volume import Axes
@@ -36,16 +37,17 @@ class Geometry:
     period, padded_modes
         X and N of the formula: ``aperture`` and ``modes`` with the lateral padding.
     samples, record
-        Samples a trace has, and N_t of the formula: with the padding in time, and a few more where a large prime factor
-        would make the transform slow.
+        Samples a trace has, and N_t of the formula: with the padding in time, with as many as lie between the pulse and
+        the first sample (the image's period c·N_t·dt then holds all depths that the record tells of, and none folds
+        back), and a few more where a large prime factor would make the transform slow.
     sampling_interval, sound_speed, time_zero
         dt, c, and the time of the first sample after the laser pulse.
     highest_frequency
         End of the band in Hz that is used; None: all up to the Nyquist frequency.
     depth_points
-        Points N_z that the record's depth c·N_t·dt is divided into: N_t, or fewer where they hold the band.
+        Points N_z that the period c·N_t·dt along the depth is divided into: N_t, or fewer where they hold the band.
     depth
-        First depth index and one past the last.
+        First depth index and one past the last; index n is the depth n·Δz below the film.
     upsampling
         Image points per mode.
     """
@@ -123,17 +125,20 @@ def _weights(
 
 
 def slices(
-    depth_range: tuple[float, float] | None, samples: int, record: int, points: int, fine: float
+    depth_range: tuple[float, float] | None, extent: Extent, record: int, points: int, fine: float
 ) -> tuple[int, int]:
-    """Return the first index and one past the last of ``points`` in a record of samples ``fine`` metres apart."""
+    """Return the first index and one past the last of ``points`` in a period of ``record`` steps of ``fine`` metres.
+
+    Without a range: from the film, or where the record is late from c·t₀, to the last sample's depth c·(t₀ + N_t·dt).
+    """
     if depth_range is None:
-        return 0, -(-samples * points // record)
-    low, high = checks.depths(depth_range, (record - 1) * fine)
+        return -(-extent.first * points // record), -(-extent.end * points // record)
+    low, high = checks.depths(depth_range, (record + extent.end - extent.samples - extent.ahead) * fine)
     step = fine * record / points
-    first, last = int(np.ceil(low / step - 1e-6)), int(np.floor(high / step + 1e-6)) + 1
+    first, last = int(np.ceil(low / step - 1e-6)), min(points, int(np.floor(high / step + 1e-6)) + 1)
     if last <= first:
         raise InvalidInput("depth_range", depth_range, f"a range with at least one slice (step {step:.4g} m)")
-    return first, min(last, points)
+    return first, last
 
 
 def band_end(value: object, record: int, interval: float) -> float | None:
@@ -184,7 +189,8 @@ def geometry(positions: ArrayLike | Sensors, samples: int, chosen: Parameters) -
         needed = ", ".join(f"{e:.6g}" for e in extent)
         raise InvalidInput("aperture", aperture, f"at least the sensors' extent about 0 ({needed} m), or wrap=True")
     padded = tuple(int(np.ceil(n * (chosen.lateral_padding or 1.0) - 1e-9)) for n in number)
-    record = fast_record(int(np.ceil(samples * chosen.time_padding - 1e-9)))
+    extent = Extent.of(samples, interval, chosen.time_zero)
+    record = fast_record(int(np.ceil(samples * chosen.time_padding - 1e-9)) + extent.ahead)
     highest = band_end(chosen.highest_frequency, record, interval)
     points = _depth_points(highest, chosen.depth_step, record, interval, speed)
     return Geometry(
@@ -201,6 +207,6 @@ def geometry(positions: ArrayLike | Sensors, samples: int, chosen: Parameters) -
         time_zero=chosen.time_zero,
         highest_frequency=highest,
         depth_points=points,
-        depth=slices(chosen.depth_range, samples, record, points, interval * speed),
+        depth=slices(chosen.depth_range, extent, record, points, interval * speed),
         upsampling=chosen.upsampling,
     )

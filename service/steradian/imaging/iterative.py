@@ -11,10 +11,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from math import ceil
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from steradian.errors import InvalidInput
 from steradian.imaging import checks, memory
@@ -22,6 +23,7 @@ from steradian.imaging.arrays import in_memory, on_gpu
 from steradian.imaging.band import refined, signal_band, thinned, thinning
 from steradian.imaging.checks import Sensors
 from steradian.imaging.descent import Descent
+from steradian.imaging.extent import Extent
 from steradian.imaging.geometry import band_end, slices
 from steradian.imaging.iterations import Iterations, Stopped
 from steradian.imaging.iterative_options import Iterative
@@ -146,6 +148,7 @@ def fit(
         raise InvalidInput(
             "traces", f"an array of shape {data.shape}", "finite numbers of shape (M, N_t), a row a sensor"
         )
+    data, chosen = _since_pulse(data, chosen)
     scale = real("scale", scale, "a finite factor")
     unit = _unit(data, scale, kind)
     highest, noise = signal_band(data, chosen.sampling_interval)
@@ -154,8 +157,11 @@ def fit(
         thinning(band_end(options.highest_frequency, samples, interval) or highest, interval), max(1, samples // 4)
     )
     step = chosen.sampling_interval * chosen.sound_speed
-    first, last = slices(chosen.depth_range, samples, samples, samples, step)
-    coarse = (first // factor, min(-(-samples // factor) - 1, -(-last // factor)))
+    extent = Extent.of(samples, interval, chosen.time_zero)
+    first, last = slices(chosen.depth_range, extent, samples + extent.ahead, samples + extent.ahead, step)
+    nearest = first if chosen.depth_range is not None else _nearest_heard(positions, aperture, extent, step)
+    thin_end = Extent(-(-samples // factor), extent.begins / factor).end
+    coarse = (min(first, nearest) // factor, min(thin_end - 1, -(-last // factor)))
     measured = thinned(data, factor, kind, scale / unit)
     thin = replace(
         chosen,
@@ -195,6 +201,27 @@ def fit(
         volume, solution.done, solution.stopped, tuple(solution.residuals), solution.products, factor, needed,
         model.chosen.device, tuple(model.chosen.notes),
     )  # fmt: skip
+
+
+def _since_pulse(data: RealArray, chosen: Parameters) -> tuple[RealArray, Parameters]:
+    """Leave out samples from before the laser pulse, when there is no sound; the model would have some there."""
+    extent = Extent.of(data.shape[1], chosen.sampling_interval, chosen.time_zero)
+    before = max(0, ceil(-extent.begins))
+    if not before:
+        return data, chosen
+    return data[:, before:], replace(chosen, time_zero=chosen.time_zero + before * chosen.sampling_interval)
+
+
+def _nearest_heard(
+    positions: NDArray[np.float64], aperture: float | Sequence[float] | None, extent: Extent, step: float
+) -> int:
+    """Return the slice nearest to the film from which a late record can hold sound, to sensors far to the side.
+
+    The model takes it in, though the image begins deeper: it would explain that sound by something deeper else.
+    """
+    sides = np.array(checks.apertures(aperture, positions.shape[1]))
+    farthest = float(np.linalg.norm(np.abs(positions).max(axis=0) + sides / 2))
+    return int(np.sqrt(max(0.0, extent.ahead**2 - (farthest / step) ** 2)))
 
 
 def _unit(data: RealArray, scale: float, dtype: str) -> float:

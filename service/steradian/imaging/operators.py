@@ -34,6 +34,7 @@ from steradian.imaging.engines import Watch, image_of, traces_of
 from steradian.imaging.engines.chosen import AnyEngine, Chosen
 from steradian.imaging.engines.numba.engine import NumbaEngine
 from steradian.imaging.engines.numba.room import least_bytes
+from steradian.imaging.extent import Extent
 from steradian.imaging.geometry import Geometry, geometry
 from steradian.imaging.parameters import Device, Parameters
 from steradian.imaging.response import Correction, FilmResponse
@@ -223,8 +224,9 @@ def _for_model(
 ) -> Parameters:
     """Add the paddings that keep copies of the volume out of the record."""
     step = chosen.sampling_interval * chosen.sound_speed
-    whole = (0.0, (samples - 1) * step)
-    depth_range = whole if chosen.depth_range is None else checks.depths(chosen.depth_range, whole[1])
+    extent = Extent.of(samples, chosen.sampling_interval, chosen.time_zero)
+    whole = (extent.first * step, (extent.end - 1) * step)
+    depth_range = whole if chosen.depth_range is None else checks.depths(chosen.depth_range, extent.end * step)
     lateral = chosen.lateral_padding
     if lateral is None:
         duration = samples * chosen.sampling_interval + max(0.0, chosen.time_zero)
@@ -232,15 +234,19 @@ def _for_model(
             positions, aperture=aperture, duration=duration, sound_speed=chosen.sound_speed, depth=depth_range[0]
         )
     deepest = int(np.floor(depth_range[1] / step + 1e-6)) + 1
-    heard = samples + max(0, int(np.ceil(chosen.time_zero / chosen.sampling_interval)))
     # the mirror image's next copy lies at L − z; its sound comes no earlier than sample L − z
-    record = fast_size(deepest + heard)
+    record = fast_size(deepest + samples + extent.ahead)
+    padding = (record - extent.ahead) / samples
+    if padding > MOST_PADDING:
+        latest = (MOST_PADDING - 2) * samples * chosen.sampling_interval
+        allowed = f"at most about {latest:.3g} (s), {MOST_PADDING - 2:g} times the record's length, for a model"
+        raise InvalidInput("time_zero", chosen.time_zero, allowed)
     return replace(
         chosen,
         aperture=aperture,
         weights=np.full(len(positions), float(np.prod(aperture)) / len(positions)),  # no part of the model
         depth_range=depth_range,
-        time_padding=max(1.0, record / samples),
+        time_padding=padding,
         lateral_padding=lateral,
         highest_frequency=None,  # slices are as far apart as samples
     )

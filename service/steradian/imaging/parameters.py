@@ -13,7 +13,7 @@ from steradian.imaging import checks
 from steradian.imaging.iterative_options import Iterative
 from steradian.imaging.response import MAX_GAIN, Correction
 from steradian.imaging.transforms.windows import Shape, Window
-from steradian.ranges import SAMPLING_INTERVAL, SOUND_SPEED, real
+from steradian.ranges import SAMPLING_INTERVAL, SOUND_SPEED, TIME_ZERO, real
 
 DirectMethod: TypeAlias = Literal["nedner", "ner", "linear", "nearest", "interpolated"]
 Method: TypeAlias = DirectMethod | Literal["iterative"]
@@ -140,7 +140,7 @@ _CHECKS: dict[str, Callable[[str, Any], Any]] = {
     "sampling_interval": SAMPLING_INTERVAL.check,
     "sound_speed": SOUND_SPEED.check,
     "upsampling": lambda field, value: checks.whole(field, value, 1, 16),
-    "time_zero": lambda field, value: checks.start_time(value),
+    "time_zero": TIME_ZERO.check,
     "time_padding": _padding,
     "lateral_padding": lambda field, value: value if value is None else _padding(field, value),
     "highest_frequency": _highest,

@@ -86,7 +86,9 @@ def reconstruct(
     upsampling
         Lateral image points per mode: sinc interpolation of the finished image, for looks.
     depth_range
-        First and last depth in metres; only these slices are computed in the end. None: the record's.
+        First and last depth in metres, within 0 … c·(``time_zero`` + N_t·dt); only these slices are computed in the
+        end. None: from 0 to there; of a record that begins later after the pulse than a quarter of its length from
+        c·``time_zero`` on (what is nearer is heard only by sensors far enough to its side).
     method
         "nedner": exact κ, any sensors; becomes "ner" by itself where all sensors are on a grid (a part of one, too).
         "linear", "nearest": κ interpolated between the frequencies of the record doubled with zeros, as k-Wave does.
@@ -101,7 +103,8 @@ def reconstruct(
         Shape of the interpolation window, whose width follows from the tolerance; or a window of given width and
         oversampling such as the paper's ``kaiser_bessel(6, 2.0)``.
     time_zero
-        Time of the first sample after the laser pulse, in s.
+        Time of the first sample after the laser pulse, in s, within ±0.5 ms; negative: the record begins before it. The
+        image of a late record is that of the record with zeros in front, at about the cost of the record alone.
     time_padding, lateral_padding
         Factors from 1 by which record and aperture are extended with zeros: against deep reflectors that fold back, and
         sources outside the aperture. The image's points stay where they are. Lateral None: 1, and as much as it needs

@@ -25,7 +25,15 @@ from steradian.reconstructions.found import Band, Fit
 from steradian.reconstructions.kept_plans import KeptPlans
 from steradian.reconstructions.missing import Missing, missing_points
 from steradian.reconstructions.near_field import from_depth, near_field
-from steradian.reconstructions.options import conditioned, plan_parameters, sound_speed_of, used, weights_of
+from steradian.reconstructions.options import (
+    begins_at,
+    conditioned,
+    extent_of,
+    plan_parameters,
+    sound_speed_of,
+    used,
+    weights_of,
+)
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.projections import project, project_from
 from steradian.reconstructions.shots import Unevenness, even_out
@@ -169,6 +177,7 @@ def write_reconstruction(
     with report.timed("even out"):
         if recording.shots is not None:
             recording, report.shots = even_out(recording, chosen.shots)
+    _note_late(report, recording, chosen)
     with report.timed("reconstruct"):
         volume = reconstruct_recording(
             recording,
@@ -252,6 +261,19 @@ def reconstruct_recording(
     if on_device is not None:
         on_device(plan.chosen.device, plan.chosen.notes)
     return volume
+
+
+def _note_late(report: Report, recording: Recording, chosen: ReconstructionParameters) -> None:
+    """Say which depths a record that begins late leaves to sensors far to the side."""
+    if not extent_of(recording, chosen).late:
+        return
+    begins = begins_at(recording, chosen)
+    depth = f"{1e3 * begins * sound_speed_of(recording, chosen):.4g} mm"
+    shown = "" if chosen.depth_range else ", where the image begins; a first depth of 0 shows it from the film on"
+    report.notes.append(
+        f"A-lines begin {1e6 * begins:.4g} µs after the laser pulse: what lies less deep than {depth} is heard only by "
+        f"sensors far enough to its side{shown}"
+    )
 
 
 def _note_area(report: Report, recording: Recording, weights: NDArray[np.float64]) -> None:

@@ -11,6 +11,7 @@ from steradian.errors import InvalidInput
 from steradian.imaging import outlines
 from steradian.imaging.cells import cell_areas
 from steradian.imaging.conditioning import Conditioning
+from steradian.imaging.extent import Extent
 from steradian.imaging.parameters import Parameters
 from steradian.imaging.weights import sensed_outline
 from steradian.ranges import SOUND_SPEED
@@ -54,7 +55,7 @@ def plan_parameters(recording: Recording, parameters: ReconstructionParameters) 
         method=parameters.method,
         tolerance=parameters.tolerance,
         window=parameters.window,
-        time_zero=recording.time_zero + parameters.conditioning.delay,
+        time_zero=begins_at(recording, parameters),
         time_padding=parameters.time_padding,
         lateral_padding=parameters.lateral_padding,
         highest_frequency=parameters.highest_frequency,
@@ -78,13 +79,28 @@ def modes_of(recording: Recording, parameters: ReconstructionParameters) -> int:
     return parameters.modes or recording.grid or max(2, round(recording.aperture / DEFAULT_SPACING))
 
 
+def begins_at(recording: Recording, parameters: ReconstructionParameters) -> float:
+    """Return the time in s from the laser pulse to the first sample, trigger delay included."""
+    return recording.time_zero + parameters.conditioning.delay
+
+
+def extent_of(recording: Recording, parameters: ReconstructionParameters) -> Extent:
+    """Return of which depths the record tells."""
+    samples = recording.traces.shape[1]
+    return Extent.of(samples, recording.sampling_interval, begins_at(recording, parameters))
+
+
 def depth_range_of(recording: Recording, parameters: ReconstructionParameters) -> tuple[float, float] | None:
     """Return first and last depth in metres that take effect; None: all of the record."""
     if parameters.depth_range is None:
         return None
     first, last = parameters.depth_range
-    end = (recording.traces.shape[1] - 1) * recording.sampling_interval * sound_speed_of(recording, parameters)
-    return first or 0.0, end if last is None else last
+    extent = extent_of(recording, parameters)
+    step = recording.sampling_interval * sound_speed_of(recording, parameters)
+    end = (extent.end - 1) * step if last is None else last
+    if first is None:
+        first = extent.first * step if extent.first * step < end else 0.0
+    return first, end
 
 
 def weights_of(recording: Recording, parameters: ReconstructionParameters) -> NDArray[np.float64]:

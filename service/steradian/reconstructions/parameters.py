@@ -32,7 +32,8 @@ class ReconstructionParameters(Value):
     upsampling: int = quantity("times", "Sinc interpolation of the finished image", ge=1, le=8, default=1)
     depth_range: tuple[float | None, float | None] | None = Field(
         default=None,
-        description="First and last depth wanted, in metres; none: from 0, to the end of the record",
+        description="First and last depth wanted, in metres; none: from 0, or where the record begins if that is later "
+        "after the pulse than a quarter of its length, to the end of the record",
         json_schema_extra={"unit": "m"},
     )
     weights: Weights = Field(

@@ -19,11 +19,19 @@ from steradian.drafts import draft
 from steradian.errors import Cancelled, InvalidInput
 from steradian.imaging import reconstruct
 from steradian.imaging.band import signal_band, thinned, thinning
+from steradian.imaging.extent import Extent
 from steradian.progress import IsCancelled, Progress
 from steradian.quality import tenenbaum
 from steradian.ranges import SOUND_SPEED
 from steradian.reconstructions.job import write_json
-from steradian.reconstructions.options import conditioned, depth_range_of, modes_of, sound_speed_of, weights_of
+from steradian.reconstructions.options import (
+    begins_at,
+    conditioned,
+    depth_range_of,
+    modes_of,
+    sound_speed_of,
+    weights_of,
+)
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.shots import even_out
 from steradian.scans.opening import open_recording
@@ -110,7 +118,7 @@ def scan_sound_speed(
         modes=modes_of(recording, known),
         weights=weights_of(recording, known),
         depth_times=depth and (depth[0] / speed, depth[1] / speed),
-        time_zero=recording.time_zero + known.conditioning.delay,
+        time_zero=begins_at(recording, known),
         progress=progress,
         cancelled=cancelled,
     )
@@ -245,7 +253,7 @@ class _Views:
     def _depths(self, speed: float) -> tuple[float, float] | None:
         if self._times is None:
             return None
-        end = (self._traces.shape[1] - 1) * self._interval
+        end = (Extent.of(self._traces.shape[1], self._interval, self._zero).end - 1) * self._interval
         return self._times[0] * speed, min(self._times[1], end) * speed
 
 

@@ -57,8 +57,8 @@ OFF_UNIT: dict[str, Any] = {
         ("threads", {"threads": -3}, "from 1"),
         ("threads", {"threads": "two"}, "from 1"),
         ("tolerance", {"tolerance": "high"}, "from 1e-12 to 0.1"),
-        ("time_zero", {"time_zero": "0"}, "a finite time in s"),
-        ("time_zero", {"time_zero": 1e300}, "within ±1"),
+        ("time_zero", {"time_zero": "0"}, r"is .0.; allowed: at least -0\.0005, at most 0\.0005 \(s\)"),
+        ("time_zero", {"time_zero": 1e300}, r"at most 0\.0005 \(s\)"),
         ("aperture", {"aperture": 1e-300}, "1e-06 to 1 m"),
         ("traces", {"scale": 1e300}, "beyond the range of the working precision"),
         ("traces", {"scale": 1e33}, "beyond the range of the working precision"),  # its sums would overflow

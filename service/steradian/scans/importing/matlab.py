@@ -26,6 +26,8 @@ from steradian.scans.importing.source import Source, Stated, make_source
 from steradian.scans.importing.tables import Hdf5Table, Table, scratch, slabs, spill
 
 FORMAT = "matlab"
+EMPTY = "MATLAB_empty"
+"""Attribute of a variable that is [], whose dataset holds its size."""
 
 
 @contextmanager
@@ -65,10 +67,14 @@ def _source(file: h5py.File, called: str, said: Description, spare: Any) -> Sour
 
 
 def _find(file: h5py.File, wanted: tuple[str, ...]) -> str | None:
-    """Name of the first variable that is there; structures give their field ``p``, Octave's groups their ``value``."""
+    """Name of the first variable that is there and not [].
+
+    Structures give their field ``p``, Octave's groups their ``value``.
+    """
     for name in wanted:
         for place in (name, f"{name}/value", f"{name}/p", f"{name}/value/p/value"):
-            if isinstance(file.get(place), h5py.Dataset):
+            found = file.get(place)
+            if isinstance(found, h5py.Dataset) and found.size != 0 and not untrusted.figure(file, place, EMPTY):
                 return place
     return None
 

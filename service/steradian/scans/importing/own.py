@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from steradian.errors import Cancelled, DamagedFile, InvalidInput
 from steradian.plans import ScanPlan
 from steradian.progress import IsCancelled, Progress
+from steradian.ranges import TIME_ZERO
 from steradian.scans import schema
 from steradian.scans.importing import untrusted
 from steradian.scans.importing.planned import read_plan
-from steradian.scans.importing.source import TIME_ZERO
 from steradian.scans.importing.tables import Hdf5Table
 from steradian.scans.importing.writing import MOST_SIZE, ImportedAline, pieces, require_sizes
 from steradian.scans.layout import geometry_checksum
@@ -43,7 +43,7 @@ LIMITS = {
     "wavelength_m": (0.0, 1e-4),
     "fire_time_s": (0.0, 1e12),
     "averages": (0.0, 1e6),
-    "time_zero_s": (-TIME_ZERO, TIME_ZERO),
+    "time_zero_s": (TIME_ZERO.low, TIME_ZERO.high),
     "dc_v": (-1e3, 1e3),
     "gain_db": (-1e3, 1e3),
 }
@@ -196,9 +196,7 @@ def _fired(file: h5py.File) -> int:
 
 def _time_zero(file: h5py.File) -> float:
     value = untrusted.figure(file, "plan", "time_zero_s") or 0.0
-    if not abs(value) <= TIME_ZERO:
-        raise InvalidInput("time_zero_s", value, f"-{TIME_ZERO:g} to {TIME_ZERO:g} (s)")
-    return value
+    return TIME_ZERO.check("time_zero_s", value)
 
 
 def _pulse_energy(file: h5py.File) -> float:

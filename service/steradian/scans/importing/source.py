@@ -12,14 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.errors import InvalidInput
-from steradian.ranges import LENGTH, SAMPLING_INTERVAL
+from steradian.ranges import LENGTH, SAMPLING_INTERVAL, TIME_ZERO
 from steradian.scans.importing.description import LENGTHS, TIMES, Description, grid_points
 from steradian.scans.importing.geometry import Sensors, place_sensors
 from steradian.scans.importing.tables import Table
 from steradian.scans.recording import Recording, Shots
 
-TIME_ZERO = 1.0
-"""Seconds from the pulse to the first sample, either way, at most."""
 _T = TypeVar("_T")
 
 
@@ -168,8 +166,7 @@ def make_source(
     aperture = said.metres(said.aperture) or stated.aperture
     area = None if said.weights is not None or weights is None else float(weights.sum())
     sensors = place_sensors(points, aperture=aperture, bounds=stated.bounds, weights=weights, sensed_area=area)
-    delay = said.seconds(said.time_zero)
-    earliest, each = _time_zeros(stated.time_zero if delay is None else delay, table.points)
+    earliest, each = _time_zeros(stated.time_zero, said, table.points)
     return Source(
         format=kind,
         table=table,
@@ -187,17 +184,22 @@ def make_source(
     )
 
 
-def _time_zeros(stated: float | NDArray[np.float64], points: int) -> tuple[float, NDArray[np.float64] | None]:
+def _time_zeros(
+    stated: float | NDArray[np.float64], said: Description, points: int
+) -> tuple[float, NDArray[np.float64] | None]:
     """Return the earliest time zero, and that of each of so many sensors where they have their own."""
-    if not isinstance(stated, np.ndarray):
-        return stated, None
-    allowed = f"one number, or one for each of the {points} sensors, in a file or one in a description"
-    if stated.shape != (points,):
-        raise InvalidInput("time_zero", f"an array of {stated.size} numbers", allowed)
-    if not (np.abs(stated) <= TIME_ZERO).all():
-        wrong = stated[~(np.abs(stated) <= TIME_ZERO)][0]
-        raise InvalidInput("time_zero", f"{wrong:g}", f"-{TIME_ZERO:g} to {TIME_ZERO:g} (s)")
-    return float(stated.min()), stated
+    delay = said.seconds(said.time_zero)
+    values = np.asarray(stated if delay is None else delay, np.float64)
+    if values.ndim and max(values.shape) == values.size:  # a row or a column
+        values = values.reshape(-1)
+    if values.shape not in ((), (points,)):
+        allowed = f"one number, or one for each of the {points} sensors, in a file or one in a description"
+        raise InvalidInput("time_zero", f"an array of {values.size} numbers", allowed)
+    wrong = [value for value in values.reshape(-1).tolist() if value not in TIME_ZERO]
+    if wrong:
+        given = f"{wrong[0]:g} s" if said.time_zero is None else f"{said.time_zero:g} {said.times}"
+        raise InvalidInput("time_zero", given, f"{TIME_ZERO}; {_hint(said.time_zero is not None, 'times', said.times)}")
+    return float(values.min()), values if values.ndim else None
 
 
 def _require_extent(points: NDArray[np.floating[Any]], said: Description) -> None:

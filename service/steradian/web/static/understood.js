@@ -52,7 +52,8 @@ export class Understood {
 
 /** @param {any} seen @returns {[string, string][]} */
 function figuresOf({ format, points, frames, samples, dtype, sampling_interval: interval, time_zero: zero, sound_speed: speed, aperture, depth }) {
-  const record = interval === null || speed === null ? null : (samples - 1) * interval * speed;
+  const depthAt = (/** @type {number} */ time) => mm(Math.max(0, time) * speed, 1);
+  const last = interval === null || speed === null ? null : depthAt(zero + (samples - 1) * interval);
   return [
     ["Kind", format],
     ["A-lines", `${count(points)}${frames > 1 ? `, ${count(frames)} times` : ""}`],
@@ -61,7 +62,7 @@ function figuresOf({ format, points, frames, samples, dtype, sampling_interval: 
     ["First sample", `${shortTime(zero)} after the pulse`],
     ["Speed of sound", speed === null ? UNKNOWN : `${speed} m/s`],
     ["Aperture", aperture === null ? UNKNOWN : mm(aperture)],
-    ["Recorded depth", record === null ? "–" : mm(record, 1)],
+    ["Recorded depth", last === null ? "–" : zero > 0 ? `${depthAt(zero)} to ${last}` : last],
     ["Point of interest", depth === null ? "none" : `${mm(depth)} deep`],
   ];
 }

@@ -1,0 +1,15 @@
+"""Depths that are asked for: as many slices as they take count, also below the samples' own number of slices."""
+
+
+def test_reconstruction_of_more_depth_than_a_volume_may_have_is_refused_by_its_range(http, scan_with_alines):
+    about = {"scan_id": scan_with_alines["scan"]["id"], "parameters": {"modes": 32, "depth_range": [0.0, 0.9]}}
+    answer = http.post("/reconstructions", json=about)
+    assert answer.status_code == 422, answer.text
+    assert "depth_range" in answer.text, answer.text
+    assert "a volume of at most 16777216 bytes" in answer.text, answer.text
+    about["parameters"] = {"modes": 32, "depth_range": [0.0, 20e-3]}  # a record that begins late may reach there
+    assert http.post("/reconstructions", json=about).status_code == 202
+    about["parameters"] = {"modes": 32, "conditioning": {"delay": 0.5}}
+    answer = http.post("/reconstructions", json=about)
+    assert answer.status_code == 422, answer.text
+    assert "at most 0.0005 (s)" in answer.text
