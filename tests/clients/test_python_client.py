@@ -98,8 +98,22 @@ def test_arrays_become_a_scan(service):
     assert scan.labels["from"] == "arrays"
     np.testing.assert_array_equal(service.scans.alines(scan.id), traces)
     assert said[0][0] == "bytes"
-    with pytest.raises(JobFailed, match="is neither HDF5"):
+    with pytest.raises(JobFailed, match="holds no numbers"):
         service.imports.wait(service.imports.create(uploaded(service, b"a,b")), timeout=250)
+
+
+def test_sgl_goes_in_and_comes_out_with_the_same_bytes(service, tmp_path):
+    """Also what only its name says arrives: the file is sent without it."""
+    samples = np.random.default_rng(0).normal(size=(64, 5 * 4))
+    numbers = np.concatenate([[5, 4, 64, 100, 120, 16], samples.ravel(), [1, 8, 1, 20, 750, 21.5, 3, -2]])
+    source = tmp_path / "palm@750nm_t0[-7]_dx[100µm]_avg8_2D_raw.SGL"
+    source.write_bytes(numbers.astype(">f4").tobytes())
+    scan = service.imports.run(source, timeout=250)
+    with h5py.File(service.scans.save_file(scan.id, tmp_path / "scan.h5")) as file:
+        assert file["plan"].attrs["time_zero_s"] == pytest.approx(-7 * 16e-9)
+    (made,) = service.exports.run("sgl", tmp_path / "new", scan_id=scan.id, timeout=250)
+    assert made.suffix == ".sgl"
+    assert made.read_bytes() == source.read_bytes()
 
 
 def uploaded(service, content):

@@ -372,6 +372,7 @@ class UploadPreview(Answer):
     rows: list[int]
     traces: list[list[float]]
     missing: list[Missing]
+    notes: list[str] = []
 
 
 class Lease(Answer):

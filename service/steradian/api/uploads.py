@@ -76,6 +76,7 @@ class UploadPreviewView(BaseModel):
     rows: list[int] = Field(description="Which A-lines are shown")
     traces: list[list[float]] = Field(description="Their first samples; 0 for what is no finite number")
     missing: list[MissingView] = Field(description="What must be said before the file can be imported")
+    notes: list[str] = Field(description="What was decided or assumed where the file does not say")
 
 
 class UploadView(BaseModel):
@@ -94,7 +95,7 @@ class UploadView(BaseModel):
     openapi_extra={"requestBody": {"required": True, "content": _BINARY}},
 )
 async def create_upload(services: ServicesNeeded, request: Request, response: Response) -> UploadView:
-    """Keep the body as a file: IPASC, k-Wave or MATLAB HDF5, npy, npz, CSV, or a scan of this program.
+    """Keep the body as a file: IPASC, k-Wave or MATLAB HDF5, npy, npz, CSV, .sgl, or a scan of this program.
 
     Then POST /jobs with kind ``import``. A file that nobody imports is deleted after a day.
     """

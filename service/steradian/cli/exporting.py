@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from steradian.cli.console import progress_bar, show_end
+from steradian.cli.console import console, progress_bar, show_end
 from steradian.errors import InvalidInput
 
 
@@ -22,27 +22,40 @@ def export(
         typer.Option(
             "--format",
             "-f",
-            help="Of a volume: hdf5, nifti, tiff, ome-zarr, vtkhdf, nrrd or png; of a scan: ipasc. "
+            help="Of a volume: hdf5, nifti, tiff, ome-zarr, vtkhdf, nrrd or png; of a scan: ipasc or sgl. "
             "Default: as the name ends.",
         ),
     ] = None,
+    frame: Annotated[
+        int | None, typer.Option(help="Which frame of a scan of several goes into an .sgl file, which holds one.")
+    ] = None,
 ) -> None:
-    """Write a scan as IPASC, or a volume in a format of other programs.
+    """Write a scan as IPASC or .sgl, or a volume in a format of other programs.
 
     NIfTI, TIFF and OME-Zarr need the extra *export* (`pip install 'steradian[export]'`). A file of that name is
     replaced, a folder never.
     """
     from steradian.reconstructions.exporting import export_volume
-    from steradian.scans.exporting import export_scan
+    from steradian.scans.exporting import ENDINGS, export_scan
     from steradian.scans.importing.opening import is_own
 
+    notes: list[str] = []
     with progress_bar() as progress:
         if is_own(source):
-            chosen = format or "ipasc"
-            export_scan(source, destination, format=chosen, progress=progress)  # type: ignore[arg-type]
+            chosen = format or ENDINGS.get(destination.suffix.lower(), "ipasc")
+            export_scan(
+                source,
+                destination,
+                format=chosen,  # type: ignore[arg-type]
+                frame=frame,
+                notes=notes,
+                progress=progress,
+            )
         else:
             chosen = format or _by_ending(destination)
             export_volume(source, destination, format=chosen, progress=progress)  # type: ignore[arg-type]
+    for note in notes:
+        console().print(f"note: {note}", markup=False)
     show_end((f"{source} as {chosen}", destination))
 
 

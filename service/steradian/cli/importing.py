@@ -7,14 +7,14 @@ from typing import Annotated
 
 import typer
 
-from steradian.cli.console import progress_bar, show_end, show_figures
+from steradian.cli.console import duration, progress_bar, quantity, show_end, show_figures, speed
 
 
 def import_(
     source: Annotated[
         Path,
         typer.Argument(
-            help="IPASC or k-Wave HDF5, MATLAB with sensor_data and dt, .npy, .npz, .csv, or a scan file.",
+            help="IPASC or k-Wave HDF5, MATLAB with sensor_data and dt, .npy, .npz, .csv, .sgl, or a scan file.",
             metavar="SOURCE",
         ),
     ],
@@ -22,6 +22,14 @@ def import_(
     description: Annotated[
         Path | None,
         typer.Option("--description", "-d", help="JSON with what the source does not say: times, positions, speed."),
+    ] = None,
+    sound_speed: Annotated[float | None, quantity(speed, help="Speed of sound; default: the source's.")] = None,
+    delay: Annotated[
+        float | None, quantity(duration, help="From laser pulse to first sample, in place of what the source says.")
+    ] = None,
+    delay_samples: Annotated[
+        float | None,
+        typer.Option(help="The same in samples, added to --delay; negative: the record begins before the pulse."),
     ] = None,
 ) -> None:
     """Make a scan file from a recording of another kind.
@@ -31,7 +39,10 @@ def import_(
     """
     from steradian.scans.importing.guarded import import_guarded
 
+    given = {"sound_speed": sound_speed, "time_zero": delay, "time_zero_samples": delay_samples}
+    options = {name: value for name, value in given.items() if value is not None}
     with progress_bar() as progress:
-        summary = import_guarded(source, file, description=description, progress=progress)
-    show_figures("Import", {"format": summary.format, "samples of an A-line": f"{summary.samples:,}"})
+        summary = import_guarded(source, file, description=description, options=options, progress=progress)
+    notes = {f"note {number}": note for number, note in enumerate(summary.notes, 1)}
+    show_figures("Import", {"format": summary.format, "samples of an A-line": f"{summary.samples:,}", **notes})
     show_end((f"{summary.points:,} A-lines", summary.path))

@@ -45,8 +45,13 @@ def plan(
     tuning: Annotated[
         Path | None,
         typer.Option(
-            help="Tuning map of the film: .npz of 'fabry-perot tune', .csv with x_mm, y_mm, wavelength_nm, or .json."
+            help="Tuning map of the film: .npz of 'fabry-perot tune', .csv with x_mm, y_mm, wavelength_nm, .json,"
+            " or a text matrix of wavelengths in nm with --tuning-pitch."
         ),
+    ] = None,
+    tuning_pitch: Annotated[
+        float | None,
+        quantity(length, help="Of a text matrix as tuning map: distance of its columns (along x) and rows (along y)."),
     ] = None,
     max_sensitivity_loss: Annotated[
         float | None,
@@ -111,7 +116,7 @@ def plan(
         sampling_interval=sampling_interval,
         sound_speed=sound_speed,
         order=order or (VisitOrder.SNAKE if tuning is None else VisitOrder.BANDS),
-        **_wavelengths(over, tuning, wavelengths),
+        **_wavelengths(over, tuning, tuning_pitch, wavelengths),
         max_sensitivity_loss=(0.0 if tuning is None else 0.1) if max_sensitivity_loss is None else max_sensitivity_loss,
         fringe=Fringe.create(linewidth=linewidth),
         tuning=Tuning.create(settling=retuning),
@@ -171,12 +176,12 @@ def _show(made: ScanPlan, cost: Preview) -> None:
         console().print(f"[{colour}]{finding.severity}[/] {finding.field}: {finding.message}{allowed}")
 
 
-def _wavelengths(mask: Mask, tuning: Path | None, wavelengths: Path | None) -> dict[str, Any]:
+def _wavelengths(mask: Mask, tuning: Path | None, pitch: float | None, wavelengths: Path | None) -> dict[str, Any]:
     """Return the plan's fields that say at which wavelength each point is read best."""
     if tuning is not None and wavelengths is not None:
         raise InvalidInput("wavelengths", str(wavelengths), "nothing beside --tuning")
     if tuning is not None:
-        return TuningMap.read(tuning).fields(mask)
+        return TuningMap.read(tuning, pitch=pitch).fields(mask)
     return {"wavelengths": None if wavelengths is None else _read_wavelengths(wavelengths)}
 
 

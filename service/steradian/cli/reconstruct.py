@@ -44,7 +44,12 @@ def _area(report: Report) -> str:
 
 
 def reconstruct(
-    file: Annotated[Path, typer.Argument(help="A scan file, or a k-Wave recording (.npz with p, dt and dx).")],
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="A scan file, or a recording that needs no description: .sgl, k-Wave (.npz with p, dt, dx)."
+        ),
+    ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")] = Path("reconstruction"),
     method: Annotated[
         str,

@@ -20,7 +20,9 @@ Identifier: TypeAlias = Annotated[str, StringConstraints(min_length=1, max_lengt
 """A resource's identifier; it becomes part of a path."""
 Name: TypeAlias = Annotated[str, StringConstraints(min_length=1, max_length=60)]
 Text: TypeAlias = Annotated[str, StringConstraints(max_length=200)]
-Format: TypeAlias = Literal["hdf5", "nifti", "tiff", "ome-zarr", "vtkhdf", "nrrd", "png", "ipasc"]
+Format: TypeAlias = Literal["hdf5", "nifti", "tiff", "ome-zarr", "vtkhdf", "nrrd", "png", "ipasc", "sgl"]
+OF_SCANS = ("ipasc", "sgl")
+"""Formats of scans; all others are for reconstructions."""
 SUFFIXES: dict[str, str] = {
     "hdf5": ".h5",
     "nifti": ".nii.gz",
@@ -30,6 +32,7 @@ SUFFIXES: dict[str, str] = {
     "nrrd": ".nrrd",
     "png": ".projections",
     "ipasc": ".hdf5",
+    "sgl": ".sgl",
 }
 EXAMPLES: dict[str, Any] = {
     "sound-speed": {"kind": "sound-speed", "scan_id": "s01jz0000000000000000000000", "first": 1450, "last": 1550},
@@ -145,14 +148,15 @@ class ExportRequest(Request):
     kind: Literal["export"] = "export"
     reconstruction_id: Identifier | None = Field(default=None, description="Identifier of the reconstruction")
     scan_id: Identifier | None = Field(default=None, description="Identifier of the scan, instead")
-    format: Format = Field(description="ipasc is for scans, all others are for reconstructions")
+    format: Format = Field(description="ipasc and sgl are for scans, all others are for reconstructions")
+    frame: int | None = Field(default=None, ge=0, description="Which frame goes into an .sgl file, which holds one")
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         if (self.reconstruction_id is None) == (self.scan_id is None):
             raise InvalidInput("reconstruction_id", self.reconstruction_id, "this one or scan_id, not both")
-        if (self.format == "ipasc") != (self.scan_id is not None):
-            allowed = "ipasc" if self.scan_id else ", ".join(name for name in SUFFIXES if name != "ipasc")
+        if (self.format in OF_SCANS) != (self.scan_id is not None):
+            allowed = ", ".join(OF_SCANS if self.scan_id else (name for name in SUFFIXES if name not in OF_SCANS))
             raise InvalidInput("format", self.format, allowed)
         return self
 

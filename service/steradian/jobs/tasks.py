@@ -189,12 +189,20 @@ def export(work: Work, job: requests.ExportRequest) -> dict[str, Any]:
     if job.scan_id is not None:
         from steradian.scans.exporting import export_scan
 
-        made = export_scan(work.scan(job.scan_id), wanted, format="ipasc", progress=work.progress)
-    else:
-        from steradian.reconstructions.exporting import export_volume
+        notes: list[str] = []
+        made = export_scan(
+            work.scan(job.scan_id),
+            wanted,
+            format=job.format,  # type: ignore[arg-type]
+            frame=job.frame,
+            notes=notes,
+            progress=work.progress,
+        )
+        return {"files": [made.name], "bytes": made.stat().st_size, "notes": notes}
+    from steradian.reconstructions.exporting import export_volume
 
-        volume = work.arrays.open(result_name(job.reconstruction_id or "", VOLUME))
-        made = export_volume(volume, wanted, format=job.format, progress=work.progress)  # type: ignore[arg-type]
+    volume = work.arrays.open(result_name(job.reconstruction_id or "", VOLUME))
+    made = export_volume(volume, wanted, format=job.format, progress=work.progress)  # type: ignore[arg-type]
     if made.is_dir():
         work.progress("packing", 0, 1)
         packed = made.with_name(f"{made.name}.zip")
@@ -228,7 +236,13 @@ def import_recording(work: Work, job: requests.ImportRequest) -> dict[str, Any]:
         register_import(database, said.plan, scan_id, simulated=said.simulated, summary=said.summary, **about)
     for upload in uploads:
         work.arrays.delete(upload)
-    return {"scan_id": scan_id, "plan_id": said.plan.id, "mask_id": said.plan.mask.id, **said.summary}
+    return {
+        "scan_id": scan_id,
+        "plan_id": said.plan.id,
+        "mask_id": said.plan.mask.id,
+        **said.summary,
+        "notes": said.notes,
+    }
 
 
 @contextmanager

@@ -12,6 +12,7 @@ from pydantic import model_validator
 from steradian.errors import DamagedFile, InvalidInput, NotFound
 from steradian.masks import Mask
 from steradian.plans.files import read_value
+from steradian.plans.text_map import is_text_matrix, read_text_map
 from steradian.validation import FloatArray, Value, quantity
 
 SAME_PLACE = 1e-6
@@ -44,13 +45,16 @@ class TuningMap(Value):
         return self
 
     @classmethod
-    def read(cls, path: Path) -> Self:
+    def read(cls, path: Path, *, pitch: float | None = None) -> Self:
         """Read a map.
 
         Parameters
         ----------
         path
-            ``.npz`` of ``fabry-perot tune``, ``.csv`` with the columns x_mm, y_mm, wavelength_nm, or ``.json``.
+            ``.npz`` of ``fabry-perot tune``, ``.csv`` with the columns x_mm, y_mm, wavelength_nm, ``.json``, or a text
+            matrix of wavelengths in nm (:mod:`steradian.plans.text_map`).
+        pitch
+            Distance of such a matrix's columns and rows in m.
 
         Raises
         ------
@@ -67,10 +71,14 @@ class TuningMap(Value):
             if path.suffix == ".npz":
                 with np.load(path, allow_pickle=False) as file:
                     places, wavelengths = file["points"], file["wavelength"]
+            elif is_text_matrix(path):
+                places, wavelengths = read_text_map(path, pitch)
             else:
                 table = np.genfromtxt(path, delimiter=",", names=True, ndmin=1, encoding="utf-8-sig")
                 x, y, wavelength = (table[name] for name in COLUMNS)
                 places, wavelengths = 1e-3 * np.column_stack([x, y]), 1e-9 * wavelength
+        except InvalidInput:
+            raise
         except (ValueError, KeyError, IndexError, OSError) as error:
             raise DamagedFile(f"{path} is no tuning map (columns {', '.join(COLUMNS)}): {error}") from error
         return cls.create(positions=places, wavelengths=wavelengths)

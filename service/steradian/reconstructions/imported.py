@@ -13,6 +13,7 @@ from steradian.scans import schema
 from steradian.scans.broken import reading
 from steradian.scans.importing.planned import read_plan
 from steradian.scans.locking import open_to_read
+from steradian.scans.origin import notes_of, read_origin
 
 
 @dataclass(frozen=True)
@@ -27,11 +28,14 @@ class Imported:
         Whether its A-lines are no measurement.
     summary
         ``points`` planned, ``stored`` A-lines and ``fired`` shots.
+    notes
+        What was decided or assumed when it was imported.
     """
 
     plan: ScanPlan
     simulated: bool
     summary: dict[str, Any]
+    notes: list[str]
 
 
 def read_imported(path: Path) -> Imported:
@@ -47,4 +51,4 @@ def read_imported(path: Path) -> Imported:
     with reading(path.name, "scan"), open_to_read(path) as file:
         stored = int((np.asarray(file["alines/status"]) == schema.STORED).sum())
         summary = {"points": len(file["alines/status"]), "stored": stored, "fired": int(file["fired"][()])}
-        return Imported(read_plan(file), bool(file.attrs["simulated"]), summary)
+        return Imported(read_plan(file), bool(file.attrs["simulated"]), summary, list(notes_of(read_origin(file))))

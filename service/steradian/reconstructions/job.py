@@ -201,6 +201,7 @@ def write_reconstruction(
     elif chosen.method == "iterative" and chosen.iterative.regularisation not in ("none", "thresholding"):
         report.notes.append(LOWERED)
     report.provenance = recording.provenance
+    report.notes += recording.notes
     output.mkdir(parents=True, exist_ok=True)
     with report.timed("project"):
         near = chosen.display.near_field

@@ -13,6 +13,7 @@ from steradian.scans import schema
 from steradian.scans.broken import reading
 from steradian.scans.course import Course
 from steradian.scans.locking import open_to_read
+from steradian.scans.origin import notes_of, read_origin
 from steradian.scans.recording import Recording, Shots
 from steradian.scans.rows import RowTable
 from steradian.scans.sensitivity import sensitivity_of
@@ -126,6 +127,7 @@ def _read(path: Path, file: h5py.File, frame: int) -> Recording:
         planned=points,
         outline=np.asarray(mask["outline"], np.float64) if "outline" in mask else None,
         missing=np.delete(np.asarray(mask["positions"], dtype=np.float64), stored, axis=0),
+        notes=notes_of(read_origin(file)),
         offset=tuple(map(float, mask.attrs.get("offset_m", (0.0, 0.0)))),
         provenance={
             "scan_id": str(file.attrs["scan_id"]),

@@ -86,6 +86,8 @@ class Recording:
     shots
         What differed from A-line to A-line, where the file tells; ``None`` when nothing does any more
         (:func:`steradian.reconstructions.shots.even_out`).
+    notes
+        What was decided or assumed when the recording was read or imported.
     """
 
     traces: NDArray[np.number[Any]]
@@ -106,6 +108,7 @@ class Recording:
     measured before it was kept have weights that sum to aperture², whatever their sensors cover."""
     missing: FloatArray | None = None
     offset: tuple[float, ...] = (0.0, 0.0)
+    notes: tuple[str, ...] = ()
 
     def keep(self, wanted: NDArray[np.bool_]) -> Recording:
         """Return the A-lines that are ``wanted`` (M,); their weights make up for the others' in proportion."""

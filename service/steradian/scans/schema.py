@@ -3,7 +3,7 @@
 ::
 
     /                           attributes: format, schema_version, scan_id, created, software, driver, scanner,
-                                scanner_model, simulated, tuning_map, geometry_crc32c
+                                scanner_model, simulated, tuning_map, geometry_crc32c, source (JSON; imported scans)
     /mask                       attributes: id, aperture_m, sensed_area_m2 (m for a line), depth_m, offset_m (absent if
                                 none), arrangement (JSON)
         positions (M, 2) f8     x, y in metres, centred on the aperture

@@ -84,3 +84,16 @@ def test_what_is_refused(http, recording, asked, status, pointer):
 def test_a_damaged_file_and_one_that_is_gone(http):
     assert look(http, sent(http, b"\x89HDF\r\n\x1a\nnothing")).json()["code"] == "damaged-file"
     assert look(http, "u0").status_code == 404
+
+
+def test_preview_of_an_sgl_tells_what_its_former_name_says_and_what_is_assumed(http):
+    """The upload has no name; the description brings it."""
+    numbers = np.concatenate([[3, 3, 32, 500, 500, 20], TRACES.T.ravel()])
+    upload = sent(http, numbers.astype(">f4").tobytes())
+    told = look(http, upload).json()
+    assert (told["format"], told["points"], told["samples"], told["time_zero"]) == ("sgl", 9, 32, 0)
+    assert told["missing"] == []
+    assert "1500 m/s is assumed" in told["notes"][0]
+    told = look(http, upload, description={"file_name": "a@750nm_t0[-7]_dx[100µm].SGL", "sound_speed": 1480}).json()
+    assert told["time_zero"] == pytest.approx(-7 * 20e-9)
+    assert any("dx = 100 µm, the header 500 µm" in note for note in told["notes"])

@@ -78,6 +78,16 @@ def csv_time_first(folder):
     )
 
 
+def sgl(folder):
+    """x fastest, then y, then time."""
+    from sgl_files import write_sgl
+
+    steps = tuple(1e6 * step for step in PITCH)
+    lines = expected(grid()).reshape(*COUNTS, SAMPLES).swapaxes(0, 1).reshape(-1, SAMPLES)
+    source = write_sgl(folder / "a.sgl", samples=lines, steps=steps, interval=1e9 * DT)
+    return source, describe(folder, sound_speed=SPEED)
+
+
 def _matlab(path, **variables):
     """MATLAB 7.3: HDF5 behind 512 bytes of MATLAB's own, every array's axes reversed."""
     with h5py.File(path, "w", userblock_size=512) as file:
@@ -279,6 +289,7 @@ WRITERS = [
     npz_with_positions,
     csv,
     csv_time_first,
+    sgl,
     matlab_positions,
     matlab_turned,
     matlab_structure,

@@ -96,6 +96,7 @@ FORMATS = {name: (write, write, write, with_secret(write, secret)) for name, (wr
     "npy": (npy_plain, foreign.npy_fortran),
     "npz": (foreign.npz_with_positions, npz_stored),
     "csv": (foreign.csv, foreign.csv_time_first),
+    "sgl": (foreign.sgl,),
 }
 
 

@@ -245,6 +245,7 @@ def test_the_formats_page_lists_every_name_that_is_understood(tmp_path):
     assert told == {
         "A-lines": arrays.TRACES,
         "time between samples": names.INTERVAL,
+        "samples a second": names.RATE,
         "speed of sound": names.SPEED,
         "time of the first sample": names.TIME_ZERO,
         "positions": names.POSITIONS,
@@ -252,7 +253,7 @@ def test_the_formats_page_lists_every_name_that_is_understood(tmp_path):
         "areas": names.WEIGHTS,
         "side of the aperture": names.APERTURE,
         "distance of the point of interest": names.DEPTH,
-        "pitches along x, y, z": (*names.STEPS, names.KGRID),
+        "pitches along x, y, z": (*names.STEPS, *names.KGRID),
         "pitch along x of `p` in an archive": names.LATERAL_STEPS[0],
         "pitch along y of `p` in an archive": names.LATERAL_STEPS[1],
     }
@@ -261,6 +262,7 @@ def test_the_formats_page_lists_every_name_that_is_understood(tmp_path):
 def test_a_line_of_sensors_becomes_a_scan_of_a_line(tmp_path, scan):
     """A 2-D k-Wave archive (time, y) has positions (M, 1), lengths for weights, and gives an image."""
     traces = np.random.default_rng(4).normal(size=(64, 30)).astype("f4")
+    traces[:8] = 0  # no sound has arrived yet
     np.savez(tmp_path / "line.npz", p=traces, dt=2e-8, dx=1e-4, c=1500.0)
     assert import_scan(tmp_path / "line.npz", scan).points == 30
     recording = open_recording(scan)

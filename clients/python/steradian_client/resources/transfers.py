@@ -151,6 +151,8 @@ class Imports(Working[World, Job]):
             if progress is not None:
                 progress("bytes", done, total)
 
+        if file.suffix.lower() == ".sgl":
+            description = {"file_name": file.name[:300], **(description or {})}  # its name says more than the file
         upload = await _upload(self._session, file, sent)
         other = None if companion is None else (await _upload(self._session, Path(companion), sent)).id
         job = await self._create(upload.id, description, other, labels, None)
@@ -185,7 +187,7 @@ class Exports(Working[World, Job]):
         scan_id: str | None = None,
         idempotency_key: str | None = None,
     ) -> Job:
-        """Queue an export: ipasc of a scan; hdf5, nifti, tiff, ome-zarr, vtkhdf, nrrd or png of a reconstruction."""
+        """Queue an export: ipasc, sgl of a scan; hdf5, nifti, tiff, ome-zarr, vtkhdf, nrrd, png of a reconstruction."""
         return await self._create(format, reconstruction_id, scan_id, idempotency_key)
 
     @operation

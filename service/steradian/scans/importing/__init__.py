@@ -1,4 +1,4 @@
-"""Importing recorded data: own scan files, IPASC, k-Wave, MATLAB, npy, npz and CSV become scans like any other.
+"""Importing recorded data: own scan files, IPASC, k-Wave, MATLAB, npy, npz, sgl and CSV become scans like any other.
 
 What is imported counts as untrusted: see :mod:`steradian.scans.importing.untrusted`.
 """
@@ -6,8 +6,10 @@ What is imported counts as untrusted: see :mod:`steradian.scans.importing.untrus
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from steradian.drafts import sync_folder
 from steradian.errors import Cancelled, Conflict, NotFound
@@ -21,12 +23,13 @@ __all__ = ["ImportSummary", "import_scan"]
 
 @dataclass(frozen=True)
 class ImportSummary:
-    """What an import came to: the scan file, the kind of the source, its A-lines and their length."""
+    """What an import came to: the scan file, the kind of the source, its A-lines, their length, what was decided."""
 
     path: Path
     format: str
     points: int
     samples: int
+    notes: tuple[str, ...] = ()
 
 
 def import_scan(
@@ -34,6 +37,7 @@ def import_scan(
     destination: Path,
     *,
     description: Path | None = None,
+    options: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
     cancelled: IsCancelled | None = None,
 ) -> ImportSummary:
@@ -47,11 +51,13 @@ def import_scan(
     ----------
     source
         One of our scan files, IPASC HDF5, k-Wave output HDF5, MATLAB or Octave HDF5 with ``sensor_data`` and
-        ``dt``, .npy, .npz or .csv.
+        ``dt``, .npy, .npz, .sgl or .csv.
     destination
         The scan file to make.
     description
         JSON that says what the source does not (:mod:`steradian.scans.importing.description`).
+    options
+        Fields of a description that replace those of the file, in SI units.
     progress, cancelled
         Reported and asked once a block; the unit of progress is the A-line, before it in IPASC files the detector.
 
@@ -75,6 +81,7 @@ def import_scan(
     destination.parent.mkdir(parents=True, exist_ok=True)
     draft = destination.with_name(destination.name + ".importing")
     draft.unlink(missing_ok=True)
+    notes: tuple[str, ...] = ()
     try:
         if is_own(source):
             points, samples = own.rewrite_scan(source, draft, progress=progress, cancelled=cancelled)
@@ -87,13 +94,14 @@ def import_scan(
                 if progress:
                     progress(stage, done, total)
 
-            with open_source(source, description, destination.parent, note) as opened:
+            with open_source(source, description, destination.parent, note, options) as opened:
+                kind, points, samples = opened.format, opened.table.points * opened.table.frames, opened.table.samples
                 write_scan(opened, draft, progress=progress, cancelled=cancelled)
-            kind, points, samples = opened.format, opened.table.points * opened.table.frames, opened.table.samples
+                notes = tuple(opened.notes)
         with draft.open("rb") as raw:
             os.fsync(raw.fileno())
         draft.replace(destination)
         sync_folder(destination.parent)
     finally:
         draft.unlink(missing_ok=True)
-    return ImportSummary(destination, kind, points, samples)
+    return ImportSummary(destination, kind, points, samples, notes)

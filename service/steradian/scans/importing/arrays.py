@@ -1,4 +1,4 @@
-"""Plain arrays: .npy, .npz and .csv, with a description beside them.
+"""Plain arrays: .npy and .npz, with a description beside them.
 
 An .npz that holds ``p`` (time, y, z) or (time, y), ``dt`` and ``dy``, ``dz`` (or ``dx`` alone) needs no description: it
 is k-Wave's pressure on a full grid of sensors, or on a line of them; k-Wave's lateral axes y and z become our x and y.
@@ -22,17 +22,21 @@ from numpy.typing import NDArray
 
 from steradian.errors import DamagedFile, InvalidInput
 from steradian.scans.importing import names
+from steradian.scans.importing.axes import axes_of, table_of
 from steradian.scans.importing.description import Description, grid_points
 from steradian.scans.importing.geometry import MOST_POINTS
+from steradian.scans.importing.kwave_p import order_of_p, require_line
+from steradian.scans.importing.remarks import remark
 from steradian.scans.importing.source import Source, Stated, make_source
-from steradian.scans.importing.tables import RawTable, Table, scratch, spill
+from steradian.scans.importing.tables import RawTable, Table, mapped, scratch, spill
 from steradian.scans.importing.untrusted import RATIO, RATIO_FROM, TRACE_BYTES
 
 TRACES = (*names.TRACES, "p")
 MOST_MEMBERS = 1000
+MOST_AXES = 4
+"""Frame, x, y and time."""
 HEADER_BYTES = 1 << 16
 SMALL_BYTES = 256 << 20
-LINE_BYTES = 16 << 20
 PIECE = 1 << 22
 
 
@@ -49,12 +53,8 @@ def open_npy(path: Path, said: Description) -> Iterator[Source]:
         shape, kind, fortran = _header(file, path.name)
         if path.stat().st_size - file.tell() != prod(shape) * kind.itemsize:
             raise DamagedFile(f"{path.name} is truncated, or has more than its {shape} numbers")
-        points, samples, time_first, lateral = _layout(shape, said, path.name)
-        if fortran:
-            if len(shape) > 2:
-                raise InvalidInput("array", "three axes in Fortran order", "C order, or two axes")
-            time_first = not time_first
-        table = RawTable(file, file.tell(), kind, points, samples, time_first)
+        order = order_in(shape, said, path.name)
+        table, lateral = table_in(file, file.tell(), kind, shape, order, fortran=fortran)
         yield make_source("npy", table, Stated(), said, path.name, lateral)
 
 
@@ -89,35 +89,20 @@ def open_npz(path: Path, said: Description, folder: Path | None = None) -> Itera
             name = said.array or next((name for name in TRACES if name in held), None)
             if name is None or name not in held:
                 raise DamagedFile(f"{path.name} has no array {name or TRACES[0]!r}; it holds {', '.join(sorted(held))}")
-            table, lateral, kwave = _member_table(archive, held[name], said, spare, is_p=name == "p")
+            table, lateral, kwave = _member_table(archive, held, name, said, spare)
             stated = _stated_in(archive, held, said, lateral, simulated=kwave)
+            by_pitch = kwave and not any(each in held for each in names.POSITIONS)
+            if (
+                by_pitch
+                and len(lateral) == 1
+                and stated.points is not None
+                and said.positions is None
+                and said.grid is None
+            ):
+                require_line(table, stated, said, float(np.ptp(stated.points)) / max(1, table.points - 1))
             yield make_source("npz", table, stated, said, path.name, lateral)
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, EOFError, UnicodeDecodeError) as error:
         raise DamagedFile(f"{path.name} cannot be read as an .npz archive: {error}") from error
-
-
-@contextmanager
-def open_csv(path: Path, said: Description, folder: Path | None = None) -> Iterator[Source]:
-    """Open a text file with an A-line a row, or a time step a row where the description says so.
-
-    Raises
-    ------
-    DamagedFile, InvalidInput
-        When it is damaged or refused, or lacks what is needed.
-    """
-    with scratch(folder) as spare, path.open("rb") as file:
-        rows = columns = 0
-        for row in csv_rows(file, path):
-            if columns and len(row) != columns:
-                raise DamagedFile(f"{path.name}: row {rows + 1} has {len(row)} numbers, the first has {columns}")
-            rows, columns = rows + 1, len(row)
-            spare.write(row.tobytes())
-        spare.flush()
-        if not rows:
-            raise DamagedFile(f"{path.name} holds no numbers")
-        points, samples, time_first, _ = _layout((rows, columns), said, path.name)
-        table = RawTable(spare, 0, np.dtype(np.float64), points, samples, time_first)
-        yield make_source("csv", table, Stated(), said, path.name)
 
 
 def _header(file: IO[bytes], name: str) -> tuple[tuple[int, ...], np.dtype[Any], bool]:
@@ -135,23 +120,54 @@ def _header(file: IO[bytes], name: str) -> tuple[tuple[int, ...], np.dtype[Any],
     if kind.kind not in "iuf" or kind.itemsize > 8:
         raise DamagedFile(f"{name} holds values of the kind {kind}; expected real numbers of at most 8 bytes")
     size = prod(shape) * kind.itemsize
-    if any(side < 0 for side in shape) or len(shape) > 3 or not size or size > TRACE_BYTES:
-        if shape != ():
-            raise DamagedFile(f"{name} has the shape {shape}; expected 1 to 3 axes, at most {TRACE_BYTES:.2g} bytes")
+    if 0 in shape and len(shape) <= MOST_AXES:
+        raise DamagedFile(f"{name} has the shape {shape}: it is empty")
+    if any(side < 0 for side in shape) or len(shape) > MOST_AXES or size > TRACE_BYTES:
+        allowed = f"1 to {MOST_AXES} axes, at most {TRACE_BYTES:.2g} bytes"
+        raise DamagedFile(f"{name} has the shape {shape}; expected {allowed}")
     return shape, kind, bool(fortran)
 
 
-def _layout(
-    shape: tuple[int, ...], said: Description, name: str, default: str = "point, time"
-) -> tuple[int, int, bool, tuple[int, ...] | None]:
-    """Tell points, samples, whether time comes first, and the points' own axes, from an array's shape."""
+def order_in(
+    shape: tuple[int, ...], said: Description, name: str, default: tuple[str, ...] = ("point", "time"), known: int = 0
+) -> tuple[str, ...]:
+    """Name an array's axes: as the description says, else as its format has them.
+
+    Where the sensors' number is ``known``, or the description has positions, and only the other axis of two has so
+    many, that is the sensors' axis.
+    """
+    if said.order is not None:
+        return axes_of(said.order, len(shape), name)
     if len(shape) not in (2, 3):
-        raise DamagedFile(f"{name} has the shape {shape}; expected points and time")
-    time_first = (said.axes or default) == "time, point"
-    samples, lateral = (shape[0], shape[1:]) if time_first else (shape[-1], shape[:-1])
-    if prod(lateral) > MOST_POINTS:
-        raise InvalidInput("points", prod(lateral), f"at most {MOST_POINTS}; is the order of the axes right?")
-    return prod(lateral), samples, time_first, lateral
+        allowed = 'points and time; of more axes a description gives the names, "axes": "frame, x, y, time"'
+        raise DamagedFile(f"{name} has the shape {shape}; expected {allowed}")
+    order = axes_of(default, len(shape), name)
+    sensors = len(said.positions) if isinstance(said.positions, np.ndarray) else known
+    if len(shape) == 2 and sensors in shape and shape[order.index("point")] != sensors:
+        order = order[::-1]
+        remark(f"the array was taken as ({', '.join(order)}), for {sensors} positions fit its axes in no other order")
+    return order
+
+
+def table_in(
+    file: IO[bytes],
+    offset: int,
+    kind: np.dtype[Any],
+    shape: tuple[int, ...],
+    order: tuple[str, ...],
+    *,
+    fortran: bool = False,
+) -> tuple[Table, tuple[int, ...]]:
+    """Make a table of numbers that lie one after the other in a file; returns the sensors' own axes, too."""
+    time = order.index("time")
+    usual = order in (("point", "time"), ("time", "point"), ("x", "y", "time"), ("time", "x", "y"), ("x", "time"))
+    if usual and not (fortran and len(shape) > 2):  # needs no address space
+        lateral = tuple(side for axis, side in enumerate(shape) if axis != time)
+        if prod(lateral) > MOST_POINTS:
+            raise InvalidInput("points", prod(lateral), f"at most {MOST_POINTS}; is the order of the axes right?")
+        return RawTable(file, offset, kind, prod(lateral), shape[time], (time == 0) != fortran), lateral
+    table = table_of(mapped(file, offset, kind, shape, fortran=fortran), order)
+    return table, table.lateral
 
 
 def _members(path: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
@@ -174,18 +190,27 @@ def _members(path: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]
 
 
 def _member_table(
-    archive: zipfile.ZipFile, member: zipfile.ZipInfo, said: Description, spare: IO[bytes], *, is_p: bool
-) -> tuple[Table, tuple[int, ...] | None, bool]:
+    archive: zipfile.ZipFile,
+    held: dict[str, zipfile.ZipInfo],
+    name: str,
+    said: Description,
+    spare: IO[bytes],
+) -> tuple[Table, tuple[int, ...], bool]:
+    """Give the A-lines of a member, the sensors' own axes, and whether the member is k-Wave's ``p``."""
+    member, is_p = held[name], name == "p"
     with archive.open(member) as file:
         shape, kind, fortran = _header(file, member.filename)
         if is_p and len(shape) not in (2, 3):
             raise DamagedFile(f"{_name(archive)}: p has shape {shape}; expected (time, y, z) or (time, y)")
-        points, samples, time_first, lateral = _layout(
-            shape, said, member.filename, "time, point" if is_p else "point, time"
-        )
-        if fortran and len(shape) > 2:
-            raise InvalidInput("array", "three axes in Fortran order", "C order, or two axes")
-        table = spill(_pieces(file, kind), spare, points, samples, time_first=time_first != fortran)
+        count = prod(shape)
+        spill(_pieces(file, kind), spare, count, 1, time_first=False)
+    known = next((_shape(archive, held[each])[0] for each in names.POSITIONS if each in held), 0)
+    guessed = is_p and said.order is None
+    order = order_in(shape, said, member.filename, ("time", "point") if is_p else ("point", "time"), known)
+    on_grid = not known and said.positions is None and said.grid is None
+    if guessed and (on_grid or len(shape) == 3):
+        order = order_of_p(mapped(spare, 0, kind, shape, fortran=fortran))
+    table, lateral = table_in(spare, 0, kind, shape, order, fortran=fortran)
     return table, lateral, is_p
 
 
@@ -240,7 +265,7 @@ def _stated_in(
         points=points,
         weights=None if (weights := small(*names.WEIGHTS)) is None else weights.astype(np.float64).reshape(-1),
         aperture=number(*names.APERTURE),
-        sampling_interval=number(*names.INTERVAL),
+        sampling_interval=number(*names.INTERVAL) or (1 / rate if (rate := number(*names.RATE)) else None),
         sound_speed=number(*names.SPEED),
         time_zero=time_zero(),
         depth=number(*names.DEPTH),
@@ -262,25 +287,3 @@ def _small(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
     if len(data) != prod(shape) * kind.itemsize:
         raise DamagedFile(f"{_name(archive)}: {member.filename} is truncated")
     return np.frombuffer(data, kind).reshape(shape, order="F" if fortran else "C")
-
-
-def csv_rows(file: IO[bytes], path: Path, *, heading: bool = False) -> Iterator[NDArray[np.float64]]:
-    """Rows of numbers, with commas, semicolons, tabs or spaces between; lines that begin with # are left out.
-
-    With ``heading`` the first line may be words.
-    """
-    while line := file.readline(LINE_BYTES + 1):
-        if len(line) > LINE_BYTES:
-            raise DamagedFile(f"{path.name} has a line of more than {LINE_BYTES >> 20} MiB")
-        text = line.strip().removeprefix(b"\xef\xbb\xbf")
-        if not text or text.startswith(b"#"):
-            continue
-        try:
-            row = np.array(text.translate(bytes.maketrans(b",;\t", b"   ")).split(), dtype=np.float64)
-        except ValueError as error:
-            if heading:
-                heading = False
-                continue
-            raise DamagedFile(f"{path.name} is not a table of numbers: {error}") from error
-        heading = False
-        yield row

@@ -10,14 +10,16 @@
     }
 
 Every number is in metres, seconds and their quotients unless ``lengths`` and ``times`` say otherwise (speeds and rates
-always are). Beside a file that states something itself, the description has the last word.
+always are). Where a description has no length, or no time, of its own, they are the units of the file's. Beside a file
+that states something itself, the description has the last word.
 """
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +27,7 @@ from pydantic import Field, model_validator
 
 from steradian.errors import DamagedFile, InvalidInput, NotFound
 from steradian.ranges import SOUND_SPEED
+from steradian.scans.importing.axes import parse_axes
 from steradian.scans.importing.geometry import MOST_POINTS
 from steradian.validation import FloatArray, Value, quantity
 
@@ -53,6 +56,11 @@ class Description(Value):
 
     sampling_interval: float | None = quantity("times", "Time between samples", gt=0, default=None)
     time_zero: float | None = quantity("times", "From the laser pulse to the first sample", default=None)
+    time_zero_samples: float | None = quantity(
+        "samples",
+        "The same in samples, negative where the record begins before the pulse; added to time_zero",
+        default=None,
+    )
     sound_speed: float | None = quantity("m/s", "Speed of sound", default=None, **SOUND_SPEED.limits)
     positions: FloatArray | str | None = Field(
         default=None,
@@ -68,14 +76,23 @@ class Description(Value):
     depth: float | None = quantity("lengths", "Distance of the point of interest", gt=0, default=None)
     lengths: Literal["m", "mm", "um"] = "m"
     times: Literal["s", "us", "ns"] = "s"
-    axes: Literal["point, time", "time, point"] | None = Field(
-        default=None, description="Order of the array's axes; points may take two axes, x and y"
+    axes: str | None = Field(
+        default=None,
+        description="Names of the array's axes in their order: time; point (or sensor), which may take two axes, or x "
+        "and y; frame, where there are several",
+        max_length=60,
+    )
+    mask_order: Literal["matlab", "python"] | None = Field(
+        default=None,
+        description="Order of the rows of a binary mask: matlab, its first axis fastest; python, its last one "
+        "(k-wave-python since 0.6)",
     )
     array: str | None = Field(default=None, description="Name of the A-lines in a file of several arrays")
     scale: float = quantity("1", "Pressure per unit of the array", gt=0, default=1.0)
     wavelength: int | None = quantity("index", "Which wavelength of an IPASC file; none: all", ge=0, default=None)
     frame: int | None = quantity("index", "Which frame of an IPASC file; none: all", ge=0, default=None)
     scanner: str = Field(default="", description="What measured it", max_length=200)
+    file_name: str = Field(default="", description="Name that an .sgl file had, which says more", max_length=300)
     simulated: bool | None = None
 
     @model_validator(mode="after")
@@ -84,7 +101,24 @@ class Description(Value):
             raise InvalidInput("grid", "given", "positions or grid, not both")
         if isinstance(self.positions, str) and Path(self.positions).name != self.positions:
             raise InvalidInput("positions", self.positions, "the bare name of a file beside the description")
+        if self.axes is not None:
+            parse_axes(self.axes)
         return self
+
+    @property
+    def order(self) -> tuple[str, ...] | None:
+        """Names of the array's axes; ``None`` where the description does not give them."""
+        return None if self.axes is None else parse_axes(self.axes)
+
+    @property
+    def has_lengths(self) -> bool:
+        """Whether it has a length of its own; else ``lengths`` is the unit of the file's."""
+        return any(each is not None for each in (self.positions, self.grid, self.aperture, self.depth))
+
+    @property
+    def has_times(self) -> bool:
+        """Whether it has a time of its own; else ``times`` is the unit of the file's."""
+        return self.sampling_interval is not None or self.time_zero is not None
 
     @property
     def length_unit(self) -> float:
@@ -105,8 +139,15 @@ class Description(Value):
         return None if value is None else value * self.length_unit
 
 
-def read_description(path: Path | None) -> Description:
+def read_description(path: Path | None, options: Mapping[str, Any] | None = None) -> Description:
     """Read a description; an empty one for ``None``.
+
+    Parameters
+    ----------
+    path
+        The JSON file.
+    options
+        Fields that replace those of the file, times among them in seconds.
 
     Raises
     ------
@@ -117,8 +158,14 @@ def read_description(path: Path | None) -> Description:
     InvalidInput
         When a field is unknown or out of range.
     """
-    if path is None:
-        return Description()
+    fields = {} if path is None else _fields(path)
+    more = dict(options or {})
+    if "time_zero" in more:
+        more["time_zero"] /= TIMES.get(fields.get("times", "s"), 1.0)
+    return Description.create(**fields | more)
+
+
+def _fields(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise NotFound("file", path.name)
     if path.stat().st_size > MOST_BYTES:
@@ -129,7 +176,7 @@ def read_description(path: Path | None) -> Description:
         raise DamagedFile(f"{path.name} is not JSON: {error}") from error
     if not isinstance(fields, dict):
         raise DamagedFile(f"{path.name} holds no JSON object")
-    return Description.create(**fields)
+    return fields
 
 
 def grid_points(counts: tuple[int, ...], interval: tuple[float, ...]) -> NDArray[np.float64]:

@@ -12,12 +12,19 @@ from steradian.errors import InvalidInput
 from steradian.imaging.weights import find_lattice
 from steradian.masks import Mask, custom_mask
 from steradian.masks.points import area_of_weights
+from steradian.scans.importing.remarks import remark
 
 FLAT = 1e-4
 """An axis along which the sensors spread less than this share of their largest extent is no axis of theirs."""
+SCATTER, SCATTER_SHARE = 10e-6, 0.01
+"""Measured positions on a plane may spread so far along its normal, in m and as a share of the extent."""
 ROUNDING = 1e-5
 """Sensors this little outside the aperture, as a share of its half, are at its rim: float32 files round."""
 MOST_POINTS = 1 << 20
+ARC_FROM, ARC_TO, ARC_SHARE, ARC_CHORD = 8, 20_000, 0.9, 3.0
+"""How many sensors may be an arc, the share of them that are corners of their hull, its chord in median sides."""
+DIRECTION_TOLERANCE, SIDEWAYS = 0.05, 0.5
+"""How far a direction's length may be from 1; the cosine between it and the normal below which it lies in the plane."""
 NAMES = "xyz"
 
 
@@ -101,6 +108,7 @@ def place_sensors(
         raise InvalidInput("positions", "not all finite", "finite numbers (m)")
     lateral = _lateral_axes(points)
     chosen, box = points[:, lateral], None if bounds is None else bounds[lateral]
+    _refuse_arc(chosen, [NAMES[axis] for axis in lateral])
     lattice = find_lattice(chosen)
     if aperture is not None:
         centre, side = np.zeros(len(lateral)), aperture
@@ -130,17 +138,79 @@ def place_sensors(
 
 
 def _lateral_axes(points: NDArray[np.float64]) -> list[int]:
-    spread = np.ptp(points, axis=0)
+    spread, dropped = np.ptp(points, axis=0), False
     wide = [axis for axis in range(points.shape[1]) if spread[axis] > FLAT * spread.max()]
+    while len(wide) == 3 or (dropped and len(wide) > 1):
+        least = min(wide, key=lambda axis: spread[axis])
+        if spread[least] > min(SCATTER, SCATTER_SHARE * spread.max()):
+            break
+        wide, dropped = [axis for axis in wide if axis != least], True
+        remark(
+            f"positions spread by {1e6 * spread[least]:.3g} µm along {NAMES[least]}, taken as flat (allowed: "
+            f"{1e6 * SCATTER:g} µm and {SCATTER_SHARE:.0%} of the extent)"
+        )
     if len(wide) == 3:
         words = " × ".join(f"{side:.4g}" for side in spread)
-        raise InvalidInput("positions", f"sensors that fill {words} m", "a plane or a line along the axes")
+        allowed = (
+            f"a plane or a line along the axes, flat to {1e6 * SCATTER:g} µm and {SCATTER_SHARE:.0%} of the extent; "
+            "positions may leave out the third coordinate"
+        )
+        raise InvalidInput("positions", f"sensors that fill {words} m", allowed)
     if len(wide) == 1 and len(points) > 1:
         return wide
     if points.shape[1] < 3:
         return list(range(points.shape[1]))
     depth = next((axis for axis in range(3) if axis not in wide), 2) if wide else 2
     return [(depth + 1) % 3, (depth + 2) % 3]
+
+
+def _refuse_arc(points: NDArray[np.float64], axes: list[str]) -> None:
+    """Refuse sensors on an open, bent curve: a curved array seen from its side, which is no planar aperture.
+
+    Each sensor is then a corner of their convex hull, and one of the hull's sides, the chord, is much longer than the
+    others. Rings are closed, and those of an L, a cross or a grid are corners but for a few.
+    """
+    if points.shape[1] != 2 or not ARC_FROM <= len(points) <= ARC_TO:
+        return
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        corners = points[ConvexHull(points).vertices]
+    except QhullError:  # on a straight line
+        return
+    sides = np.sort(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1))
+    if len(corners) >= ARC_SHARE * len(points) and sides[-1] > ARC_CHORD * np.median(sides):
+        raise InvalidInput(
+            "positions",
+            f"{len(points)} sensors on a curve in the plane of {axes[0]} and {axes[1]}",
+            "a planar aperture or a straight line; curved arrays cannot be reconstructed",
+        )
+
+
+def refuse_sideways(points: NDArray[np.float64], directions: NDArray[np.float64]) -> None:
+    """Refuse sensors whose stated directions lie in their plane instead of along its normal.
+
+    Parameters
+    ----------
+    points
+        (M, 3) positions.
+    directions
+        (K, 3) of some of the sensors; those that are no unit vectors say nothing.
+    """
+    spread = np.ptp(points, axis=0)
+    wide = [axis for axis in range(3) if spread[axis] > FLAT * spread.max()]
+    length = np.linalg.norm(directions, axis=1)
+    stated = directions[np.abs(length - 1) < DIRECTION_TOLERANCE]
+    if len(wide) != 2 or len(stated) < 2:
+        return
+    depth = next(axis for axis in range(3) if axis not in wide)
+    if np.median(np.abs(stated[:, depth])) < SIDEWAYS:
+        names = " and ".join(NAMES[axis] for axis in wide)
+        raise InvalidInput(
+            "positions",
+            f"sensors in the plane of {names} that look along it",
+            f"sensors that look along {NAMES[depth]}, the plane's normal; arcs and rings cannot be reconstructed",
+        )
 
 
 def _is_square_around(box: NDArray[np.float64], points: NDArray[np.float64]) -> bool:

@@ -16,6 +16,7 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any, Literal
@@ -50,6 +51,7 @@ def import_guarded(
     destination: Path,
     *,
     description: Path | None = None,
+    options: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
     cancelled: IsCancelled | None = None,
     seconds: float = SECONDS,
@@ -58,7 +60,7 @@ def import_guarded(
 
     Parameters
     ----------
-    source, destination, description, progress, cancelled
+    source, destination, description, options, progress, cancelled
         As there.
     seconds
         Time on a processor for a small file.
@@ -80,14 +82,14 @@ def import_guarded(
     folder.mkdir()
     try:
         draft = folder / destination.name
-        made = _in_child("import", source, draft, description, progress, cancelled, seconds)
+        made = _in_child("import", source, draft, description, progress, cancelled, seconds, options)
         if draft.is_symlink() or not draft.is_file():
             raise DamagedFile(f"{source.name} cannot be read: its reader left no file")
         draft.replace(destination)  # here and not in the process, which may be done before it is stopped
         sync_folder(destination.parent)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
-    return ImportSummary(destination, made["format"], made["points"], made["samples"])
+    return ImportSummary(destination, made["format"], made["points"], made["samples"], tuple(made["notes"]))
 
 
 def look_guarded(source: Path, folder: Path, *, description: Path | None = None, seconds: float = LOOK) -> Look:
@@ -121,11 +123,12 @@ def _in_child(
     progress: Progress | None,
     cancelled: IsCancelled | None,
     seconds: float,
+    options: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     allowed = seconds + SECONDS_PER_MIB * source.stat().st_size / (1 << 20)
     paths = [None if path is None else str(path.absolute()) for path in (source, destination, description)]
     free = max(0, shutil.disk_usage(destination.parent).free - SPARE)
-    request = {"task": task, "paths": paths, "seconds": allowed, "bytes": free}
+    request = {"task": task, "paths": paths, "seconds": allowed, "bytes": free, "options": dict(options or {})}
     with subprocess.Popen(
         COMMAND,
         stdin=subprocess.PIPE,
@@ -206,8 +209,10 @@ def main() -> None:
         if request["task"] == "look":
             found = dataclasses.asdict(look_into(source, description, destination.parent))
         else:
-            made = import_scan(source, destination, description=description, progress=report)
-            found = {"format": made.format, "points": made.points, "samples": made.samples}
+            made = import_scan(
+                source, destination, description=description, options=request["options"], progress=report
+            )
+            found = {"format": made.format, "points": made.points, "samples": made.samples, "notes": made.notes}
     except SteradianError as error:
         speak(error=_as_json(error))
     except MemoryError:

@@ -20,10 +20,16 @@ from steradian.errors import DamagedFile, InvalidInput
 from steradian.progress import Progress
 from steradian.scans.importing import untrusted
 from steradian.scans.importing.description import Description
+from steradian.scans.importing.geometry import refuse_sideways
+from steradian.scans.importing.remarks import remark
 from steradian.scans.importing.source import Source, Stated, make_source
 from steradian.scans.importing.tables import Hdf5Table
 
 FORMAT = "ipasc"
+NANOMETRES = (200.0, 3000.0)
+"""Wavelengths of light as numbers of nm."""
+SOME = 64
+"""Detectors whose directions are looked at."""
 EVERY = 2000
 """Detectors between two reports."""
 SERIES, ACQUISITION, DEVICE = "binary_time_series_data", "meta_data", "meta_data_device"
@@ -52,7 +58,9 @@ def open_ipasc(path: Path, said: Description, note: Progress | None = None) -> I
     with untrusted.open_untrusted(path) as file:
         series = untrusted.dataset(file, SERIES, most_bytes=untrusted.TRACE_BYTES)
         table = _table(series, said)
-        stated = _stated(file, _positions(file, table.points, note), _excitation(file, series, said))
+        points = _positions(file, table.points, note)
+        refuse_sideways(points, _directions(file))
+        stated = _stated(file, points, _excitation(file, series, said))
         yield make_source(FORMAT, table, stated, said, path.name)
 
 
@@ -98,6 +106,9 @@ def _excitation(file: h5py.File, series: h5py.Dataset, said: Description) -> tup
     found = untrusted.array(file, name, most_bytes=1 << 16).astype(np.float64).reshape(-1)
     if len(found) != count:
         return ()
+    if len(found) and ((found >= NANOMETRES[0]) & (found <= NANOMETRES[1])).all():
+        remark("wavelengths of the light were taken in nm: the standard's metres make no sense of them")
+        found = found / 1e9
     return tuple(map(float, found if said.wavelength is None else found[[said.wavelength]]))
 
 
@@ -130,6 +141,20 @@ def _positions(file: h5py.File, count: int, note: Progress | None) -> NDArray[np
                 )
             found[index] = place.reshape(-1)
     return found
+
+
+def _directions(file: h5py.File) -> NDArray[np.float64]:
+    """Directions (K, 3) in which some of the detectors look, where the file says so."""
+    group = file[f"{DEVICE}/detectors"]
+    names = list(group)
+    found = []
+    for name in names[:: max(1, len(names) // SOME)]:
+        place = f"{DEVICE}/detectors/{name}/detector_orientation"
+        if place in file:
+            value = untrusted.array(file, place, most_bytes=1 << 10).astype(np.float64).reshape(-1)
+            if value.size == 3:
+                found.append(value)
+    return np.array(found, np.float64).reshape(-1, 3)
 
 
 def _field_of_view(file: h5py.File) -> NDArray[np.float64] | None:

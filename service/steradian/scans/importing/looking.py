@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +37,8 @@ class Look:
         Some of the first A-lines and which they are; their first samples.
     missing
         What must be said before it can be imported.
+    notes
+        What was decided or assumed.
     """
 
     format: str
@@ -53,6 +55,7 @@ class Look:
     rows: list[int]
     traces: list[list[float]]
     missing: list[Lack]
+    notes: list[str] = field(default_factory=list)
 
 
 def look_into(source: Path, description: Path | None = None, folder: Path | None = None) -> Look:
@@ -96,6 +99,7 @@ def _look(source: Source, lacks: list[Lack]) -> Look:
         rows=rows,
         traces=traces,
         missing=lacks,
+        notes=list(source.notes),
     )
 
 

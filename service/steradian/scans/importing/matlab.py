@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +21,15 @@ from numpy.typing import NDArray
 
 from steradian.errors import DamagedFile, InvalidInput
 from steradian.scans.importing import mat5, names, untrusted
+from steradian.scans.importing.axes import axes_of, table_of
 from steradian.scans.importing.description import Description, grid_points
+from steradian.scans.importing.evidence import longest_delay, time_axis
 from steradian.scans.importing.geometry import MOST_POINTS
 from steradian.scans.importing.kwave import mask_points
+from steradian.scans.importing.mask_order import Order, settle_order, written_by_python
+from steradian.scans.importing.remarks import remark
 from steradian.scans.importing.source import Source, Stated, make_source
-from steradian.scans.importing.tables import Hdf5Table, Table, scratch, slabs, spill
+from steradian.scans.importing.tables import Hdf5Table, Table, mapped, scratch, slabs, spill
 
 FORMAT = "matlab"
 EMPTY = "MATLAB_empty"
@@ -40,30 +46,70 @@ def open_matlab(path: Path, said: Description, folder: Path | None = None) -> It
         When it is damaged or refused, or lacks what is needed.
     """
     with untrusted.open_untrusted(path) as file, scratch(folder) as spare:
-        yield _source(file, path.name, said, spare)
+        yield _source(file, said, spare, path, by_matlab=_by_matlab(path))
 
 
 @contextmanager
 def open_matlab_5(path: Path, said: Description, folder: Path | None = None) -> Iterator[Source]:
     """Open a MATLAB file of version 5 to 7; raises like :func:`open_matlab`."""
-    wanted = (said.array,) if said.array else names.TRACES
+    wanted = wanted_names(said)
     with mat5.open_variables(path, (*names.NUMBERS, *names.GEOMETRY), wanted) as file, scratch(folder) as spare:
-        yield _source(file, path.name, said, spare)
+        yield _source(file, said, spare, path, by_matlab=True)
 
 
-def _source(file: h5py.File, called: str, said: Description, spare: Any) -> Source:
-    wanted = (said.array,) if said.array else names.TRACES
+def _source(file: h5py.File, said: Description, spare: Any, path: Path, *, by_matlab: bool) -> Source:
+    called = path.name
+    wanted = wanted_names(said)
     name = _find(file, wanted)
     if name is None:
         raise DamagedFile(f"{called} has no variable {wanted[0]!r}")
     traces = untrusted.dataset(file, name, most_bytes=untrusted.TRACE_BYTES)
-    if traces.ndim not in (2, 3):
-        raise DamagedFile(f"{called}: {name} has {traces.ndim} axes; expected sensor, time or x, y, time")
-    lateral = tuple(traces.shape[:0:-1])
-    stated = _stated(file, lateral)
+    reversed_axes = by_matlab or name.endswith("/value") or "MATLAB_class" in traces.attrs
+    points = _points(file, reversed_axes=reversed_axes)
+    sensors = said.positions if isinstance(said.positions, np.ndarray) else points
+    order = _order(traces, said, None if sensors is None else len(sensors), called, reversed_axes=reversed_axes)
+    lateral = tuple(traces.shape[order.index(each)] for each in ("point", "x", "y") if each in order)
+    stated = _stated(file, lateral, points)
     if stated.points is None and len(lateral) == 2:
         stated = _on_grid(file, stated, lateral)
-    return make_source(FORMAT, _table(traces, stated, said, spare), stated, said, called, lateral)
+    table = _table(traces, order, spare)
+    if stated.points is not None and _mask(file) is not None and said.positions is None and said.grid is None:
+        stated = _in_order(file, table, stated, said, path, reversed_axes=reversed_axes)
+    return make_source(FORMAT, table, stated, said, called, lateral)
+
+
+def _in_order(
+    file: h5py.File, table: Table, stated: Stated, said: Description, path: Path, *, reversed_axes: bool
+) -> Stated:
+    """Put the points of a binary mask into the order of the A-lines."""
+    interval = said.seconds(said.sampling_interval) or stated.sampling_interval or 0.0
+    speed = said.sound_speed or stated.sound_speed or 1500.0
+    delay = longest_delay(_steps(file, 1)[0], speed, interval)
+    usual: Order = "matlab" if reversed_axes else "python"
+    python = written_by_python(path) if _by_matlab(path) else not reversed_axes
+    where = np.asarray(stated.points, np.float64)
+    points = settle_order(table, where, said.mask_order, usual, delay, python=python)
+    return replace(stated, points=points)
+
+
+def _mask(file: h5py.File) -> h5py.Dataset | None:
+    """Binary mask of the sensors, where the file has one and no positions."""
+    name = None if _find(file, names.POSITIONS) else _find(file, names.MASK)
+    if name is None:
+        return None
+    mask = untrusted.dataset(file, name)
+    return None if mask.ndim == 2 and mask.shape[1] in (2, 3) and mask.dtype.kind == "f" else mask
+
+
+def wanted_names(said: Description) -> tuple[str, ...]:
+    """Return the names by which the A-lines are looked for; a field of a structure may be named with dots."""
+    return (said.array.replace(".", "/"),) if said.array else names.TRACES
+
+
+def _by_matlab(path: Path) -> bool:
+    """Tell MATLAB 7.3 by the block before its HDF5 part."""
+    with path.open("rb") as file:
+        return file.read(6) == b"MATLAB"
 
 
 def _find(file: h5py.File, wanted: tuple[str, ...]) -> str | None:
@@ -72,37 +118,93 @@ def _find(file: h5py.File, wanted: tuple[str, ...]) -> str | None:
     Structures give their field ``p``, Octave's groups their ``value``.
     """
     for name in wanted:
-        for place in (name, f"{name}/value", f"{name}/p", f"{name}/value/p/value"):
+        nested = f"{name.replace('/', '/value/')}/value"  # Octave's
+        for place in (name, nested, f"{name}/p", f"{name}/value/p/value"):
             found = file.get(place)
             if isinstance(found, h5py.Dataset) and found.size != 0 and not untrusted.figure(file, place, EMPTY):
                 return place
     return None
 
 
-def _table(traces: h5py.Dataset, stated: Stated, said: Description, spare: Any) -> Table:
-    """Put the A-lines in order: reversed by MATLAB they have time first, unless they were kept (time, sensor)."""
-    points = traces.size // traces.shape[0]
-    sensors = said.positions if isinstance(said.positions, np.ndarray) else stated.points
-    known = None if sensors is None else len(sensors)
-    turned = traces.ndim == 2 and known is not None and points != known and traces.shape[0] == known
-    if turned or said.axes == "time, point":
-        return Hdf5Table(traces)
+def _order(
+    traces: h5py.Dataset, said: Description, known: int | None, called: str, *, reversed_axes: bool
+) -> tuple[str, ...]:
+    """Name the axes as the file stores them: MATLAB's are reversed, those of another program as it shows them.
+
+    What a description says is about the axes as the program that wrote the file shows them.
+    """
+    if said.order is not None:
+        shown = axes_of(said.order, traces.ndim, called)
+        return shown[::-1] if reversed_axes else shown
+    if traces.ndim not in (2, 3):
+        raise DamagedFile(
+            f"{called}: the A-lines have {traces.ndim} axes; expected sensor, time or x, y, time; a description names "
+            'more, "axes": "frame, sensor, time"'
+        )
+    if traces.ndim == 2:
+        return _order_of_two(traces, known, reversed_axes=reversed_axes)
+    return _order_of_three(traces, reversed_axes=reversed_axes)
+
+
+def _order_of_two(traces: h5py.Dataset, known: int | None, *, reversed_axes: bool) -> tuple[str, ...]:
+    stored, turned = ("time", "point"), ("point", "time")
+    if known is not None and known in traces.shape and traces.shape[0] != traces.shape[1]:
+        return turned if traces.shape[0] == known else stored
+    time = time_axis(traces, (0, 1))
+    usual = 0 if reversed_axes else None
+    if time is None and usual is None:
+        raise InvalidInput(
+            "axes",
+            f"an array of the shape {traces.shape}, by its samples either (time, sensor) or (sensor, time)",
+            'the order in a description, "axes": "time, sensor" or "sensor, time"',
+        )
+    if time is not None and time != usual:
+        shown = "(time, sensor)" if (time == 0) != reversed_axes else "(sensor, time)"
+        remark(f"the A-lines were taken as {shown}: along that time axis their beginning is quiet")
+    return turned if (usual if time is None else time) == 1 else stored
+
+
+def _order_of_three(traces: h5py.Dataset, *, reversed_axes: bool) -> tuple[str, ...]:
+    """MATLAB's (x, y, time), stored reversed, or time first; another program's with time first or last."""
+    time = time_axis(traces, (0, 2))
+    if reversed_axes:
+        if time == 2:
+            remark("the A-lines were taken as (time, x, y): along the first axis their beginning is quiet")
+            return ("y", "x", "time")
+        return ("time", "y", "x")
+    if time is None:
+        raise InvalidInput(
+            "axes",
+            f"an array of the shape {traces.shape} that is not MATLAB's, in which time cannot be told",
+            'the order in a description, "axes": "x, y, time" or "time, x, y"',
+        )
+    order = ("x", "y", "time") if time == 2 else ("time", "x", "y")
+    remark(f"the A-lines were taken as ({', '.join(order)}): along that time axis their beginning is quiet")
+    return order
+
+
+def _table(traces: h5py.Dataset, order: tuple[str, ...], spare: Any) -> Table:
+    """Put the A-lines in order, x slowest."""
+    points = prod(count for count, name in zip(traces.shape, order, strict=True) if name in ("point", "x", "y"))
     if points > MOST_POINTS:
         raise InvalidInput("sensor_data", f"{points} sensors", f"at most {MOST_POINTS}")
-    return spill(_as_matlab_counts(traces), spare, points, traces.shape[0], time_first=True)
+    if order == ("point", "time"):
+        return Hdf5Table(traces)
+    if order in (("time", "point"), ("time", "x", "y"), ("time", "y", "x")):
+        turn = order == ("time", "y", "x")
+        pieces = (slab.swapaxes(1, 2) if turn else slab for slab in slabs(traces))
+        return spill(pieces, spare, points, traces.shape[0], time_first=True)
+    spilt = spill(slabs(traces), spare, traces.size, 1, time_first=False)
+    return table_of(mapped(spare, 0, spilt.dtype, traces.shape), order)
 
 
-def _as_matlab_counts(traces: h5py.Dataset) -> Iterator[NDArray[Any]]:
-    """Time steps with the points in our order, x slowest, from axes (time, y, x)."""
-    for slab in slabs(traces):
-        yield slab.swapaxes(1, 2) if slab.ndim == 3 else slab
-
-
-def _stated(file: h5py.File, lateral: tuple[int, ...]) -> Stated:
-    interval, speed = (_number(file, wanted) for wanted in (names.INTERVAL, names.SPEED))
+def _stated(file: h5py.File, lateral: tuple[int, ...], points: NDArray[np.float64] | None) -> Stated:
+    interval, rate, speed = (_number(file, wanted) for wanted in (names.INTERVAL, names.RATE, names.SPEED))
+    if interval is None and rate:
+        interval = 1 / rate
     weights = _find(file, names.WEIGHTS)
     return Stated(
-        points=_points(file),
+        points=points,
         weights=None if weights is None else untrusted.array(file, weights).astype(np.float64).reshape(-1),
         depth=_number(file, names.DEPTH),
         aperture=_number(file, names.APERTURE),
@@ -127,7 +229,7 @@ def _number(file: h5py.File, wanted: tuple[str, ...]) -> float | None:
     return None if name is None or file[name].size != 1 else untrusted.number(file, name)
 
 
-def _points(file: h5py.File) -> NDArray[np.float64] | None:
+def _points(file: h5py.File, *, reversed_axes: bool) -> NDArray[np.float64] | None:
     name = _find(file, names.POSITIONS)
     if name is not None:
         return _coordinates(untrusted.array(file, name, most_bytes=32 * MOST_POINTS), first="point")
@@ -140,6 +242,10 @@ def _points(file: h5py.File) -> NDArray[np.float64] | None:
     steps = _steps(file, mask.ndim)
     counts = tuple(mask.shape[::-1])
     places = _places(mask)
+    if not reversed_axes:  # the program's first axis is the slowest
+        indices = np.unravel_index(places, mask.shape)
+        lines = zip(indices, mask.shape, steps, strict=True)
+        return np.column_stack([(index - count // 2) * step for index, count, step in lines])
     three = counts + (1,) * (3 - len(counts)), steps + (1.0,) * (3 - len(steps))
     return mask_points(places, *three)[:, : len(counts)]  # type: ignore[arg-type]
 
@@ -166,15 +272,13 @@ def _places(mask: h5py.Dataset) -> NDArray[np.int64]:
 
 
 def _steps(file: h5py.File, axes: int) -> tuple[float, ...]:
-    first = _number(file, (names.STEPS[0], names.KGRID))
+    first = _number(file, (names.STEPS[0], names.KGRID[0]))
     if first is None:
         raise InvalidInput("dx", "missing", "> 0 (m), the pitch of the mask's grid, as a variable beside it")
-    return (first, *(_number(file, (name,)) or first for name in names.STEPS[1:axes]))
+    return (first, *(_number(file, each) or first for each in list(zip(names.STEPS, names.KGRID, strict=True))[1:axes]))
 
 
 def _on_grid(file: h5py.File, stated: Stated, counts: tuple[int, ...]) -> Stated:
-    if _number(file, names.STEPS[:1]) is None:
+    if _number(file, (names.STEPS[0], names.KGRID[0])) is None:
         return stated
-    from dataclasses import replace
-
     return replace(stated, points=grid_points(counts, _steps(file, 2)))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -13,32 +14,37 @@ from numpy.typing import NDArray
 from steradian.errors import DamagedFile, InvalidInput, NotFound
 from steradian.progress import Progress
 from steradian.scans import schema
-from steradian.scans.importing import arrays, ipasc, kwave, mat5, matlab, untrusted
-from steradian.scans.importing import names as known
+from steradian.scans.importing import arrays, ipasc, kwave, mat5, matlab, sgl, untrusted
 from steradian.scans.importing.description import Description, read_description
+from steradian.scans.importing.remarks import collecting_remarks
 from steradian.scans.importing.source import Source
+from steradian.scans.importing.text import is_text_table, open_csv, text_rows
 
 HDF5, ZIP, NPY, MATLAB = b"\x89HDF\r\n\x1a\n", b"PK\x03\x04", b"\x93NUMPY", b"MATLAB 7.3"
-TEXT = b"0123456789+-.eE,; \t\r\n"
-"""Bytes of a table of numbers; lines that begin with # may hold others."""
 
 
 @contextmanager
 def open_source(
-    path: Path, description: Path | None = None, folder: Path | None = None, note: Progress | None = None
+    path: Path,
+    description: Path | None = None,
+    folder: Path | None = None,
+    note: Progress | None = None,
+    options: Mapping[str, Any] | None = None,
 ) -> Iterator[Source]:
     """Open a foreign recording for reading in blocks.
 
     Parameters
     ----------
     path
-        IPASC HDF5, k-Wave output HDF5, MATLAB, .npy, .npz or .csv.
+        IPASC HDF5, k-Wave output HDF5, MATLAB, .npy, .npz, .sgl or .csv.
     description
         A JSON file that says what the file does not (:class:`~steradian.scans.importing.description.Description`).
     folder
         Where a scratch file may lie; the system's place for such files if not given.
     note
         Told how far the opening is where that takes long; may raise ``Cancelled``.
+    options
+        Fields that replace those of the description, in SI units.
 
     Raises
     ------
@@ -49,8 +55,8 @@ def open_source(
     InvalidInput
         When something needed is stated nowhere or out of range.
     """
-    said, companion = _with_positions(read_description(description), description)
-    with _opened(path, said, companion, folder, note) as source:
+    said, companion = _with_positions(read_description(description, options), description)
+    with collecting_remarks(), _opened(path, said, companion, folder, note) as source:
         yield source
 
 
@@ -80,10 +86,12 @@ def _opened(
         return arrays.open_npz(path, said, folder)
     if magic.startswith(NPY):
         return arrays.open_npy(path, said)
-    if _is_table(path):
-        return arrays.open_csv(path, said, folder)
+    if sgl.is_sgl(path, said.file_name):
+        return sgl.open_sgl(path, said)
+    if is_text_table(path):
+        return open_csv(path, said, folder)
     raise DamagedFile(
-        f"{path.name} is neither HDF5 (IPASC, k-Wave), MATLAB (save, from version 5), .npy, .npz nor .csv"
+        f"{path.name} is neither HDF5 (IPASC, k-Wave), MATLAB (save, from version 5), .npy, .npz, .sgl nor .csv"
     )
 
 
@@ -95,7 +103,7 @@ def _opened_hdf5(
         kind = _format(file)
     if ipasc.SERIES in names:
         return ipasc.open_ipasc(path, said, note)
-    if names.intersection((said.array,) if said.array else known.TRACES):
+    if names.intersection(name.split("/")[0] for name in matlab.wanted_names(said)):
         return matlab.open_matlab(path, said, folder)
     if names.issuperset(kwave.GRID):
         return kwave.open_kwave(path, said, companion, folder)
@@ -119,14 +127,6 @@ def _magic(path: Path) -> bytes:
         return file.read(16)
 
 
-def _is_table(path: Path) -> bool:
-    """Tell a text of numbers by its beginning; a name need not say what a file is."""
-    with path.open("rb") as file:
-        start = file.read(4096).removeprefix(b"\xef\xbb\xbf")
-    lines = [line for line in start.splitlines() if not line.lstrip().startswith(b"#")]
-    return bool(start.strip()) and not any(line.translate(None, TEXT) for line in lines)
-
-
 def _with_positions(said: Description, description: Path | None) -> tuple[Description, Path | None]:
     """Read the positions file that a description names; a k-Wave input file is handed on by its path."""
     if not isinstance(said.positions, str) or description is None:
@@ -140,7 +140,7 @@ def _with_positions(said: Description, description: Path | None) -> tuple[Descri
     if kind.startswith(NPY):
         return said.replace(positions=_npy_positions(path)), None
     with path.open("rb") as file:
-        rows = list(arrays.csv_rows(file, path, heading=True))
+        rows = list(text_rows(file, path))
     if not rows or len({len(row) for row in rows}) != 1:
         raise DamagedFile(f"{path.name} has no rows of the same length")
     return said.replace(positions=np.array(rows)), None

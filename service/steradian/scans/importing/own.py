@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from steradian.scans.importing.planned import read_plan
 from steradian.scans.importing.tables import Hdf5Table
 from steradian.scans.importing.writing import MOST_SIZE, ImportedAline, pieces, require_sizes
 from steradian.scans.layout import geometry_checksum
+from steradian.scans.origin import MOST_CHARACTERS, SOURCE, parse_origin
 from steradian.scans.rows import RowTable
 from steradian.scans.storable import ATTRIBUTE
 from steradian.scans.store import AlineStore, Upload, create_scan_file
@@ -103,6 +105,9 @@ def rewrite_scan(
             _write(scan, store, progress, cancelled)
             _take_over(file, scan, store)
             store.set_fired(scan.fired)
+        if origin := parse_origin(untrusted.text(file, "/", SOURCE, most=MOST_CHARACTERS)):
+            with h5py.File(path, "r+") as made:
+                made.attrs[SOURCE] = json.dumps(origin)
     return int(scan.stored.sum()), scan.table.samples
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -15,10 +15,14 @@ from steradian.errors import InvalidInput
 from steradian.ranges import LENGTH, SAMPLING_INTERVAL, TIME_ZERO
 from steradian.scans.importing.description import LENGTHS, TIMES, Description, grid_points
 from steradian.scans.importing.geometry import Sensors, place_sensors
+from steradian.scans.importing.noticing import noticed
+from steradian.scans.importing.remarks import remark, remarks
 from steradian.scans.importing.tables import Table
 from steradian.scans.recording import Recording, Shots
 
 _T = TypeVar("_T")
+UNITLESS = ("npz", "matlab")
+"""Formats whose numbers may be in any unit."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +72,9 @@ class Stated:
     time_zero: float | NDArray[np.float64] = 0.0
     """Of all A-lines, or (M,) of each sensor."""
     depth: float | None = None
+    averages: int = 1
+    details: dict[str, Any] = field(default_factory=dict)
+    """What the scan file's record of its source keeps beside all this."""
     excitation: tuple[float, ...] = ()
     """Wavelengths of the light in m; as many frames of each as come out even."""
     scanner: str = ""
@@ -96,6 +103,12 @@ class Source:
         Provenance.
     time_zeros
         (M,) seconds of each sensor where they differ; ``time_zero`` is then the earliest.
+    averages
+        Pulses averaged into an A-line.
+    details
+        What the scan file's record of its source keeps.
+    notes
+        What was decided or assumed; reading the A-lines may add to it.
     """
 
     format: str
@@ -111,11 +124,18 @@ class Source:
     simulated: bool
     provenance: dict[str, str] = field(default_factory=dict)
     time_zeros: NDArray[np.float64] | None = None
+    averages: int = 1
+    details: dict[str, Any] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
 
     def recording(self) -> Recording:
         """Read the first frame into memory."""
         sensors, mask = self.sensors, self.sensors.mask(self.format)
-        blocks = [np.array(rows) for start, rows in self.table.blocks() if start < self.table.points]
+        blocks = [
+            rows.astype(rows.dtype.newbyteorder("="))
+            for start, rows in noticed(self.table)
+            if start < self.table.points
+        ]
         return Recording(
             traces=np.concatenate(blocks),
             scale=self.scale,
@@ -130,6 +150,7 @@ class Source:
             depth=self.depth,
             planned=self.table.points,
             provenance=self.provenance,
+            notes=tuple(self.notes),
             shots=None if self.time_zeros is None else Shots.usual(self.time_zeros),
         )
 
@@ -141,32 +162,41 @@ def make_source(
 
     Parameters
     ----------
-    kind, table, stated, said, name
-        The format, its A-lines, what the file and the description say, and the file's name.
-    lateral
-        Numbers of sensors along x and y where the file's array has such axes.
+    kind, table, stated, said, name, lateral
+        The format, its A-lines, what the file and the description say, the file's name, and the numbers of sensors
+        along x and y where the file's array has such axes.
 
     Raises
     ------
     InvalidInput
         When something needed is said by neither, or the positions do not match the A-lines.
     """
+    if kind in UNITLESS:
+        stated = _in_units(stated, said)
     points = _described_points(said, stated, lateral, table.points)
     if len(points) != table.points:
-        raise InvalidInput("positions", f"{len(points)} positions", f"{table.points}, one an A-line")
+        allowed = f"{table.points}, one for each A-line of {table.samples} samples"
+        if len(points) == table.samples:
+            allowed += '; if time comes first, a description says "axes": "time, point", else "point, time"'
+        raise InvalidInput("positions", f"{len(points)} positions", allowed)
     interval = said.seconds(said.sampling_interval) or stated.sampling_interval
     if interval is None:
         interval = _lacking("sampling_interval", "> 0 (s), which the file does not state", 1e-8)
     if interval not in SAMPLING_INTERVAL:
         given = f"{said.sampling_interval:g} {said.times}" if said.sampling_interval else f"{interval:g} s"
-        hint = _hint(said.sampling_interval is not None, "times", said.times)
+        hint = _hint(
+            said.sampling_interval is not None, "times", said.times if said.sampling_interval else _times(said)
+        )
         raise InvalidInput("sampling_interval", given, f"{SAMPLING_INTERVAL}; {hint}")
     _require_extent(points, said)
     weights = said.weights if said.weights is not None else stated.weights
     aperture = said.metres(said.aperture) or stated.aperture
     area = None if said.weights is not None or weights is None else float(weights.sum())
     sensors = place_sensors(points, aperture=aperture, bounds=stated.bounds, weights=weights, sensed_area=area)
-    earliest, each = _time_zeros(stated.time_zero, said, table.points)
+    delay = said.seconds(said.time_zero)
+    if said.time_zero_samples is not None:
+        delay = (delay or 0.0) + said.time_zero_samples * interval
+    earliest, each = _time_zeros(stated.time_zero if delay is None else delay, said, table.points)
     return Source(
         format=kind,
         table=table,
@@ -181,6 +211,35 @@ def make_source(
         scanner=said.scanner or stated.scanner,
         simulated=stated.simulated if said.simulated is None else said.simulated,
         provenance={"source": name},
+        averages=stated.averages,
+        details=stated.details,
+        notes=remarks(),
+    )
+
+
+def _times(said: Description) -> Literal["s", "us", "ns"]:
+    """Return the unit of a file's own times."""
+    return "s" if said.has_times else said.times
+
+
+def _in_units(stated: Stated, said: Description) -> Stated:
+    """Convert a file's own lengths and times where the description gives their unit."""
+    length = 1.0 if said.has_lengths else said.length_unit
+    time = 1.0 if said.has_times else said.time_unit
+    for noun, unit, factor in (("lengths", said.lengths, length), ("times", said.times, time)):
+        if factor != 1:
+            remark(f"{noun} in the file were taken in {unit}")
+
+    def scaled(value: Any, unit: float) -> Any:
+        return None if value is None else value * unit
+
+    return replace(
+        stated,
+        points=scaled(stated.points, length),
+        aperture=scaled(stated.aperture, length),
+        depth=scaled(stated.depth, length),
+        sampling_interval=scaled(stated.sampling_interval, time),
+        time_zero=stated.time_zero * time,
     )
 
 
@@ -188,8 +247,7 @@ def _time_zeros(
     stated: float | NDArray[np.float64], said: Description, points: int
 ) -> tuple[float, NDArray[np.float64] | None]:
     """Return the earliest time zero, and that of each of so many sensors where they have their own."""
-    delay = said.seconds(said.time_zero)
-    values = np.asarray(stated if delay is None else delay, np.float64)
+    values = np.asarray(stated, np.float64)
     if values.ndim and max(values.shape) == values.size:  # a row or a column
         values = values.reshape(-1)
     if values.shape not in ((), (points,)):
@@ -211,7 +269,7 @@ def _require_extent(points: NDArray[np.floating[Any]], said: Description) -> Non
     if spread > LENGTH.high:
         field = "positions" if said.grid is None else "grid.interval"
         described = said.grid is not None or isinstance(said.positions, np.ndarray)
-        unit = said.lengths if described else "m"
+        unit = said.lengths if described or not said.has_lengths else "m"
         given = f"sensors over {spread / LENGTHS[unit]:.4g} {unit}"
         raise InvalidInput(field, given, f"over at most {LENGTH.high:g} m; {_hint(described, 'lengths', unit)}")
 
@@ -219,7 +277,12 @@ def _require_extent(points: NDArray[np.floating[Any]], said: Description) -> Non
 def _hint(described: bool, field: Literal["lengths", "times"], unit: str) -> str:
     """Say how to state the unit of a description's numbers, or what unit a file's own count as."""
     if not described:
-        return f"numbers of a file count as {unit}; others belong into a description, with its {field}"
+        kind = "length" if field == "lengths" else "time"
+        example = "mm" if field == "lengths" else "us"
+        return (
+            f'numbers of a file count as {unit}; a description with no {kind} of its own, {{"{field}": "{example}"}}, '
+            "says their unit"
+        )
     others = " or ".join(f'"{name}"' for name in (LENGTHS if field == "lengths" else TIMES) if name != unit)
     return f'the description\'s numbers are in {unit}; it may say "{field}": {others}'
 

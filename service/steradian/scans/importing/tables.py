@@ -165,6 +165,22 @@ def spill(pieces: Iterator[NDArray[Any]], file: IO[bytes], points: int, samples:
     return RawTable(file, 0, kind, points, samples, time_first)
 
 
+def mapped(
+    file: IO[bytes], offset: int, kind: np.dtype[Any], shape: tuple[int, ...], *, fortran: bool = False
+) -> NDArray[Any]:
+    """Map numbers that lie one after the other in a file into memory, for reading in any order.
+
+    Raises
+    ------
+    DamagedFile
+        When there are fewer numbers than that, or more than the address space holds.
+    """
+    try:
+        return np.memmap(file, kind, "r", offset, shape, "F" if fortran else "C")
+    except (ValueError, OSError, OverflowError) as error:
+        raise DamagedFile(f"the A-lines cannot be read in this order of axes: {error}") from error
+
+
 def slabs(dataset: h5py.Dataset) -> Iterator[NDArray[Any]]:
     """Read a dataset along its first axis, a few megabytes at a time and in whole chunks."""
     row = max(1, int(np.prod(dataset.shape[1:])) * dataset.dtype.itemsize)

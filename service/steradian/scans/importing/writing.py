@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,7 +16,10 @@ from steradian.errors import Cancelled, InvalidInput
 from steradian.plans import ScanPlan, VisitOrder
 from steradian.progress import IsCancelled, Progress
 from steradian.scans import schema
+from steradian.scans.importing.noticing import noticed
+from steradian.scans.importing.remarks import remark
 from steradian.scans.importing.source import Source
+from steradian.scans.origin import SOURCE
 from steradian.scans.store import AlineStore, create_scan_file
 
 USUAL_RATE, DUTY = 50.0, 0.5
@@ -65,6 +70,10 @@ def plan_of(source: Source) -> ScanPlan:
     frames, excitation = source.table.frames, source.excitation
     known = bool(excitation) and len(set(excitation)) == len(excitation) and frames % len(excitation) == 0
     if not known or not all(EXCITATION[0] <= value <= EXCITATION[1] for value in excitation):
+        if any(excitation):
+            told = ", ".join(f"{value:g}" for value in excitation[:8])
+            span = f"{EXCITATION[0]:g} to {EXCITATION[1]:g} m"
+            remark(f"wavelengths of the light ({told} m) are not used: they must differ and lie in {span}")
         excitation = ()
     return ScanPlan.create(
         mask=mask,
@@ -75,6 +84,7 @@ def plan_of(source: Source) -> ScanPlan:
         order=VisitOrder.GIVEN,
         frames=frames // max(1, len(excitation)),
         excitation=excitation,
+        averages=source.averages,
     )
 
 
@@ -104,14 +114,27 @@ def write_scan(source: Source, path: Path, *, progress: Progress | None, cancell
     total = source.table.points * source.table.frames
     rows = np.arange(total)
     with AlineStore(path) as store:
-        for start, block in source.table.blocks():
+        for start, block in noticed(source.table):
             if cancelled and cancelled():
                 raise Cancelled(f"the import was stopped after {start} of {total} A-lines")
             for first, piece in pieces(start, block):
                 store.append(_alines(first, piece, kind, source), rows)
             if progress:
                 progress("A-lines", start + len(block), total)
-        store.set_fired(total)
+        store.set_fired(total * source.averages)
+    with h5py.File(path, "r+") as file:  # last: reading the A-lines may have added remarks
+        file.attrs[SOURCE] = _origin(source)
+
+
+def _origin(source: Source) -> str:
+    said: dict[str, Any] = {
+        "name": source.provenance.get("source", ""),
+        "format": source.format,
+        "notes": source.notes,
+    }
+    if source.details:
+        said[source.format] = source.details
+    return json.dumps(said)
 
 
 def pieces(start: int, block: NDArray[Any]) -> Iterator[tuple[int, NDArray[Any]]]:
@@ -154,4 +177,4 @@ def _alines(start: int, block: NDArray[Any], kind: np.dtype[Any], source: Source
     each, points = source.time_zeros, source.table.points
     for index, row in enumerate(samples, start):
         zero = source.time_zero if each is None else float(each[index % points])
-        yield ImportedAline(index, row, source.scale, shot=index + 1, time_zero_offset_s=zero)
+        yield ImportedAline(index, row, source.scale, index + 1, time_zero_offset_s=zero, averages=source.averages)

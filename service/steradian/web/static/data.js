@@ -10,6 +10,7 @@ const COMPANION = /\.(csv|npy|h5|hdf5)$/i;
 const FIELDS = /** @type {[string, string, string, string][]} */ ([
   ["sampling_interval", "Sampling interval", "ns", "Time between samples"],
   ["time_zero", "Time zero", "ns", "From the laser pulse to the first sample"],
+  ["time_zero_samples", "and", "samples", "Added to it; negative where the record begins before the pulse"],
   ["sound_speed", "Speed of sound", "m/s", "As far as it is known"],
   ["aperture", "Aperture", "mm", "Side of the square around the origin"],
   ["depth", "Depth of the point", "mm", "Distance of the point of interest"],
@@ -30,7 +31,7 @@ const host = byId("data");
 const files = h("input", { type: "file", multiple: true, id: "files", class: "visually-hidden", onchange: () => take(chosenFiles()) });
 const drop = h("section", { class: "panel drop", "data-steradian": "data-drop" },
   h("strong", null, "Drop a recording here"),
-  h("span", { class: "dim" }, "IPASC, k-Wave or MATLAB HDF5, .npy, .npz, .csv, or a scan file; positions may come beside it as .csv or .npy"),
+  h("span", { class: "dim" }, "IPASC, k-Wave or MATLAB HDF5, .npy, .npz, .csv, .sgl, or a scan file; positions may come beside it as .csv or .npy"),
   h("label", { class: "button primary", for: "files" }, "Choose files …"), files);
 const list = h("div", { class: "stack" });
 const form = h("form", { class: "panel stack", hidden: true, "data-steradian": "data-form" });
@@ -98,7 +99,7 @@ function ask() {
     h("div", { class: "row top" }, FIELDS.map(([name, label, unit, help]) => h("label", { class: "stack asked", title: help }, label,
       h("span", { class: "with-unit" }, h("input", { type: "number", step: "any", name, "aria-label": label, oninput: lookSoon }), h("span", { class: "dim" }, unit)),
       h("span", { class: "fault small", dataset: { remark: name } }))),
-      h("label", { class: "stack" }, "Axes of the array", h("select", { name: "axes", onchange: lookSoon }, [["", "as the file says"], ["point, time", "point, time"], ["time, point", "time, point"]].map(([value, text]) => h("option", { value }, text))))),
+      h("label", { class: "stack" }, "Axes of the array", h("select", { name: "axes", onchange: lookSoon }, [["", "as the file says"], ["point, time", "point, time"], ["time, point", "time, point"], ["x, y, time", "x, y, time"], ["time, x, y", "time, x, y"]].map(([value, text]) => h("option", { value }, text))))),
     uploads.length > 1 ? h("label", { class: "row" }, "Its positions are in", h("select", { name: "lengths", onchange: lookSoon }, [["mm", "mm (a guess)"], ["m", "m"], ["um", "µm"]].map(([value, text]) => h("option", { value }, text)))) : null,
     said, h("div", { class: "row" }, bringIt, notYet));
   form.onsubmit = (event) => {
@@ -189,6 +190,8 @@ function description() {
     const text = String(given.get(name) ?? "");
     if (text !== "") found[name] = Number(text);
   }
+  const called = uploads[0]?.file.name ?? "";
+  if (/\.sgl$/i.test(called)) found.file_name = called.slice(0, 300); // its name says more than the file
   if (given.get("axes")) found.axes = given.get("axes");
   const lengths = String(given.get("lengths") ?? "mm");
   for (const name of LENGTHS) if (found[name] !== undefined) found[name] = Number((found[name] * UNITS[lengths]).toPrecision(12));
@@ -196,7 +199,9 @@ function description() {
     found.grid = { interval: [found.interval, found.interval], ...(side ? { count: [side, side] } : {}) };
     delete found.interval;
   }
-  return { ...found, lengths, times: "ns" };
+  if (uploads.length > 1 || found.grid || LENGTHS.some((name) => found[name] !== undefined)) found.lengths = lengths; // of these alone
+  if (found.sampling_interval !== undefined || found.time_zero !== undefined) found.times = "ns";
+  return found;
 }
 
 /** Import, and wait for what comes of it. */

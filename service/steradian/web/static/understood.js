@@ -14,11 +14,12 @@ export class Understood {
   constructor(host) {
     this.figures = h("dl", { class: "figures across" });
     this.said = h("div", { class: "remarks", role: "alert" });
+    this.notes = h("ul", { class: "dim", "data-steradian": "data-notes" });
     this.stage = h("div", { class: "stage" });
     this.chart = h("div", { class: "chart" });
     this.nowhere = h("div", { class: "state" }, h("strong", null, "Where the sensors are is not stated"), h("span", null, "Say the pitch of their grid, or send their positions beside the recording."));
     this.pictures = h("div", { class: "two" }, this.stage, this.chart);
-    replace(host, h("h2", null, "What was understood"), this.said, this.figures, this.pictures);
+    replace(host, h("h2", null, "What was understood"), this.said, this.figures, this.notes, this.pictures);
     this.plane = new Plane(this.stage, "Where the sensors are");
     this.stage.append(this.nowhere);
   }
@@ -27,6 +28,7 @@ export class Understood {
   fail(error) {
     replace(this.said, h("div", { class: "state failed" }, ...words(error)));
     this.pictures.hidden = this.figures.hidden = true;
+    replace(this.notes);
   }
 
   /** @param {any} seen of the API */
@@ -34,6 +36,7 @@ export class Understood {
     replace(this.said);
     this.pictures.hidden = this.figures.hidden = false;
     replace(this.figures, figuresOf(seen).map(([name, value]) => h("div", null, h("dt", null, name), h("dd", null, value))));
+    replace(this.notes, (seen.notes ?? []).map((/** @type {string} */ note) => h("li", null, note)));
     this.nowhere.hidden = seen.positions !== null;
     this.plane.canvas.hidden = seen.positions === null;
     this.plane.palette = [colour("--accent")];

@@ -12,21 +12,18 @@ from __future__ import annotations
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import Cancelled, DamagedFile, InvalidInput, NotFound
+from steradian.errors import Cancelled, DamagedFile
 from steradian.progress import IsCancelled, Progress
-from steradian.scans import schema
 from steradian.scans.aligning import align, common_grid
 from steradian.scans.importing import ipasc
-from steradian.scans.locking import open_to_read
 from steradian.scans.rows import RowTable
 
-ScanFormat = Literal["ipasc"]
 BLOCK_BYTES = 16 << 20
 NAMESPACE = uuid.UUID("6d0a2f0e-6b8c-5a55-9a8e-0d1c2f3b4a59")
 """Makes the same scan's export carry the same identifier every time."""
@@ -34,59 +31,18 @@ EVERY = 2000
 """Detectors between two looks at ``cancelled``."""
 
 
-def export_scan(
-    scan: Path,
-    destination: Path,
-    *,
-    format: ScanFormat = "ipasc",
-    progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
-) -> Path:
-    """Write a scan file in another format.
-
-    Points that are missing in any frame, or whose samples do not match their checksum, are left out. The others are as
-    they were measured: not divided by their pulse energy, flagged ones among them; the file tells both of each.
-
-    Parameters
-    ----------
-    scan
-        A scan file, finished or not.
-    destination
-        Where to; a file of that name is replaced once the new one is whole.
-    format
-        ``ipasc``.
-    progress, cancelled
-        Reported and asked once a block; units are A-lines and detectors.
+def write_ipasc(scan: h5py.File, draft: Path, progress: Progress | None, cancelled: IsCancelled | None) -> None:
+    """Write an open scan file as IPASC.
 
     Raises
     ------
-    NotFound, DamagedFile
-        When the scan cannot be read, or holds no point with all its frames.
-    InvalidInput
-        When the format is unknown.
+    DamagedFile
+        When it holds no point with all its frames.
     Cancelled
-        When ``cancelled`` said so; nothing is left behind.
+        When ``cancelled`` said so.
     """
-    if format != "ipasc":
-        raise InvalidInput("format", format, "ipasc")
-    if not scan.is_file():
-        raise NotFound("file", str(scan))
-    destination.parent.mkdir(parents=True, exist_ok=True)
-    draft = destination.with_name(f".{destination.name}.exporting")
-    try:
-        try:
-            file = open_to_read(scan)
-        except OSError as error:
-            raise DamagedFile(f"{scan} cannot be read as a scan: {error}") from error
-        with file:
-            if file.attrs.get("format") != schema.FORMAT or file.attrs.get("schema_version") not in schema.READABLE:
-                raise DamagedFile(f"{scan} is no scan file of schema version {', '.join(map(str, schema.READABLE))}")
-            with h5py.File(draft, "w") as made:
-                _Export(file, made, progress, cancelled).write()
-        draft.replace(destination)
-    finally:
-        draft.unlink(missing_ok=True)
-    return destination
+    with h5py.File(draft, "w") as made:
+        _Export(scan, made, progress, cancelled).write()
 
 
 class _Export:

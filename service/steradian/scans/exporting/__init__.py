@@ -1,0 +1,86 @@
+"""Exporting scans: IPASC HDF5 for any scan, ``.sgl`` for grids and lines."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal, get_args
+
+from steradian.errors import DamagedFile, InvalidInput, NotFound
+from steradian.progress import IsCancelled, Progress
+from steradian.scans import schema
+from steradian.scans.exporting.ipasc import write_ipasc
+from steradian.scans.exporting.sgl import write_sgl
+from steradian.scans.locking import open_to_read
+
+__all__ = ["ENDINGS", "ScanFormat", "export_scan"]
+
+ScanFormat = Literal["ipasc", "sgl"]
+ENDINGS: dict[str, ScanFormat] = {".sgl": "sgl"}
+"""Formats by how a name ends; any other name is an IPASC file."""
+
+
+def export_scan(
+    scan: Path,
+    destination: Path,
+    *,
+    format: ScanFormat = "ipasc",
+    frame: int | None = None,
+    notes: list[str] | None = None,
+    progress: Progress | None = None,
+    cancelled: IsCancelled | None = None,
+) -> Path:
+    """Write a scan file in another format.
+
+    A-lines are as they were measured: not divided by their pulse energy, flagged ones among them. IPASC leaves out
+    points that are missing in any frame, or whose samples do not match their checksum, and tells energies and flags.
+
+    Parameters
+    ----------
+    scan
+        A scan file, finished or not.
+    destination
+        Where to; a file of that name is replaced once the new one is whole.
+    format
+        ``ipasc``; or ``sgl`` for one frame of a scan whose points fill a grid or lie evenly on a line.
+    frame
+        Which frame goes into an .sgl file; needed where there are several.
+    notes
+        Gets what the format has no place for.
+    progress, cancelled
+        Reported and asked once a block; units are A-lines and detectors.
+
+    Raises
+    ------
+    NotFound, DamagedFile
+        When the scan cannot be read, or holds no point with all its frames.
+    InvalidInput
+        When the format is unknown, or cannot hold this scan.
+    Cancelled
+        When ``cancelled`` said so; nothing is left behind.
+    """
+    if format not in get_args(ScanFormat):
+        raise InvalidInput("format", format, " or ".join(get_args(ScanFormat)))
+    if not scan.is_file():
+        raise NotFound("file", str(scan))
+    if frame is not None and format != "sgl":
+        raise InvalidInput("frame", frame, "none: an IPASC file holds all frames")
+    destination.parent.mkdir(parents=True, exist_ok=True)
+    draft = destination.with_name(f".{destination.name}.exporting")
+    try:
+        try:
+            file = open_to_read(scan)
+        except OSError as error:
+            raise DamagedFile(f"{scan} cannot be read as a scan: {error}") from error
+        with file:
+            if file.attrs.get("format") != schema.FORMAT or file.attrs.get("schema_version") not in schema.READABLE:
+                raise DamagedFile(f"{scan} is no scan file of schema version {', '.join(map(str, schema.READABLE))}")
+            if format == "sgl":
+                told = write_sgl(file, draft, destination.name, frame, progress, cancelled)
+                if notes is not None:
+                    notes += told
+            else:
+                write_ipasc(file, draft, progress, cancelled)
+        draft.replace(destination)
+    finally:
+        draft.unlink(missing_ok=True)
+    return destination

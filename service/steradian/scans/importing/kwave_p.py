@@ -1,0 +1,54 @@
+"""k-Wave's ``p`` as an array without positions: which of its axes is time, and whether its sensors lie on a line."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numpy.typing import NDArray
+
+from steradian.errors import InvalidInput
+from steradian.scans.importing.description import Description
+from steradian.scans.importing.evidence import first_break, longest_delay, time_axis
+from steradian.scans.importing.remarks import remark
+from steradian.scans.importing.source import Stated
+from steradian.scans.importing.tables import RawTable, Table, mapped
+
+
+def order_of_p(values: NDArray[Any]) -> tuple[str, ...]:
+    """Tell whether time is the first or the last axis of k-Wave's ``p``: programs and their versions differ.
+
+    Of three axes time is the first, as k-Wave has it, unless the samples say otherwise; two must say.
+    """
+    time = time_axis(values, (0, values.ndim - 1))
+    if values.ndim == 3:
+        if time == 2:
+            remark(f"p of the shape {values.shape} was taken as (x, y, time): along time its beginning is quiet")
+        return ("x", "y", "time") if time == 2 else ("time", "x", "y")
+    if time is None:
+        raise InvalidInput(
+            "axes",
+            f"p of the shape {values.shape}, by its samples either (time, sensor) or (sensor, time)",
+            'the order in a description, "axes": "time, sensor" or "sensor, time"',
+        )
+    order = ("time", "point") if time == 0 else ("point", "time")
+    words = "(time, sensor)" if time == 0 else "(sensor, time)"
+    remark(f"p of the shape {values.shape} was taken as {words}: along that time axis its beginning is quiet")
+    return order
+
+
+def require_line(table: Table, stated: Stated, said: Description, pitch: float) -> None:
+    """Refuse sensors that would be a line for want of positions, where neighbouring A-lines say they are none."""
+    if not isinstance(table, RawTable) or table.points < 3:
+        return
+    shape = (table.samples, table.points) if table.time_first else (table.points, table.samples)
+    values = mapped(table.file, table.offset, table.dtype, shape)
+    interval = said.seconds(said.sampling_interval) or stated.sampling_interval or 0.0
+    speed = said.sound_speed or stated.sound_speed or 1500.0
+    row = first_break(values.T if table.time_first else values, longest_delay(pitch, speed, interval))
+    if row is not None:
+        raise InvalidInput(
+            "positions",
+            f"missing: the A-lines {row} and {row + 1} of p are too unlike to be neighbours on a line",
+            "the sensors' positions, as an array beside p or in a description; a grid there if it is a line",
+        )
+    remark(f"the {table.points} sensors of p were taken as a line with a pitch of {1e6 * pitch:g} µm")

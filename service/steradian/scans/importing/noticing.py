@@ -1,0 +1,43 @@
+"""What is striking in A-lines while they are read: an offset of all samples, A-lines that are constant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from steradian.scans.importing.remarks import remark
+from steradian.scans.importing.tables import Block, Table
+
+OFFSET = 0.5
+"""An offset of all samples, in root mean squares of their variation, that is worth a remark."""
+SHOWN = 5
+"""So many constant A-lines are named."""
+
+
+def noticed(table: Table) -> Iterator[Block]:
+    """Give a table's blocks, and remark at the end on what was striking in them."""
+    count = lines = 0
+    total = varied = 0.0
+    constant: list[int] = []
+    dead = 0
+    for start, block in table.blocks():
+        yield start, block
+        with np.errstate(all="ignore"):
+            values = block.astype(np.float64)
+            means = values.mean(axis=1)
+            power = ((values - means[:, None]) ** 2).mean(axis=1)
+            silent = np.flatnonzero(np.ptp(block, axis=1) == 0)
+        live = np.delete(np.arange(len(block)), silent)
+        total, varied, count = total + means[live].sum(), varied + power[live].sum(), count + len(live)
+        dead, lines = dead + len(silent), lines + len(block)
+        constant += (start + silent[: SHOWN - len(constant)]).tolist()
+    times = abs(total / count) / np.sqrt(varied / count) if count and varied > 0 else 0.0
+    if times > OFFSET:
+        remark(
+            f"all samples have an offset of {total / count:.4g}, {times:.3g} times their variation, as a digitiser's "
+            "mid-scale has; the option remove-offset takes it away"
+        )
+    if 0 < dead < lines:
+        named = ", ".join(map(str, constant)) + (", …" if dead > len(constant) else "")
+        remark(f"{dead} of {lines} A-lines are constant ({named}): dead channels count as sensors that heard nothing")

@@ -1,0 +1,47 @@
+"""What a scan file keeps of the recording that it was imported from: the root's attribute ``source``, in JSON.
+
+``name`` and ``format`` of that file, ``notes`` (what was decided or assumed), and what a format has that has no other
+place in a scan file, under the format's own name.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import h5py
+
+SOURCE = "source"
+MOST_CHARACTERS = 60_000
+"""Of the JSON: an attribute holds no more."""
+MOST, LONGEST = 40, 600
+"""Notes on one file, and characters of each."""
+
+
+def printable(text: str) -> str:
+    """Return a text without what steers terminals, and with a mark for bytes of names that are no characters."""
+    plain = text.encode("utf-8", "replace").decode("utf-8")
+    return "".join(each for each in plain if each.isprintable())
+
+
+def parse_origin(text: str | None) -> dict[str, Any]:
+    """Return the object of a JSON text; empty for none, and for what cannot be understood."""
+    try:
+        said = json.loads(text or "{}")
+    except (ValueError, RecursionError):
+        return {}
+    return said if isinstance(said, dict) else {}
+
+
+def read_origin(file: h5py.File) -> dict[str, Any]:
+    """Read what an open scan file of this program keeps of its source; empty where it keeps nothing."""
+    text = file.attrs.get(SOURCE)
+    return parse_origin(text if isinstance(text, str) else None)
+
+
+def notes_of(said: dict[str, Any]) -> tuple[str, ...]:
+    """Return the notes, as plain text of bounded length."""
+    notes = said.get("notes")
+    if not isinstance(notes, list):
+        return ()
+    return tuple(printable(each)[:LONGEST] for each in notes[:MOST] if isinstance(each, str))
