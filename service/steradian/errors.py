@@ -6,6 +6,7 @@ SteradianError
 ├── Conflict          the request does not fit the present state
 │   └── FaultStands       a fault is not cleared while its cause stands
 ├── DamagedFile       a file is truncated, foreign or of a newer schema
+│   └── FolderNotWritable  a part of a data folder belongs to another user, or its file system is read-only
 ├── DiskFull          the disk cannot hold what is to be written
 ├── ScanFailed        the scanner or its link gave up; what was acknowledged is kept
 │   └── ScanInterrupted   all is well, but the laser may come back only when a person says so
@@ -82,6 +83,10 @@ class DamagedFile(SteradianError):
     """A file is truncated, not of the expected kind, or of a newer schema."""
 
     code = "damaged-file"
+
+
+class FolderNotWritable(DamagedFile):
+    """A part of a data folder cannot be written: it belongs to another user, or its file system is read-only."""
 
 
 class DiskFull(SteradianError):

@@ -57,10 +57,11 @@ class Health(Answer):
 
 
 class Readiness(Answer):
-    """What the service needs to do its work, each by name."""
+    """What the service needs to do its work, each by name; ``reasons`` says of failed checks what there is to say."""
 
     ready: bool
     checks: dict[str, bool]
+    reasons: dict[str, str] = Field(default_factory=dict)
 
 
 class Mask(Answer):

@@ -6,7 +6,7 @@ import shutil
 import time
 
 from fastapi import APIRouter, Response
-from pydantic import BaseModel
+from pydantic import BaseModel, Field
 from sqlalchemy.exc import SQLAlchemyError
 
 from steradian import __version__
@@ -15,6 +15,7 @@ from steradian.api.services import Services
 from steradian.errors import InvalidInput
 from steradian.runtime.heartbeat import is_alive
 from steradian.storage.folder import check
+from steradian.storage.parts import unwritable_part
 
 router = APIRouter(tags=["health"])
 MIN_FREE_BYTES = 100 * 2**20
@@ -33,6 +34,7 @@ class Readiness(BaseModel):
 
     ready: bool
     checks: dict[str, bool]
+    reasons: dict[str, str] = Field(default_factory=dict, description="Of failed checks that have more to say, what")
 
 
 @router.get("/healthz", summary="Whether the process answers")
@@ -47,11 +49,12 @@ async def read_health() -> Health:
     responses={503: {"model": Readiness, "description": "Something that work needs is missing"}},
 )
 def read_readiness(services: ServicesNeeded, response: Response) -> Readiness:
-    """Check database, store, queue and processes; a scanner that is unplugged does not make it unready."""
-    checks = _checks(services, time.time())
+    """Check database, store, folder, queue and processes; a scanner that is unplugged does not make it unready."""
+    closed = unwritable_part(services.data)
+    checks = _checks(services, time.time()) | {"folder": closed is None}
     ready = all(checks.values())
     response.status_code = 200 if ready else 503
-    return Readiness(ready=ready, checks=checks)
+    return Readiness(ready=ready, checks=checks, reasons={} if closed is None else {"folder": closed})
 
 
 def _checks(services: Services, now: float) -> dict[str, bool]:

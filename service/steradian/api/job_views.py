@@ -11,6 +11,7 @@ from steradian.api.queue_views import QueueView, RequirementsView
 from steradian.api.reports import HistoryView, Result, result_of
 from steradian.api.views import BASE, ErrorView, ProgressView, RequestId
 from steradian.jobs.forecast import Forecast
+from steradian.jobs.forms import asked
 from steradian.jobs.kinds import resource_of
 from steradian.jobs.model import JobStatus
 from steradian.storage.states import DesiredJobState, ReconstructionState, is_terminal
@@ -49,7 +50,7 @@ class JobView(BaseModel):
         return cls(
             id=job.id,
             kind=job.kind,
-            asked=dict(job.payload),
+            asked=asked(job.payload),
             priority=job.priority,
             turn=job.turn,
             requires=RequirementsView.of(job.requires),

@@ -31,6 +31,7 @@ from steradian.security.sessions import SessionStore
 from steradian.security.stop_tickets import StopTickets, shared_secret, stored_secret
 from steradian.settings import Settings
 from steradian.storage.advisory import Hold, SessionLock
+from steradian.storage.ages import Ages
 from steradian.storage.clearing import Clearing
 from steradian.storage.database import Database, metadata_url, take_turns
 from steradian.storage.deletion import Deletion, InUse, remove_files
@@ -74,7 +75,7 @@ class Services:
     """
 
     def __init__(self, settings: Settings, clock: Clock = utc_now) -> None:
-        self.settings, self.clock = settings, clock
+        self.settings, self.clock, self.ages = settings, clock, Ages(clock)
         self.data = DataDirectory(settings.data)
         self.disk = Disk(self.data.root, settings.disk_reserve_bytes, settings.quota_bytes)
         self.arrivals = Arrivals()

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import logging
-from datetime import timedelta
+import os
+from contextlib import suppress
+from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
 
 from sqlalchemy import select
 
 from steradian.drafts import remove, sweep, sweep_older
 from steradian.jobs.kinds import KINDS, resource_of
+from steradian.storage.ages import EARLIEST, redate, tell_redated
 from steradian.storage.arrays import upload_name
 from steradian.storage.deletion import waiting_import
 from steradian.storage.dependence import Resource, needed
@@ -32,24 +35,39 @@ def tidy(services: Services, *, shared: bool = True) -> None:
     shared
         Whether also what all nodes of the service share; else only this node's folder is looked through.
     """
-    now = services.clock()
-    oldest = (now - UPLOADS_KEPT).timestamp()
-    sweep_older(services.data.references, oldest)
-    sweep_older(services.data.uploads, oldest, "*.part")  # of a process that was killed
     _sweep_drafts(services)
+    is_sure = services.ages.can_be_trusted(services.database)
+    if is_sure:
+        oldest = (services.clock() - UPLOADS_KEPT).timestamp()
+        sweep_older(services.data.references, oldest)
+        sweep_older(services.data.uploads, oldest, "*.part")  # of a process that was killed
+    if is_sure and shared:
+        _forget_uploads(services, oldest)
+        services.log.prune(services.clock() - timedelta(days=services.settings.event_days))
+        services.answers.prune()
+        if services.settings.retention_days is not None:
+            _forget_before(services, timedelta(days=services.settings.retention_days))
     if not shared:
         return
-    for name in services.arrays.names(upload_name("")):
-        found = services.arrays.stat(name)
-        if found and found.modified < oldest and waiting_import(services.database, name.rpartition("/")[2]) is None:
-            services.arrays.delete(name)
-    services.log.prune(now - timedelta(days=services.settings.event_days))
-    services.answers.prune()
-    if services.settings.retention_days is not None:
-        _forget_before(services, timedelta(days=services.settings.retention_days))
     services.remove_files()
-    if isinstance(services.arrays, ObjectStore) and (count := services.arrays.sweep()):
+    if is_sure and isinstance(services.arrays, ObjectStore) and (count := services.arrays.sweep()):
         _log.info("%d objects that belonged to nothing are deleted from the store", count)
+
+
+def _forget_uploads(services: Services, oldest: float) -> None:
+    """Delete files that came before a time, seconds since the epoch, and that no import has still to read."""
+    for name in services.arrays.names(upload_name("")):
+        found, upload = services.arrays.stat(name), name.rpartition("/")[2]
+        if not found or found.modified >= oldest or waiting_import(services.database, upload) is not None:
+            continue
+        came = datetime.fromtimestamp(found.modified, UTC)
+        if came < EARLIEST:
+            with suppress(FileNotFoundError):
+                os.utime(services.data.upload(upload))
+                tell_redated(f"upload {upload}", came)
+            continue
+        services.arrays.delete(name)
+        _log.info("upload %s is deleted: it came at %s, and none is kept for more than a day", upload, came)
 
 
 def _sweep_drafts(services: Services) -> None:
@@ -70,13 +88,18 @@ def _sweep_drafts(services: Services) -> None:
 
 def _forget_before(services: Services, age: timedelta) -> None:
     when = services.clock() - age
-    query = select(JobRow.id, JobRow.kind).where(JobRow.ended.is_not(None), JobRow.ended < when)
+    query = select(JobRow.id, JobRow.kind, JobRow.ended).where(JobRow.ended.is_not(None), JobRow.ended < when)
     with services.database.write() as session:
+        redate(session, when, services.clock())
         # Nobody begins to need one any more. In the order of deletions, or two wait for each other: first what
         # stands behind /reconstructions, then what may depend on it, each by name.
         images = [name for name, kind in KINDS.items() if kind.resource == "reconstruction"]
         ordered = query.order_by(JobRow.kind.not_in(images), JobRow.id)
         rows = session.execute(ordered.with_for_update()).all()
         kept = needed(session)
-        old = [Resource(resource_of(row.kind), row.id) for row in rows if row.id not in kept]
-        services.deletion.forget(session, old, "service", "older than retention_days")
+        old = [row for row in rows if row.id not in kept]
+        gone = [Resource(resource_of(row.kind), row.id) for row in old]
+        services.deletion.forget(session, gone, "service", "older than retention_days")
+    for row in old:
+        about = (resource_of(row.kind), row.id, row.ended, age.total_seconds() / 86_400)
+        _log.info("%s %s is deleted: it ended at %s, more than %g days ago (retention_days)", *about)

@@ -121,3 +121,16 @@ def main() -> None:
     except OSError as error:
         complain(f"{error.filename or 'input/output'}: {error.strerror or error}")
         sys.exit(1)
+    except Exception as error:
+        if (said := _said_by_database(error)) is None:
+            raise
+        complain(f"the database cannot be used: {said}")
+        sys.exit(1)
+
+
+def _said_by_database(error: Exception) -> str | None:
+    """Return what a database said that refused something; ``None`` for any other error."""
+    loaded = sys.modules.get("sqlalchemy.exc")
+    if loaded is None or not isinstance(error, loaded.DBAPIError):
+        return None
+    return " ".join(str(error.orig).split())

@@ -10,8 +10,7 @@ import typer
 
 from steradian.cli.check import show_findings
 from steradian.cli.console import progress_bar, say, show_end
-from steradian.cli.key import Data
-from steradian.cli.storage import open_as_left
+from steradian.cli.data_folder import Data, open_as_left
 
 
 def backup(

@@ -55,10 +55,10 @@ def check(
         typer.echo(json.dumps({"findings": [asdict(finding) for finding in found], "repaired": done}, indent=2))
     else:
         for line in done:
-            console().print(line, soft_wrap=True)
+            console().print(line, soft_wrap=True, markup=False)
         show_findings(found)
         if not found:
-            console().print(f"{data}: {well}", soft_wrap=True)
+            console().print(f"{data}: {well}", soft_wrap=True, markup=False)
     if found:
         raise typer.Exit(3)
 

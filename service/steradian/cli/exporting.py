@@ -36,13 +36,13 @@ def export(
     replaced, a folder never.
     """
     from steradian.reconstructions.exporting import export_volume
-    from steradian.scans.exporting import ENDINGS, export_scan
+    from steradian.scans.exporting import export_scan
     from steradian.scans.importing.opening import is_own
 
     notes: list[str] = []
     with progress_bar() as progress:
         if is_own(source):
-            chosen = format or ENDINGS.get(destination.suffix.lower(), "ipasc")
+            chosen = format or _of_scan(destination)
             export_scan(
                 source,
                 destination,
@@ -57,6 +57,16 @@ def export(
     for note in notes:
         console().print(f"note: {note}", markup=False)
     show_end((f"{source} as {chosen}", destination))
+
+
+def _of_scan(path: Path) -> str:
+    from steradian.scans.exporting import ENDINGS
+
+    found = ENDINGS.get(path.suffix.lower())
+    if found is None:
+        allowed = f"a name that ends in {', '.join(ENDINGS)}; or -f {'|'.join(dict.fromkeys(ENDINGS.values()))}"
+        raise InvalidInput("destination", path.name, allowed)
+    return found
 
 
 def _by_ending(path: Path) -> str:

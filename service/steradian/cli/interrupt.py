@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 PATIENCE = 0.2
 """Seconds after which a Ctrl-C is told what is waited for."""
 _SHOW_CURSOR = "\x1b[?25h"
+_HANGUP = getattr(signal, "SIGHUP", None)
+"""What comes when the terminal goes, as an ssh connection does; Windows has none."""
 
 
 class ScanAtTerminal(Control):
@@ -44,6 +46,7 @@ class ScanAtTerminal(Control):
         self._existed = file.exists()
         self._stop, self._answered = StopEvent(), threading.Event()
         self._under_way = self._laser_is_off = False
+        self._terminals = [number for number in (1, 2) if os.isatty(number)]
         self._bar: ProgressBar | None = None
 
     def shown_by(self, bar: ProgressBar) -> None:
@@ -74,13 +77,25 @@ class ScanAtTerminal(Control):
         """Let time pass."""
         self._stop.wait(seconds)
 
-    def hear(self, *_: object) -> None:
-        """Take a signal."""
+    def hear(self, number: int, _frame: object) -> None:
+        """Take a signal; only a person's second one leaves at once: a terminal that goes may send several."""
+        if number == _HANGUP:
+            self._let_terminals_go()
         if self._stop.is_set():
+            if number == _HANGUP:
+                return
             self._leave_at_once()
         self._stop.set()
         if not self._under_way:
             raise KeyboardInterrupt
+
+    def _let_terminals_go(self) -> None:
+        """Write no more to a terminal that is gone: the words would fail, and the end of the scan with them."""
+        gone = [number for number in self._terminals if not os.isatty(number)]
+        for number in gone:
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, number)
+            os.close(nowhere)
 
     def _leave_at_once(self) -> None:
         """End this process without waiting for anything: the file is valid at every moment."""
@@ -151,9 +166,10 @@ class ScanAtTerminal(Control):
 
 @contextmanager
 def at_terminal(file: Path, options: tuple[str, ...] = ()) -> Iterator[ScanAtTerminal]:
-    """Take Ctrl-C and SIGTERM for a scan while the ``with`` block lasts, unless whoever started us had them ignored."""
+    """Take Ctrl-C, SIGTERM and SIGHUP for a scan while the block lasts, unless whoever started us had them ignored."""
     control = ScanAtTerminal(file, options)
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    numbers = (signal.SIGINT, signal.SIGTERM, *(() if _HANGUP is None else (_HANGUP,)))
+    before = {number: signal.getsignal(number) for number in numbers}
     heard = [number for number, handler in before.items() if handler is not signal.SIG_IGN]
     threading.Thread(target=control.explain, name="answer", daemon=True).start()
     for number in heard:

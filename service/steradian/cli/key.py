@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import timedelta
@@ -12,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from steradian.cli.console import console, say
+from steradian.cli.data_folder import Data, folder_of, open_as_left
 
 if TYPE_CHECKING:
     from steradian.security.keys import KeyStore
 
 app = typer.Typer(help="Make, list and revoke API keys.", no_args_is_help=True)
-Data = Annotated[Path | None, typer.Option(help="The service's data folder. [default: data]")]
 
 
 @app.command()
@@ -49,7 +48,7 @@ def create(
 def list_keys(data: Data = None) -> None:
     """List the keys, without their secrets."""
     folder = folder_of(data)
-    with _store(folder) as store:
+    with _readable_store(folder) as store:
         rows = store.list()
     for row in rows:
         state = "revoked" if row.revoked else f"until {row.expires:%Y-%m-%d %H:%M}" if row.expires else "valid"
@@ -66,13 +65,6 @@ def revoke(identifier: Annotated[str, typer.Argument(help="As listed.")], data: 
     say(f"{identifier} opens nothing any more in the service in {folder}")
 
 
-def folder_of(data: Path | None) -> Path:
-    """Return the data folder: as given, else that of the environment, else ``data``."""
-    from steradian.settings import PREFIX, Settings
-
-    return Settings.create(data=data if data is not None or f"{PREFIX}DATA" in os.environ else Path("data")).data
-
-
 @contextmanager
 def _store(folder: Path) -> Iterator[KeyStore]:
     from steradian.security.keys import KeyStore
@@ -85,6 +77,27 @@ def _store(folder: Path) -> Iterator[KeyStore]:
     database = Database(metadata_url(settings))
     try:
         database.migrate()
+        yield KeyStore(database)
+    finally:
+        database.close()
+
+
+@contextmanager
+def _readable_store(folder: Path) -> Iterator[KeyStore]:
+    """Open the keys for reading; a folder that cannot be written is left as it is."""
+    from steradian.security.keys import KeyStore
+    from steradian.settings import Settings
+    from steradian.storage.parts import can_write
+    from steradian.storage.paths import DataDirectory
+
+    settings = Settings.create(data=folder)
+    file = DataDirectory(folder).metadata_file
+    if settings.database_url is not None or not file.is_file() or can_write(file):
+        with _store(folder) as store:
+            yield store
+        return
+    _, database = open_as_left(folder, reads=True)
+    try:
         yield KeyStore(database)
     finally:
         database.close()

@@ -322,5 +322,5 @@ def _figures(mask: Mask, points: str) -> dict[str, object]:
             f" there the film loses about {seen.attenuation_db:.1f} dB at 1 MHz",
         }
     if seen.evenness is not None:
-        figures["solid angle per point"] = f"varies by {100 * seen.evenness:.1f} %"
+        figures["solid angle per point"] = f"varies by {100 * seen.evenness:.1f} % within the rim"
     return figures | {"id": mask.id}

@@ -39,13 +39,14 @@ def compare(
     phantom: Annotated[
         str | None,
         typer.Option(
-            help="Simulate and reconstruct an object through each mask: vessels, yarn or a volume file (.h5).",
+            help="Simulate and reconstruct an object through each mask: vessel-tree, yarn or a volume file (.h5); "
+            "not those of the simulated scanner.",
             rich_help_panel=SIMULATED,
         ),
     ] = None,
     phantom_radius: Annotated[
         float | None,
-        quantity(length, help="Its lateral radius; vessels and yarn.", rich_help_panel=SIMULATED),
+        quantity(length, help="Its lateral radius; vessel-tree and yarn.", rich_help_panel=SIMULATED),
     ] = None,
     region: Annotated[
         float | None,
@@ -159,9 +160,9 @@ def _promised_rows(found: Comparison) -> list[Row]:
         ("points", [f"{p.points:,}" for p in all_], None),
         ("spacing", [f"{1e6 * p.finest_m:.0f}–{1e6 * p.coarsest_m:.0f} µm" for p in all_], None),
         (
-            "solid angles vary by",
-            [f"{100 * p.solid_angle_spread:.0f} %" for p in all_],
-            [-p.solid_angle_spread for p in all_],
+            "solid angles within the rim vary by",
+            ["–" if p.solid_angle_spread is None else f"{100 * p.solid_angle_spread:.1f} %" for p in all_],
+            [float("-inf") if p.solid_angle_spread is None else -p.solid_angle_spread for p in all_],
         ),
         ("share of directions sensed", [f"{100 * p.view:.0f} %" for p in all_], None),
         ("steepest edges seen", [f"{p.steepest_deg:.0f}°" for p in all_], None),

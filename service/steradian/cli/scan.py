@@ -48,7 +48,8 @@ Phantom = Annotated[
     str | None,
     typer.Option(
         metavar="NAME|FILE",
-        help=f"What a simulated scanner looks at: {', '.join(NAMES)}, or an .npz file of balls or a volume."
+        help=f"What a simulated scanner looks at: {', '.join(NAMES)}, or an .npz file of balls or a volume;"
+        " not the objects of `mask compare`."
         f" [default: {PHANTOM}]",
     ),
 ]

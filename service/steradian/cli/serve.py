@@ -101,5 +101,5 @@ def _run(data: Path | None, **given: Any) -> None:
         signal.signal(number, lambda *_: stop.set())
     mode = "a simulated scanner" if settings.simulated else f"the scanner at {settings.scanner}"
     title = f"Steradian with {mode}" if settings.has_scanner else "A node of Steradian"
-    supervisor.serve(settings, lambda line: console().print(line, soft_wrap=True), stop, on_ready=title)
+    supervisor.serve(settings, lambda line: console().print(line, soft_wrap=True, markup=False), stop, on_ready=title)
     show_end(("stopped; everything is kept", settings.data))

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from steradian.cli.console import console, human_size, progress_bar, say, show_figures
-from steradian.cli.key import Data, folder_of
+from steradian.cli.data_folder import Data, open_as_left
 
 if TYPE_CHECKING:
     from steradian.settings import Settings
@@ -26,7 +25,7 @@ def show(data: Data = None) -> None:
     from steradian.storage.paths import DataDirectory
     from steradian.storage.usage import usage
 
-    settings, database = open_as_left(data)
+    settings, database = open_as_left(data, reads=True)
     folder, disk = DataDirectory(settings.data), Disk(settings.data, settings.disk_reserve_bytes, settings.quota_bytes)
     try:
         held = {name.replace("_", " "): size for name, size in usage(database, folder).items()}
@@ -139,28 +138,3 @@ def _store(settings: Settings, database: Database) -> ObjectStore:
     if settings.store is None:
         raise InvalidInput("STERADIAN_STORE", "missing", "s3://bucket/prefix; `steradian check` compares a folder")
     return ObjectStore(settings, database)
-
-
-def open_as_left(data: Path | None) -> tuple[Settings, Database]:
-    """Open the database as the service left it: its tables and the folder are the service's to change."""
-    from steradian.errors import Conflict, NotFound
-    from steradian.settings import Settings
-    from steradian.storage import folder as folders
-    from steradian.storage.database import Database, known_revisions, metadata_url
-    from steradian.storage.paths import DataDirectory
-
-    settings = Settings.create(data=folder_of(data))
-    folder = DataDirectory(settings.data)
-    if settings.database_url is None and not folder.metadata_file.is_file():
-        raise NotFound("data folder", str(folder.root))
-    database = Database(metadata_url(settings))
-    try:
-        revision, newest = database.revision(), known_revisions()[0]
-        if revision != newest:
-            version = f"the database has version {revision or 'none'}, this command is for {newest}"
-            raise Conflict(f"{version}; use the service's Steradian, started once")
-        folders.check(database, folder)
-    except BaseException:
-        database.close()
-        raise
-    return settings, database

@@ -48,5 +48,5 @@ def worker(
     stop = StopEvent()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: stop.set())
-    supervisor.work(settings, lambda line: console().print(line, soft_wrap=True), stop)
+    supervisor.work(settings, lambda line: console().print(line, soft_wrap=True, markup=False), stop)
     show_end(("stopped; results, and what goes back to the queue,", settings.data))

@@ -5,7 +5,9 @@ from __future__ import annotations
 from steradian.errors import InvalidInput
 from steradian.phantoms import Balls, vessels, yarn
 
-NAMES = ("vessels", "yarn")
+NAMES = ("vessel-tree", "yarn")
+EARLIER = {"vessels": "vessel-tree"}
+"""Names of before; the simulated scanner has another object called vessels."""
 DEPTH_SHARE = 0.45
 """Half the depth of either over its lateral radius."""
 
@@ -16,7 +18,7 @@ def phantom(name: str, point: tuple[float, float, float], radius: float | None =
     Parameters
     ----------
     name
-        ``vessels`` or ``yarn``.
+        ``vessel-tree`` (also ``vessels``) or ``yarn``; objects of their own, not those of the simulated scanner.
     point
         Its middle x, y, z in metres.
     radius
@@ -29,11 +31,12 @@ def phantom(name: str, point: tuple[float, float, float], radius: float | None =
     InvalidInput
         When there is no such phantom, or it would reach the film.
     """
+    name = EARLIER.get(name, name)
     if name not in NAMES:
         raise InvalidInput("phantom", name, ", ".join(NAMES) + " or a volume file")
     most = point[2] / DEPTH_SHARE
     if radius is not None and not 0 < radius < most:
         raise InvalidInput("phantom_radius", radius, f"> 0, below {most:.4g} m, else it reaches the film")
-    own = {"vessels": 3.5e-3, "yarn": 3.0e-3}[name]
+    own = {"vessel-tree": 3.5e-3, "yarn": 3.0e-3}[name]
     wide = min(own, 0.8 * most) if radius is None else radius
-    return vessels(seed, centre=point, radius=wide) if name == "vessels" else yarn(seed, centre=point, radius=wide)
+    return vessels(seed, centre=point, radius=wide) if name == "vessel-tree" else yarn(seed, centre=point, radius=wide)

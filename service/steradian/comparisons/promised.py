@@ -24,7 +24,8 @@ class Promised:
     finest_m, coarsest_m
         Least and greatest distance of a sensor to its nearest neighbour.
     solid_angle_spread
-        Standard deviation over mean of the sensors' solid angles seen from the point of interest, all of them.
+        Standard deviation over mean of the sensors' solid angles seen from the point of interest, within the rim: the
+        :attr:`steradian.masks.promises.Promises.evenness`. None where the rim cuts all cells but one.
     view
         Share of the half space above the film that the sensed area fills, seen from there: of edges, how many show.
     steepest_deg
@@ -42,7 +43,7 @@ class Promised:
     points: int
     finest_m: float
     coarsest_m: float
-    solid_angle_spread: float
+    solid_angle_spread: float | None
     view: float
     steepest_deg: float
     lateral_m: float
@@ -90,7 +91,7 @@ def promised(
         points=mask.count,
         finest_m=seen.finest,
         coarsest_m=seen.coarsest,
-        solid_angle_spread=float(angles.std() / angles.mean()),
+        solid_angle_spread=seen.evenness,
         view=float(angles.sum()) / (2 * pi),
         steepest_deg=degrees(seen.opening_angle) / 2,
         lateral_m=spread.lateral,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final, Literal
 
-from steradian.jobs import requests, tasks
+from steradian.jobs import forms, requests, tasks
 from steradian.jobs.work import Work
 from steradian.plain import plain
 
@@ -38,8 +38,11 @@ class JobKind:
     follows: str | None = None
 
     def run(self, work: Work, request: Mapping[str, Any]) -> dict[str, Any]:
-        """Check the request, do it and return plain JSON; raises :class:`InvalidInput` and what the work raises."""
-        report: dict[str, Any] = plain(self.work(work, self.request.create(**request)))
+        """Check the request, do it and return plain JSON.
+
+        Raises :class:`InvalidInput`, :class:`Conflict` for a request of a newer version, and what the work raises.
+        """
+        report: dict[str, Any] = plain(self.work(work, self.request.create(**forms.today(request))))
         return report
 
 

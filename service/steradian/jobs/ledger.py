@@ -294,7 +294,7 @@ class JobLedger(Repository[JobRow]):
     def _put_back(self, session: Session, row: JobRow, outcome: str, worker: str, why: str) -> None:
         """Queue a job again without counting its start."""
         self._note_end(row, outcome, why)
-        row.attempt, row.stage, row.done, row.total = row.attempt - 1, "put back", 0, 1
+        row.attempt, row.stage, row.done, row.total = row.attempt - 1, f"put back: {why}"[:120], 0, 1
         self._move(session, row, _R.QUEUED, worker, why)
 
     def _fail(self, session: Session, row: JobRow, worker: str, code: str, message: str) -> None:

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, Self, TypeAlias
 from pydantic import ConfigDict, Field, StringConstraints, model_validator
 
 from steradian.errors import InvalidInput
+from steradian.jobs.forms import stored
 from steradian.jobs.model import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobRequest, Requirements
 from steradian.ranges import LENGTH, SOUND_SPEED
 from steradian.reconstructions.parameters import ReconstructionParameters
@@ -208,7 +209,7 @@ def job_of(
     return JobRequest(
         job_id,
         request.kind,
-        payload,
+        stored(payload),
         request.priority,
         request.timeout,
         principal,

@@ -25,6 +25,7 @@ from steradian.jobs.process import JobProcess
 from steradian.logs import mark, request_id
 from steradian.settings import Settings
 from steradian.stopping import StopEvent
+from steradian.storage.parts import unwritable_job, unwritable_jobs
 from steradian.storage.paths import DataDirectory
 from steradian.storage.states import ReconstructionState
 from steradian.storage.tables import JobRow
@@ -84,6 +85,8 @@ class JobRunner:
         row, interruptions = None, 0
         try:
             while True:
+                if interruptions:
+                    await self._until_writable()
                 if self._folder_is_lost or self.stopping.is_set():
                     await self._stand_still()
                 after = self._data.job(job_id).newest
@@ -169,6 +172,10 @@ class JobRunner:
         about |= {"job": str(folder.root), "data": str(self._data.root.absolute()), "store": bool(self._settings.store)}
         timeout = min(row.timeout or self._settings.job_timeout, self._settings.job_timeout)
         follows = KINDS[row.kind].follows if row.kind in KINDS and row.timeout is None else None
+        if (why := unwritable_jobs(self._data)) is not None:
+            return Interrupted(f"waits until its folder can be written: {why}")
+        if (why := unwritable_job(self._data, row.id)) is not None:
+            return Failed("folder-not-writable", f"its folder cannot be written: {why}")
         try:
             outcome = await process.run(about, log=folder.log, report=progress, timeout=timeout, follows=follows)
             return self._keeper.announced(outcome)
@@ -232,6 +239,11 @@ class JobRunner:
             if self.stopping.is_set():
                 await self._stand_still()
             await asyncio.sleep(min(left, POLL))
+
+    async def _until_writable(self) -> None:
+        """Wait for the folder of jobs instead of starting one again and again; readiness says why meanwhile."""
+        while unwritable_jobs(self._data) is not None and not self._folder_is_lost:
+            await self._rest(BACKOFF)
 
     async def _stand_still(self) -> None:
         """Let the worker's process end before the engine hears of this one's end."""

@@ -11,7 +11,7 @@ from pydantic import Field
 from steradian.errors import InvalidInput
 from steradian.imaging.checks import MOST_AREA
 from steradian.imaging.weights import sensed_outline
-from steradian.masks.mask import Mask
+from steradian.masks.mask import Mask, check_shape
 from steradian.masks.weights import Weighting, weights_for
 from steradian.ranges import LENGTH
 from steradian.validation import FloatArray, Value, quantity
@@ -51,11 +51,10 @@ class Points(Value):
         InvalidInput
             When a point lies outside the aperture or the weights do not match the points.
         """
+        check_shape(self.positions)
         relative = np.ones(len(self.positions)) if self.weights is None else self.weights
-        if relative.shape != self.positions.shape[:1] or not len(relative):
-            raise InvalidInput(
-                "weights", f"an array of shape {relative.shape}", f"({len(self.positions)},), at least 1"
-            )
+        if relative.shape != self.positions.shape[:1]:
+            raise InvalidInput("weights", f"an array of shape {relative.shape}", f"({len(self.positions)},)")
         if (relative <= 0).any():
             raise InvalidInput("weights", f"{relative.min():g} at {int(relative.argmin())}", "> 0 (of any scale)")
         bare = Mask.create(  # checks the points before cells are drawn around them

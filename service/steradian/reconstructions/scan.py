@@ -76,7 +76,7 @@ class Scan:
         """What is known of each frame, a repetition or another excitation: its light, A-lines, first and last shot."""
         return list_frames(self.path)
 
-    def recording(self, frame: int = 0) -> Recording:
+    def recording(self, frame: int | None = 0) -> Recording:
         """Read the A-lines of one frame that are stored and intact, with their positions, weights and times.
 
         Raises
@@ -88,13 +88,13 @@ class Scan:
         """
         return read_scan(self.path, frame)
 
-    def reconstruct(self, *, frame: int = 0, **parameters: Any) -> Volume:
+    def reconstruct(self, *, frame: int | None = 0, **parameters: Any) -> Volume:
         """Reconstruct one frame.
 
         Parameters
         ----------
         frame
-            From 0.
+            From 0; None: the only one.
         parameters
             As in the HTTP API, for example ``modes=226, depth_range=(1e-3, 8e-3), method="iterative"``; what is left
             out is as the scan says.
@@ -102,11 +102,12 @@ class Scan:
         Raises
         ------
         InvalidInput
-            When a parameter is unknown, out of range or does not fit the scan.
+            When a parameter is unknown, out of range or does not fit the scan, or ``frame`` is None and the scan has
+            several.
         """
         return reconstruct_recording(self.recording(frame), ReconstructionParameters.create(**parameters))
 
-    def plot(self, axes: Axes | None = None, *, frame: int = 0) -> Axes:
+    def plot(self, axes: Axes | None = None, *, frame: int | None = 0) -> Axes:
         """Show the A-lines of a frame, those nearest to the middle first.
 
         Parameters
@@ -114,7 +115,7 @@ class Scan:
         axes
             A matplotlib plot to draw into; None: a new one.
         frame
-            From 0.
+            From 0; None: the only one.
         """
         axes = own_axes(axes)
         found = self.recording(frame)

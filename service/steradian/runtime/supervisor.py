@@ -23,7 +23,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import IO
 
@@ -36,7 +36,8 @@ from steradian.security.admission import require_key
 from steradian.settings import PREFIX, Settings
 from steradian.storage import belonging
 from steradian.storage.database import Database, metadata_url
-from steradian.storage.integrity import MANY, check_before_start
+from steradian.storage.integrity import MANY, check_before_start, is_database
+from steradian.storage.parts import require_writable
 from steradian.storage.paths import UMASK, DataDirectory
 
 TICK = 0.1
@@ -91,6 +92,11 @@ class Child:
         self._close_pipe()
         self.process, self.due = None, now + self.backoff
 
+    @property
+    def has_ended(self) -> bool:
+        """Whether it was started and has ended since."""
+        return self.process is not None and self.process.poll() is not None
+
     def ask_to_end(self) -> None:
         """Send SIGTERM."""
         if self.process is not None and self.process.poll() is None:
@@ -128,12 +134,15 @@ def serve(
     ------
     DataDirectoryInUse
         When another service owns the data directory.
+    FolderNotWritable
+        When a part of the data directory cannot be written: before anything listens, or once a process ended for it.
     InvalidInput
-        When the address cannot be listened on, or the data directory cannot be written, or a node lacks what it must
+        When the address cannot be listened on, or the data directory cannot be made, or a node lacks what it must
         share with the others.
     """
     _refuse_lone_node(settings)
     data = DataDirectory(settings.data)
+    _refuse_unusable(settings, data)
     with ExitStack() as stack:
         stack.enter_context(data.lock())
         for deed in data.close_to_others():
@@ -149,6 +158,8 @@ def serve(
         stack.callback(_end_all, children, GRACE + settings.drain_seconds)
         announced, watch = False, Watch(data, f"{url}/healthz", stop)
         while not stop.is_set():
+            if any(child.has_ended for child in children):
+                require_writable(data)  # else it would be started again for ever
             for child in children:
                 child.tend(time.monotonic())
             if not announced and answers(f"{url}/healthz"):
@@ -169,10 +180,13 @@ def work(settings: Settings, announce: Callable[[str], None], stop: threading.Ev
     ------
     InvalidInput
         When no database is named: only its locks tell hosts of each other's death.
+    FolderNotWritable
+        When a part of the data folder cannot be written.
     """
     if settings.database_url is None:
         allowed = "postgresql://…, the database of the service; without one, `steradian serve` has its own workers"
         raise InvalidInput("STERADIAN_DATABASE_URL", "missing", allowed)
+    require_writable(DataDirectory(settings.data))
     _refuse_foreign_folder(settings)
     if settings.store is not None:  # its own folder, not the service's
         DataDirectory(settings.data).create()
@@ -184,6 +198,18 @@ def work(settings: Settings, announce: Callable[[str], None], stop: threading.Ev
                 child.tend(time.monotonic())
     finally:
         _end_all(children, GRACE + settings.drain_seconds)
+
+
+def _refuse_unusable(settings: Settings, data: DataDirectory) -> None:
+    """Refuse a folder that cannot be written, or is another's, before anything in it is made or changed."""
+    require_writable(data)
+    if metadata_url(settings).startswith("sqlite"):  # which refuses a path that SQLite cannot open
+        if not is_database(data.metadata_file):
+            check_before_start(settings)
+    elif settings.role == "service" and data.root.is_dir():
+        database = Database(metadata_url(settings))
+        with closing(database), suppress(StoreUnavailable, SQLAlchemyError):  # which binding them says
+            belonging.check(settings, database)
 
 
 def _refuse_foreign_folder(settings: Settings) -> None:
@@ -213,6 +239,7 @@ def running_worker(settings: Settings) -> Iterator[None]:
     from steradian.jobs.engine import prepare  # takes seconds to load
 
     data = DataDirectory(settings.data)
+    require_writable(data)
     with data.lock(), (data.root / "run" / "worker.log").open("ab") as log:
         prepare(settings)  # workers make no tables
         child = _worker(settings, 0, log)

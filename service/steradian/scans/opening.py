@@ -10,7 +10,7 @@ from steradian.scans.reading import read_scan
 from steradian.scans.recording import Recording
 
 
-def open_recording(path: Path, frame: int = 0) -> Recording:
+def open_recording(path: Path, frame: int | None = 0) -> Recording:
     """Read a recording from one of the known kinds of file, told apart by what is in them.
 
     A scan file, or anything :func:`steradian.scans.importing.import_scan` reads without a description. ``frame`` is

@@ -62,7 +62,7 @@ def list_frames(path: Path) -> tuple[Frame, ...]:
     )
 
 
-def read_scan(path: Path, frame: int = 0) -> Recording:
+def read_scan(path: Path, frame: int | None = 0) -> Recording:
     """Read the stored A-lines of one frame of a scan file; points not measured yet are left out.
 
     The weights of a partial scan are those of its points, scaled to sum to the sensed area again.
@@ -72,13 +72,12 @@ def read_scan(path: Path, frame: int = 0) -> Recording:
     path
         The scan file.
     frame
-        Which frame, see :func:`list_frames`; most scans have only the first.
+        Which frame, see :func:`list_frames`; most scans have only the first. None: the only one.
 
     Raises
     ------
     InvalidInput
-        When there is no such frame.
-    ------
+        When there is no such frame, or none is named of several.
     DamagedFile
         When the file is truncated, of another kind or newer, or holds no A-line.
     """
@@ -96,12 +95,11 @@ def _check_kind(path: Path, file: h5py.File) -> None:
         raise DamagedFile(f"{path} has schema version {version}; this program reads {allowed}")
 
 
-def _read(path: Path, file: h5py.File, frame: int) -> Recording:
+def _read(path: Path, file: h5py.File, wanted: int | None) -> Recording:
     alines, mask, plan = file["alines"], file["mask"], file["plan"]
     points = len(mask["weights"])
     frames = len(alines["status"]) // points
-    if not 0 <= frame < frames:
-        raise InvalidInput("frame", frame, f"0 to {frames - 1}")
+    frame = _number(wanted, frames)
     rows = slice(frame * points, (frame + 1) * points)
     table = RowTable.of_file(file, rows)
     stored = np.flatnonzero(table.stored)
@@ -152,6 +150,16 @@ def shots_of(table: RowTable) -> Shots:
         level=table["dc_v"].astype(np.float64),
         gain=table["gain_db"].astype(np.float64),
     )
+
+
+def _number(frame: int | None, frames: int) -> int:
+    """Return the number of a frame; None is the only one."""
+    if frame is None and frames == 1:
+        return 0
+    if isinstance(frame, bool) or not isinstance(frame, int | np.integer) or not 0 <= frame < frames:
+        allowed = f"a whole number, 0 to {frames - 1}" if frames > 1 else "0, or None: the scan has one frame"
+        raise InvalidInput("frame", frame, allowed)
+    return int(frame)
 
 
 def _frame_provenance(file: h5py.File, frame: int, frames: int) -> dict[str, str]:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import sqlite3
 import time
+from pathlib import Path
 from typing import Final
-from urllib.parse import quote
 
 from steradian.storage.database import Database
+from steradian.storage.sqlite_files import file_uri
 
 AT_LEAST: Final = 1.0
 """Seconds after which one looks even if nothing was written: what was tried in vain is tried again."""
@@ -44,7 +45,7 @@ class Changes:
             return None
         try:
             if self._connection is None:
-                url = f"file:{quote(self._path)}?mode=ro"
+                url = file_uri(Path(self._path))
                 self._connection = sqlite3.connect(url, uri=True, check_same_thread=False)  # whoever drops it closes it
             return int(self._connection.execute("PRAGMA data_version").fetchone()[0])
         except sqlite3.Error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import sqlite3
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,6 +18,7 @@ from steradian.errors import DamagedFile
 from steradian.settings import Settings
 from steradian.storage.advisory import TIMEOUTS
 from steradian.storage.paths import DataDirectory
+from steradian.storage.sqlite_files import file_uri
 from steradian.storage.subseconds import add_subseconds
 from steradian.storage.tables import LogRow
 
@@ -27,14 +29,14 @@ MIGRATION_LOCK = 0x57E2AD1B
 
 
 class Database:
-    """Sessions on one database, named by an SQLAlchemy URL.
+    """Sessions on one database, named by an SQLAlchemy URL; with ``read_only`` a file is opened without writing any.
 
     Reads and writes are told apart because SQLite has one writer: a write takes its lock at the start instead of
     failing when it tries to upgrade in the middle.
     """
 
-    def __init__(self, url: str) -> None:
-        self.engine = _engine(url)
+    def __init__(self, url: str, *, read_only: bool = False) -> None:
+        self.engine = _reader(url) if read_only else _engine(url)
         self._readers = sessionmaker(self.engine, expire_on_commit=False)
         self._writers = sessionmaker(self.engine.execution_options(immediate=True), expire_on_commit=False)
 
@@ -148,6 +150,20 @@ def known_revisions() -> list[str]:
     from alembic.script import ScriptDirectory
 
     return [script.revision for script in ScriptDirectory(str(MIGRATIONS)).walk_revisions()]
+
+
+def _reader(url: str) -> Engine:
+    """Make an engine that only reads a SQLite file, in a folder that may be read-only, too."""
+    engine = create_engine(url)
+
+    @event.listens_for(engine, "do_connect")
+    def connect(_dialect: Any, _record: Any, _arguments: Any, _parameters: Any) -> sqlite3.Connection:
+        path = Path(engine.url.database or "")
+        # Beside a file that no process has open there is no log: nothing changes it.
+        at_rest = not path.with_name(f"{path.name}-wal").exists()
+        return sqlite3.connect(file_uri(path, immutable=at_rest), uri=True, check_same_thread=False)
+
+    return engine
 
 
 def _engine(url: str) -> Engine:

@@ -6,7 +6,6 @@ import sqlite3
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 from sqlalchemy import Row, Select, select
 from sqlalchemy.exc import DatabaseError
@@ -15,8 +14,10 @@ from steradian.errors import DamagedFile
 from steradian.settings import Settings
 from steradian.storage.database import Database, metadata_url
 from steradian.storage.paths import DataDirectory
+from steradian.storage.sqlite_files import file_uri
 from steradian.storage.tables import JobRow, RemovalRow, ScanRow
 
+MAGIC = b"SQLite format 3\0"
 MANY = 5
 """Of so many names at most a sentence is made."""
 
@@ -28,7 +29,7 @@ def fault_of(path: Path) -> str | None:
     if not path.stat().st_size:
         return "is empty (0 bytes)"
     try:
-        connection = sqlite3.connect(f"file:{quote(str(path))}?mode=ro", uri=True)
+        connection = sqlite3.connect(file_uri(path), uri=True)
         try:
             found = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
         finally:
@@ -36,6 +37,15 @@ def fault_of(path: Path) -> str | None:
     except sqlite3.DatabaseError as error:
         return "is no SQLite database" if "not a database" in str(error) else f"is damaged ({error})"
     return None if found == "ok" else f"is damaged ({' '.join(found.split())})"
+
+
+def is_database(path: Path) -> bool:
+    """Whether a file begins as SQLite's do; the rest is not read."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(MAGIC)) == MAGIC
+    except FileNotFoundError:
+        return False
 
 
 def is_absent(path: Path) -> bool:

@@ -55,8 +55,10 @@ class DataDirectory:
 
     @property
     def metadata_url(self) -> str:
-        """SQLAlchemy URL of the metadata."""
-        return f"sqlite:///{self.metadata_file}"
+        """SQLAlchemy URL of the metadata; raises :class:`InvalidInput` for a path that SQLite cannot open."""
+        from steradian.storage.sqlite_files import sqlite_url  # loads SQLAlchemy, which most do not need
+
+        return sqlite_url(self.metadata_file)
 
     @property
     def identity_file(self) -> Path:

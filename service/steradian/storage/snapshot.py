@@ -8,13 +8,13 @@ import uuid
 from contextlib import closing
 from pathlib import Path
 from typing import Final
-from urllib.parse import quote
 
 from sqlalchemy import Connection, delete, func, insert, select, text
 
 from steradian.errors import Conflict
 from steradian.storage.database import Database
 from steradian.storage.folder import FACT
+from steradian.storage.sqlite_files import file_uri, sqlite_url
 from steradian.storage.tables import LogRow, SessionRow, Table, TicketRow
 
 AT_A_TIME: Final = 1000
@@ -31,7 +31,7 @@ def take_snapshot(database: Database, path: Path) -> None:
     if database.is_file:
         _copy_file(Path(database.name), path)
     else:
-        target = Database(f"sqlite:///{path}")
+        target = Database(sqlite_url(path, "destination"))
         try:
             target.migrate()
             with database.engine.connect().execution_options(isolation_level="REPEATABLE READ") as source:
@@ -52,7 +52,7 @@ def require_empty(database: Database) -> None:
 
 def put_back(path: Path, database: Database) -> None:
     """Fill an empty PostgreSQL database with the rows of a snapshot, all of them or none."""
-    source = Database(f"sqlite:///{path}")
+    source = Database(sqlite_url(path, "backup"))
     try:
         with source.engine.connect() as rows, database.engine.begin() as target:
             _copy_rows(rows, target)
@@ -83,7 +83,7 @@ def make_another(database: Database) -> str:
 def _copy_file(source: Path, target: Path) -> None:
     """Copy in one go: readers do not hold up a writer, and a copy in pieces would begin again with every write."""
     with (
-        closing(sqlite3.connect(f"file:{quote(str(source))}?mode=ro", uri=True)) as rows,
+        closing(sqlite3.connect(file_uri(source), uri=True)) as rows,
         closing(sqlite3.connect(target)) as copy,
     ):
         rows.backup(copy)

@@ -11,6 +11,7 @@ import pytest
 from sqlalchemy import update
 
 from steradian.imaging import Axes, Volume
+from steradian.jobs import forms
 from steradian.jobs.kinds import KINDS
 from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import Succeeded
@@ -138,8 +139,9 @@ def test_a_reconstruction_is_one_request_from_http_to_who_does_it(http, ledger, 
     row = ledger.get(made["id"])
     assert (made["kind"], row.kind, row.priority) == (kind, kind, 7)
     whole = KINDS[kind].request.create(**body)
-    assert KINDS[kind].request.create(**row.payload) == whole
-    assert http.get(f"/jobs/{made['id']}").json()["asked"] == row.payload == kept(whole)
+    assert KINDS[kind].request.create(**forms.today(row.payload)) == whole
+    assert row.payload["form"] == forms.FORM
+    assert http.get(f"/jobs/{made['id']}").json()["asked"] == forms.asked(row.payload) == kept(whole)
 
 
 def test_a_waiting_reconstruction_is_moved_only_if_it_is_as_the_caller_saw_it(http, scan_with_alines):

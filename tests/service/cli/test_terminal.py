@@ -1,10 +1,12 @@
 """A person at a terminal: a scan, Ctrl-C, and going on with it, over a real pseudo-terminal."""
 
+import fcntl
 import os
 import re
 import signal
 import subprocess
 import sys
+import termios
 import time
 
 import h5py
@@ -180,6 +182,39 @@ def test_a_second_ctrl_c_leaves_at_once_with_the_file_whole(plan, terminal, tmp_
     check.expect(pexpect.EOF)
     check.close()
     assert check.exitstatus == 0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("way", ["signal alone", "terminal goes", "terminal goes with standard error"])
+def test_scan_run_after_sighup_ends_as_after_ctrl_c(plan, terminal, tmp_path, way):
+    """As when an ssh connection is closed; words on a terminal that is gone are lost, those in a file are not."""
+    with launch(speed=1.0, seed=3) as simulator:
+        command = [sys.executable, "-m", "steradian", "scan", "run", str(plan), "--scanner", simulator.url]
+        master, slave = os.openpty()
+        with (tmp_path / "said").open("wb") as said:
+            errors = slave if way == "terminal goes with standard error" else said
+            about = {"stdin": slave, "stdout": slave, "stderr": errors, "start_new_session": True, "preexec_fn": own}
+            scan = subprocess.Popen(command, cwd=tmp_path, **about)
+        os.close(slave)
+        wait_for(lambda: simulator.command("report")["shots"] > 100)
+        if way == "signal alone":
+            scan.send_signal(signal.SIGHUP)
+            scan.send_signal(signal.SIGHUP)
+        else:
+            os.close(master)  # the system sends SIGHUP to the terminal's session
+        assert scan.wait(250) == 130
+        report, stored = simulator.command("report"), int(read(tmp_path / "scan.h5")[1].sum())
+        assert (report["state"], report["shots"]) == ("safe_hold", stored)
+        found = re.search(ANSWER, (tmp_path / "said").read_text())
+        assert found or errors == slave, (tmp_path / "said").read_text()
+        if way == "signal alone":
+            os.close(master)
+
+
+def own():
+    """Make the terminal that of the new session, which hears of its end."""
+    hears()
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
 
 @pytest.mark.parametrize("module", ["steradian.cli.app", "typer", "steradian.cli.worker", "typer.rich_utils"])

@@ -1,6 +1,7 @@
 """Masks on equal terms: figures against closed forms, and who wins where."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from steradian.comparisons import Simulation, compare_masks, phantom, promised
 from steradian.errors import Cancelled
 from steradian.imaging import Axes, Volume
 from steradian.masks import counted_mask, equiangular_mask, write_mask
+from steradian.masks.promises import promises
 from steradian.phantoms import Balls, sampled
 
 APERTURE, DEPTH = 6e-3, 1.5e-3
@@ -64,9 +66,21 @@ def test_figures_are_those_of_closed_forms(vessels):
     assert grid.steepest_deg == pytest.approx(np.degrees(np.arctan(np.sqrt(2) * corner / DEPTH)))
     # in solid angle cells of one size differ as cos³ of the angle of incidence does
     cosine = DEPTH / np.hypot(np.linalg.norm(GRID.positions, axis=1), DEPTH)
-    assert grid.solid_angle_spread == pytest.approx((cosine**3).std() / (cosine**3).mean(), rel=1e-6)
+    angles = promises(GRID, POINT).solid_angles
+    np.testing.assert_allclose(angles / angles.mean(), cosine**3 / (cosine**3).mean(), rtol=1e-6)
     assert steradian_.solid_angle_spread < grid.solid_angle_spread / 2
     assert steradian_.travel_m > 0.9 * STERADIAN.count * steradian_.finest_m
+
+
+def test_the_spread_of_solid_angles_is_the_evenness_that_mask_and_page_tell(vessels, tmp_path):
+    for name, mask in (("grid", GRID), ("steradian", STERADIAN)):
+        assert vessels.promised[name].solid_angle_spread == promises(mask, POINT).evenness
+    size = ("--aperture", "6mm", "--depth", "1.5mm")
+    words = ("equi-steradian", *size, "--count", "309", "-o", str(tmp_path / "mask.json"))
+    told = CliRunner().invoke(app, words, catch_exceptions=False).output
+    compared = run("equi-steradian:309", "grid:289", *size).output
+    spread = re.search(r"varies by ([\d.]+ %) within the rim", told)[1]
+    assert re.search(r"solid angles within the rim vary by +([\d.]+ %)", compared)[1] == spread
 
 
 def test_noise_takes_contrast_from_the_ball_and_likeness_from_the_object():
@@ -128,7 +142,14 @@ def test_phantoms_stay_off_the_film(name, radius, field):
     with pytest.raises(InvalidInput) as refused:
         phantom(name, POINT, radius)
     assert refused.value.field == field
-    assert phantom("vessels", POINT).centres[:, 2].min() > 0
+    assert phantom("vessel-tree", POINT).centres[:, 2].min() > 0
+
+
+def test_phantom_by_its_name_of_before_is_the_same_object():
+    """The simulated scanner has another object called vessels."""
+    np.testing.assert_array_equal(phantom("vessels", POINT).centres, phantom("vessel-tree", POINT).centres)
+    with pytest.raises(InvalidInput, match="allowed: vessel-tree, yarn or a volume file"):
+        phantom("cat", POINT)
 
 
 def run(*words):
@@ -140,7 +161,15 @@ def test_the_command_takes_files_and_arrangements_and_prints_table_or_json(tmp_p
     words = (tmp_path / "mine.json", "grid:289", "random", "--aperture", "6mm", "--depth", "1.5mm", "--count", 200)
     done = run(*words, "--plot", tmp_path / "c.png")
     assert done.exit_code == 0
-    for text in ("mine", "grid:289", "random", "solid angles vary by", "expected contrast", "time at 50 Hz", "c.png"):
+    for text in (
+        "mine",
+        "grid:289",
+        "random",
+        "solid angles within the rim vary by",
+        "expected contrast",
+        "time at 50 Hz",
+        "c.png",
+    ):
         assert text in done.output
     assert (tmp_path / "c.png").read_bytes()[:4] == b"\x89PNG"
     told = json.loads(run(*words, "--json").output)
@@ -156,7 +185,7 @@ def test_a_picture_of_an_unknown_kind_is_refused_before_any_work(tmp_path):
 
 def test_the_command_says_who_wins_where():
     words = ("equi-steradian", "grid", "--aperture", "6mm", "--depth", "1.5mm", "--count", 300)
-    done = run(*words, "--phantom", "vessels", "--modes", 60, "--iterations", 0)
+    done = run(*words, "--phantom", "vessel-tree", "--modes", 60, "--iterations", 0)
     assert "direct, around the point of interest: equi-steradian wins" in done.output
     assert "direct, whole field: grid wins" in done.output
 

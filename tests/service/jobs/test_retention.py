@@ -12,6 +12,7 @@ from steradian.jobs.requests import ImportRequest, job_of
 from steradian.masks import grid_mask
 from steradian.plans import ScanPlan
 from steradian.settings import Settings
+from steradian.storage.ages import HELD, Ages
 from steradian.storage.database import Database, metadata_url
 from steradian.storage.states import ReconstructionState
 from steradian.storage.tables import EventRow
@@ -20,6 +21,12 @@ from steradian.storage.tables import EventRow
 class Clock:
     def __init__(self):
         self.now = datetime(2026, 1, 2, tzinfo=UTC)
+        self.wrong = 0.0
+        """Seconds by which it was put ahead: a steady clock does not have them."""
+
+    def jump(self, **by):
+        self.now += timedelta(**by)
+        self.wrong += timedelta(**by).total_seconds()
 
     def __call__(self):
         return self.now
@@ -46,6 +53,8 @@ def services(tmp_path):
     services.data.create()
     database.migrate()
     database.close()
+    services.ages = Ages(services.clock, steady=lambda: services.clock.now.timestamp() - services.clock.wrong)
+    assert services.ages.can_be_trusted(services.database)
     services._queue = Engine()
     services._opened.set()
     yield services
@@ -202,3 +211,100 @@ def test_what_killed_imports_were_writing_goes_and_scans_and_running_imports_kee
     tidy(services)
     left = {path.name for path in scans.iterdir()}
     assert left == {"s1.h5", "s2.h5.1.new", "s2.h5.2.new.importing", f"{armed}.h5.new"}
+
+
+def lines(caplog):
+    return [record.getMessage() for record in caplog.records if record.name.startswith("steradian")]
+
+
+def started(services):
+    """Forget the clock as a start does."""
+    services.ages = Ages(services.clock, steady=lambda: services.clock.now.timestamp())
+
+
+def test_each_deletion_by_age_is_a_line_that_names_what_when_and_why(services, caplog):
+    job(services, "old", over=True)
+    path = services.data.upload("u1")
+    path.write_bytes(b"x")
+    os.utime(path, (services.clock.now.timestamp(),) * 2)
+    services.clock.now += timedelta(days=31)
+    caplog.set_level("INFO")
+    caplog.clear()
+    tidy(services)
+    assert lines(caplog) == [
+        "upload u1 is deleted: it came at 2026-01-02 00:00:00+00:00, and none is kept for more than a day",
+        "reconstruction old is deleted: it ended at 2026-01-02 00:00:00+00:00, more than 30 days ago (retention_days)",
+    ]
+
+
+@pytest.mark.parametrize(("by", "said"), [({"days": 3650}, "ahead"), ({"hours": 2}, "ahead"), ({"hours": -2}, "back")])
+def test_nothing_is_deleted_by_its_age_for_a_day_after_the_clock_jumped(services, caplog, by, said):
+    folder, path = job(services, "old", over=True), services.data.upload("u1")
+    path.write_bytes(b"x")
+    services.clock.now += timedelta(days=29, hours=23)
+    os.utime(path, ((services.clock.now - timedelta(hours=23)).timestamp(),) * 2)
+    tidy(services)
+    services.clock.jump(**by)
+    for _ in range(4):
+        tidy(services)
+        services.clock.now += timedelta(hours=6)
+    assert (folder.exists(), path.exists()) == (True, True)
+    (told,) = lines(caplog)
+    assert f"the clock jumped {said} by" in told
+    assert told.endswith("; nothing is deleted by its age for 24 h")
+    services.clock.now += timedelta(hours=3)
+    tidy(services)
+    assert (folder.exists(), path.exists()) == (False, False)
+
+
+def test_nothing_is_deleted_by_its_age_at_a_start_with_a_clock_before_the_newest_record(services, caplog):
+    old = job(services, "old", over=True)
+    services.clock.now += timedelta(days=365)
+    job(services, "young", over=True)
+    services.clock.now -= timedelta(days=200)
+    started(services)
+    tidy(services)
+    assert old.exists()
+    assert "the clock says 2026-06-16T00:00:00+00:00, before the newest record of 2027-01-02" in lines(caplog)[0]
+
+
+def test_nothing_is_deleted_by_its_age_for_a_day_after_a_start_with_a_clock_years_ahead(services, caplog):
+    old = job(services, "old", over=True)
+    services.clock.now += timedelta(days=3650)
+    started(services)
+    tidy(services)
+    assert old.exists()
+    assert "the newest record is of 2026-01-02T00:00:00+00:00, the clock says 2035-12-31" in lines(caplog)[0]
+    services.clock.jump(days=-3650)  # the network has told the time
+    tidy(services)
+    services.clock.now += HELD
+    tidy(services)
+    assert old.exists()
+
+
+def test_what_ended_while_the_clock_stood_at_1970_has_its_age_counted_anew(services, caplog):
+    right, folders = services.clock.now, [job(services, "first", over=True)]
+    for name, wrong in (("early", datetime(1970, 1, 1, 1, tzinfo=UTC)), ("behind", right - timedelta(days=100))):
+        services.clock.now = wrong
+        folders.append(job(services, name, over=True))
+    path = services.data.upload("u1")
+    path.write_bytes(b"x")
+    os.utime(path, (3600, 3600))
+    services.clock.now = right + timedelta(days=31)
+    job(services, "last", over=True)
+    started(services)
+    tidy(services)
+    assert [folder.exists() for folder in folders] == [False, True, True]
+    assert path.exists()
+    told = [line for line in lines(caplog) if "was told by a wrong clock; its age is counted from now on" in line]
+    assert sorted(line.split(",")[0] for line in told) == [
+        f"the date of {one}" for one in ("job behind", "job early", "upload u1")
+    ]
+    services.clock.now += timedelta(days=29)
+    caplog.clear()
+    tidy(services)
+    assert [folder.exists() for folder in folders] == [False, True, True]
+    services.clock.now += timedelta(days=2)
+    tidy(services)
+    assert [folder.exists() for folder in folders] == [False, False, False]
+    assert lines(caplog) == []

@@ -1,5 +1,7 @@
 """Masks are checked, immutable values."""
 
+import doctest
+
 import numpy as np
 import pytest
 
@@ -25,13 +27,23 @@ def test_grid_positions_and_weights():
         ([[0, 0], [0, 6e-3]], r"positions\[1\] is \(0, 6\) mm; allowed: within the aperture, ±5 mm"),
         ([[0, float("nan")]], "finite"),
         ([0.0, 1.0], r"\(M, 2\)"),
-        (np.empty((0, 2)), "at least 1"),
+        (np.empty((0, 2)), r"positions is an array of shape \(0, 2\); .*at least 1"),
+        ([], r"positions is an array of shape \(0,\); allowed: \(M, 2\).*at least 1"),
     ],
 )
 def test_points_that_make_no_mask_are_refused(positions, message):
     """Points beyond the aperture, NaN or of a wrong shape are named."""
     with pytest.raises(InvalidInput, match=message):
         custom_mask(positions, aperture=10e-3)
+
+
+def test_weight_ratio_examples_are_what_it_gives():
+    class Shown:
+        __doc__ = Mask.weight_ratio.__doc__
+
+    (examples,) = doctest.DocTestFinder().find(Shown, "weight_ratio", globs={})
+    assert len(examples.examples) == 3
+    assert doctest.DocTestRunner(verbose=False).run(examples).failed == 0
 
 
 def test_a_mask_survives_json():

@@ -3,6 +3,8 @@ import logging
 import os
 import re
 import threading
+import time
+from datetime import UTC, datetime, timedelta
 
 import pytest
 
@@ -58,6 +60,20 @@ def test_what_a_person_wrote_stays_in_its_line(written):
     logging.getLogger("steradian.test").warning("scan s1 is wished aborted: %s", reason)
     (line,) = written()
     assert line.endswith(r"smoke\n2026-01-01 00:00:00,000 INFO api all is well\r\x1b[2K\u2028\u202eend, Überdruck 5 µm")
+
+
+def test_text_log_begins_each_line_with_local_time_and_its_offset_from_utc(written, monkeypatch):
+    monkeypatch.setenv("TZ", "Asia/Kathmandu")
+    time.tzset()
+    try:
+        logging.getLogger("steradian.test").warning("something")
+        (line,) = written()
+    finally:
+        monkeypatch.undo()
+        time.tzset()
+    at = datetime.fromisoformat(line.split(" ")[0])
+    assert at.utcoffset() == timedelta(hours=5, minutes=45)
+    assert abs(datetime.now(UTC) - at) < timedelta(hours=1)
 
 
 def test_a_log_that_nobody_reads_holds_up_nobody_and_says_later_how_much_is_lost(log_to, monkeypatch):

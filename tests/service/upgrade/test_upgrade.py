@@ -11,6 +11,7 @@ import pytest
 from sqlalchemy import text
 
 from steradian.errors import DamagedFile
+from steradian.jobs.kinds import KINDS
 from steradian.runtime.inspection import inspect
 from steradian.storage.database import Database, known_revisions, metadata_url
 from support.services import Service
@@ -52,13 +53,30 @@ def test_an_earlier_folder_opens_with_all_that_is_in_it_and_goes_on(left):
     assert service.get(f"/scans/{said['whole']}").json()["state"] == "complete"
     volume = service.get(f"/reconstructions/{said['volume']}/volume", headers={"Accept": "application/x-npy"})
     assert volume.content.startswith(b"\x93NUMPY")
-    assert service.get(f"/uploads/{said['upload']}").json()["bytes"] == 800
+    assert service.get(f"/uploads/{said['upload']}").json()["bytes"] == said.get("upload_bytes", 800)
     running = service.get(f"/scans/{said['running']}").json()
-    assert (running["state"], running["summary"]["stored"] >= said["stored"]) == ("interrupted", True)
-    until(lambda: service.get(f"/jobs/{said['queued']}").json()["state"] == "succeeded", 200)
+    stored = running["summary"]["stored"] if running["summary"] else running["progress"]["done"]
+    assert (running["state"], stored >= said["stored"]) == ("interrupted", True)
+    waiting = dict(said.get("jobs", {"reconstruction": said["queued"]}))
+    following = waiting.pop("live", None)
+    for kind, job in waiting.items():
+        until(lambda job=job: service.get(f"/jobs/{job}").json()["ended"], 200)
+        assert (kind, service.get(f"/jobs/{job}").json()["error"]) == (kind, None)
     service.http.put(f"/scans/{said['running']}/desired-state", json={"state": "running"}).raise_for_status()
     until(lambda: service.get(f"/scans/{said['running']}").json()["state"] == "complete", 200)
+    if following is not None:
+        until(lambda: service.get(f"/jobs/{following}").json()["state"] == "succeeded", 200)
     service.done("/reconstructions", scan_id=said["running"], parameters={"modes": 16})
+
+
+def test_newest_archive_holds_a_waiting_job_of_every_kind_with_its_form():
+    """Before a release with another kind or form, leave.py adds an archive."""
+    newest = max(name for name in EARLIER if name.endswith("embedded"))
+    with tarfile.open(Path(__file__).parent / "data" / f"{newest}.tar.xz") as archive:
+        said = json.loads(archive.extractfile("said.json").read())
+        rows = archive.extractfile("rows.sql").read().decode()
+    assert set(said["jobs"]) == set(KINDS)
+    assert rows.count('{"form": 1, ') >= len(KINDS)
 
 
 def test_a_folder_of_a_newer_version_is_refused_with_words(left):

@@ -35,6 +35,7 @@ from steradian.storage.database import Database, known_revisions
 from steradian.storage.disk import imported_scan_id
 from steradian.storage.paths import PRIVATE, DataDirectory
 from steradian.storage.snapshot import take_snapshot
+from steradian.storage.sqlite_files import sqlite_url
 from steradian.storage.states import ScanState, is_terminal
 from steradian.storage.tables import JobRow, ScanRow
 
@@ -118,7 +119,7 @@ class _Rows:
 
     @classmethod
     def of(cls, path: Path) -> _Rows:
-        engine = create_engine(f"sqlite:///{path}")
+        engine = create_engine(sqlite_url(path, "destination"))
         with Session(engine) as session:
             scans = session.execute(select(ScanRow.id, ScanRow.state)).all()
             jobs = session.execute(select(JobRow.id, JobRow.state, JobRow.kind, JobRow.payload)).all()

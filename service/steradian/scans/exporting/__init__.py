@@ -15,8 +15,8 @@ from steradian.scans.locking import open_to_read
 __all__ = ["ENDINGS", "ScanFormat", "export_scan"]
 
 ScanFormat = Literal["ipasc", "sgl"]
-ENDINGS: dict[str, ScanFormat] = {".sgl": "sgl"}
-"""Formats by how a name ends; any other name is an IPASC file."""
+ENDINGS: dict[str, ScanFormat] = {".hdf5": "ipasc", ".h5": "ipasc", ".sgl": "sgl"}
+"""Formats by how a name ends."""
 
 
 def export_scan(

@@ -1,0 +1,52 @@
+"""The data folder that a command works on, and its database as the service left it."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from steradian.settings import Settings
+    from steradian.storage.database import Database
+
+Data = Annotated[Path | None, typer.Option(help="The service's data folder. [default: data]")]
+
+
+def folder_of(data: Path | None) -> Path:
+    """Return the data folder: as given, else that of the environment, else ``data``."""
+    from steradian.settings import PREFIX, Settings
+
+    return Settings.create(data=data if data is not None or f"{PREFIX}DATA" in os.environ else Path("data")).data
+
+
+def open_as_left(data: Path | None, *, reads: bool = False) -> tuple[Settings, Database]:
+    """Open the database as the service left it: its tables and the folder are the service's to change.
+
+    Who only ``reads`` may have a folder that cannot be written: one on a read-only file system, or another user's.
+    """
+    from steradian.errors import Conflict, NotFound
+    from steradian.settings import Settings
+    from steradian.storage import folder as folders
+    from steradian.storage.database import Database, known_revisions, metadata_url
+    from steradian.storage.parts import can_write
+    from steradian.storage.paths import DataDirectory
+
+    settings = Settings.create(data=folder_of(data))
+    folder = DataDirectory(settings.data)
+    if settings.database_url is None and not folder.metadata_file.is_file():
+        raise NotFound("data folder", str(folder.root))
+    read_only = reads and settings.database_url is None and not can_write(folder.metadata_file)
+    database = Database(metadata_url(settings), read_only=read_only)
+    try:
+        revision, newest = database.revision(), known_revisions()[0]
+        if revision != newest:
+            version = f"the database has version {revision or 'none'}, this command is for {newest}"
+            raise Conflict(f"{version}; use the service's Steradian, started once")
+        folders.check(database, folder)
+    except BaseException:
+        database.close()
+        raise
+    return settings, database
