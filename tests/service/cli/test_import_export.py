@@ -58,8 +58,8 @@ def test_a_scan_is_exported_as_ipasc_and_imported_again(walk):
         (["export", "out/volume.h5", "ball", "--format", "dicom"], 2, ["nifti, tiff, ome-zarr"]),
         (["export", "out/volume.h5", "out", "--format", "png"], 4, ["folder that exists"]),
         (["export", "scan.h5", "scan.nrrd", "--format", "nrrd"], 2, ["ipasc"]),
-        (["export", "scan.h5", "x.nii.gz"], 2, ["destination is x.nii.gz", ".hdf5 or .h5", "IPASC", "-f ipasc"]),
-        (["export", "scan.h5", "x"], 2, ["destination is x;", ".hdf5 or .h5"]),
+        (["export", "scan.h5", "x.nii.gz"], 2, ["destination is x.nii.gz", ".hdf5, .h5, .sgl", "-f ipasc|sgl"]),
+        (["export", "scan.h5", "x"], 2, ["destination is x;", ".hdf5, .h5, .sgl"]),
         (["export", "lines.csv", "ball.nrrd"], 3, ["lines.csv"]),
     ],
 )

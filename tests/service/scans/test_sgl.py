@@ -224,6 +224,7 @@ def test_mutated_sgl_is_refused_or_read_right(tmp_path):
 
 
 @pytest.mark.long
-def test_ten_thousand_mutated_sgl_are_refused_or_read_right(tmp_path):
-    ends = try_mutants(tmp_path, 10_000, seed=2)
-    assert min(ends.values()) > 1000
+@pytest.mark.parametrize("seed", range(10, 30))
+def test_five_hundred_of_ten_thousand_mutated_sgl_are_refused_or_read_right(tmp_path, seed):
+    ends = try_mutants(tmp_path, 500, seed)
+    assert min(ends.values()) > 50

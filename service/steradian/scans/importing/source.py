@@ -103,12 +103,10 @@ class Source:
         Provenance.
     time_zeros
         (M,) seconds of each sensor where they differ; ``time_zero`` is then the earliest.
-    averages
-        Pulses averaged into an A-line.
-    details
-        What the scan file's record of its source keeps.
+    averages, details
+        Pulses averaged into an A-line; what the scan file's record of its source keeps.
     notes
-        What was decided or assumed; reading the A-lines may add to it.
+        What was decided or assumed, also while the A-lines are read.
     """
 
     format: str
@@ -277,8 +275,7 @@ def _require_extent(points: NDArray[np.floating[Any]], said: Description) -> Non
 def _hint(described: bool, field: Literal["lengths", "times"], unit: str) -> str:
     """Say how to state the unit of a description's numbers, or what unit a file's own count as."""
     if not described:
-        kind = "length" if field == "lengths" else "time"
-        example = "mm" if field == "lengths" else "us"
+        kind, example = ("length", "mm") if field == "lengths" else ("time", "us")
         return (
             f'numbers of a file count as {unit}; a description with no {kind} of its own, {{"{field}": "{example}"}}, '
             "says their unit"
