@@ -9,13 +9,14 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabry_perot import conformance, connect, discover, emergency_stop, faults
-from fabry_perot.errors import PlanInvalid, ScannerError
+from fabry_perot.errors import PlanInvalid, Refused, ScannerError
 from fabry_perot.host import scanfile
 from fabry_perot.host.scanner import Scanner
 from fabry_perot.host.transport import open_transport
@@ -45,12 +46,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _list(given: argparse.Namespace) -> None:
-    """Show ports, and with --probe what is there."""
-    found = discover(given.urls or None, probe=given.probe)
+    """Show ports, and with --probe what is there, or why no scanner could be asked."""
+    found = discover(given.urls or None, probe=given.probe, silent=True)
     for port in found:
-        what = "busy" if port.busy else f"{port.model} {port.serial}".strip() or port.description
-        print(f"{port.url}\t{what}")
-    if not found:
+        what = f"{port.model} {port.serial}".strip() or port.reason.removeprefix(f"{port.url} ") or port.description
+        print(f"{port.url}\t{'busy: ' * port.busy}{what}")
+    if not any(port.model or not given.probe for port in found):
         print("no port" if not given.probe else "no scanner", file=sys.stderr)
 
 
@@ -60,7 +61,7 @@ def _status(given: argparse.Namespace) -> None:
         known = scanner.capabilities
         figures = {name: getattr(known, name) for name in known.__dataclass_fields__}
         figures |= {"state": scanner.state, "laser": _laser(scanner), "cause": HoldCause(scanner.status.cause).name}
-        figures |= {name: value for name, value in scanner.statistics().items() if name not in figures}
+        figures |= {name: value for name, value in _statistics(scanner).items() if name not in figures}
         name, advice = _fault(scanner)
     if given.json:
         print(json.dumps(figures | {"fault_name": name}, default=list))
@@ -69,6 +70,14 @@ def _status(given: argparse.Namespace) -> None:
     width = max(map(len, figures))
     for name, value in figures.items():
         print(f"{name:<{width}}  {value}")
+
+
+def _statistics(scanner: Scanner) -> dict[str, object]:
+    """Return counters of both sides; of a device whose hardware does not answer, as far as it tells them."""
+    for _ in range(2):  # a refusal latches the fault, after which the device answers without its hardware
+        with suppress(Refused):
+            return scanner.statistics()
+    return dict(scanner.status._asdict())
 
 
 def _watch(given: argparse.Namespace) -> None:
@@ -246,7 +255,9 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     port = argparse.ArgumentParser(add_help=False)
     port.add_argument("url", metavar="PORT", help="/dev/ttyUSB0, socket://HOST:PORT, rfc2217://HOST:PORT")
-    port.add_argument("--baud", type=int, default=3_000_000, help="of a UART; a pty and USB ignore it")
+    port.add_argument(
+        "--baud", type=int, help="of a UART, default 3000000; PORT may name it, too: /dev/ttyUSB0?baud=921600"
+    )
 
     def command(name: str, function: Callable[[argparse.Namespace], object], *, ports: bool = True) -> Adder:
         about = " ".join((function.__doc__ or "").split())
@@ -256,7 +267,7 @@ def _parser() -> argparse.ArgumentParser:
 
     add = command("list", _list, ports=False)
     add("urls", nargs="*", metavar="PORT", help="ports to look at; default: all that the system knows")
-    add("--probe", action="store_true", help="say HELLO at each, and show those where a scanner answers")
+    add("--probe", action="store_true", help="say HELLO at each, and show which scanner answers, or why none does")
     add = command("status", _status)
     add("--json", action="store_true", help="as one JSON object")
     add = command("watch", _watch)

@@ -5,6 +5,7 @@ ScannerError
 ├── FrameError             bytes are not a valid frame or message (also a ``ValueError``)
 ├── LinkError              the line between host and device (also a ``ConnectionError``)
 │   ├── PortUnavailable    no such port, or it cannot be opened
+│   │   └── PortForbidden  this user may not open it
 │   ├── PortBusy           another process holds the port
 │   ├── NoAnswer           nothing answered in time
 │   ├── ProtocolMismatch   device and host share no protocol version
@@ -73,6 +74,12 @@ class PortUnavailable(LinkError):
     """No such port, or it cannot be opened."""
 
     code = "port-unavailable"
+
+
+class PortForbidden(PortUnavailable):
+    """The user has no permission to open the port."""
+
+    code = "port-forbidden"
 
 
 class PortBusy(LinkError):
@@ -158,16 +165,18 @@ class DeviceFault(DeviceError):
         The fault's code, as in STATUS (:mod:`fabry_perot.faults`).
     port
         The scanner's port, for the command in the message.
+    text
+        What the device says of the fault, for example an instrument's own words.
     """
 
     code = "device-fault"
 
-    def __init__(self, fault: int, port: str = "PORT") -> None:
-        self.fault, self.port = fault, port
-        super().__init__(faults.advice(fault, port))
+    def __init__(self, fault: int, port: str = "PORT", text: str = "") -> None:
+        self.fault, self.port, self.text = fault, port, text
+        super().__init__(faults.advice(fault, port) + (f" (the scanner says: {text})" if text else ""))
 
-    def __reduce__(self) -> tuple[type[DeviceFault], tuple[int, str]]:
-        return type(self), (self.fault, self.port)
+    def __reduce__(self) -> tuple[type[DeviceFault], tuple[int, str, str]]:
+        return type(self), (self.fault, self.port, self.text)
 
 
 class FaultStands(DeviceError):

@@ -32,7 +32,7 @@ class Settings(BaseSettings):
     scanner: str = Field(
         default="simulated",
         min_length=1,
-        description="'simulated', a serial port such as /dev/ttyUSB0, or socket://host:port",
+        description="'simulated', a serial port such as /dev/ttyUSB0 or /dev/ttyUSB0?baud=921600, or socket://host:port",
     )
     scanner_id: str = Field(
         default=FIRST_SCANNER,
@@ -166,7 +166,19 @@ class Settings(BaseSettings):
         elif settings.store is not None:
             allowed = "none without STERADIAN_DATABASE_URL: what is in a store, every host must know"
             raise InvalidInput("store", settings.store, allowed)
+        if "?" in settings.scanner:
+            settings._check_baud()
         return settings
+
+    def _check_baud(self) -> None:
+        """Raise InvalidInput where the scanner's baud rate is none."""
+        from fabry_perot import PlanInvalid
+        from fabry_perot.host.address import split
+
+        try:
+            split(self.scanner)
+        except PlanInvalid as error:
+            raise InvalidInput("scanner", self.scanner, f"a port with {error.field} of {error.allowed}") from error
 
     @property
     def has_scanner(self) -> bool:

@@ -7,28 +7,43 @@ from driver_bench import CountingInstrument
 from fabry_perot.clock import VirtualClock
 from fabry_perot.conformance import Peer, run
 from fabry_perot.device import Device
+from fabry_perot.device.timing import DeviceTiming
 
 
 class VirtualLine:
-    """A device under a virtual clock, at the other end of a line that takes no time; each read is a millisecond."""
+    """A device under a virtual clock, at the other end of a line that takes no time; each read is a millisecond.
 
-    def __init__(self, **limits: int) -> None:
-        self.clock, self.limits = VirtualClock(1_000_000), limits
+    Parameters
+    ----------
+    speed
+        Device seconds a second; its capabilities must say the same.
+    limits
+        Of the device.
+    """
+
+    def __init__(self, speed: int = 1, **limits: int) -> None:
+        self.clock, self.limits, self.speed = VirtualClock(1_000_000), limits, speed
         self.instrument = CountingInstrument()
         self.boots, self.sent = 0, b""
         self.boot()
 
     def boot(self) -> None:
         self.boots += 1
-        self.device = Device(self.instrument, boot=0xB000 + 7 * self.boots, now=self.clock.now(), **self.limits)
+        boot, timing = 0xB000 + 7 * self.boots, DeviceTiming().scaled(self.speed)
+        now = self.clock.now() * self.speed
+        self.device = Device(self.instrument, boot=boot, now=now, timing=timing, **self.limits)
 
     def write(self, data: bytes) -> None:
         self.sent += data
 
     def read(self) -> bytes:
+        before = self.clock.now()
         self.clock.advance(1_000)
         data, self.sent = self.sent, b""
-        self.device.receive(data, self.clock.now())
+        step = 1_000 if self.speed == 1 else 250 * self.speed
+        for now in range(before * self.speed + step, self.clock.now() * self.speed + 1, step):
+            self.device.receive(data, now)
+            data = b""
         return self.device.pull(16384)
 
     def close(self) -> None: ...
@@ -41,7 +56,7 @@ class VirtualLine:
             self.boot()
 
 
-def outcomes(*only: str, **limits: int) -> dict[str, str]:
-    line = VirtualLine(**{"ring": 16, **limits})
+def outcomes(*only: str, speed: int = 1, **limits: int) -> dict[str, str]:
+    line = VirtualLine(speed, **{"ring": 16, **limits})
     found = run(Peer(line, line.clock), fire=True, ask=line.ask, only=only)
     return {outcome.name: outcome.failure or outcome.skipped for outcome in found}

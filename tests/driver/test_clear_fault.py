@@ -122,6 +122,7 @@ def test_a_scan_whose_fault_was_cleared_goes_on_exactly_once_after_a_restart_of_
     assert [line.number for line in lines] == list(range(COUNT))
 
 
+@pytest.mark.long
 def test_status_and_watch_name_a_fault_and_its_remedy(simulator):
     with fabry_perot.connect(simulator.url, timing=PATIENT) as scanner:
         interrupted(scanner, simulator, [])
@@ -133,6 +134,7 @@ def test_status_and_watch_name_a_fault_and_its_remedy(simulator):
     assert "interlock-opened" in watch
 
 
+@pytest.mark.long
 def test_clearing_nothing_or_without_a_name_is_refused(simulator):
     nothing = command("clear-fault", simulator.url, "--by", "Kim")
     assert (nothing.returncode, nothing.stdout) == (1, "")

@@ -41,6 +41,22 @@ def test_the_device_passes_every_scenario(limits):
     assert outcomes(**limits) == dict.fromkeys(NAMES, "")
 
 
+@pytest.mark.parametrize("speed", [20, 200])
+def test_conformance_of_a_device_whose_time_runs_faster_passes_what_looks_at_a_scan(speed, monkeypatch):
+    monkeypatch.setitem(CAPABILITIES, "clock_rate", float(speed))
+    wanted = ("credit", "silence", "old_echo", "future", "new_session", "aborts")
+    assert outcomes(*wanted, speed=speed) == dict.fromkeys(wanted, "")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("speed", [20, 200])
+def test_conformance_of_a_simulator_that_runs_faster_passes_every_scenario(speed):
+    command = [sys.executable, "-m", "fabry_perot", "conformance"]
+    with launch(speed=speed) as simulator:
+        done = subprocess.run([*command, simulator.url], capture_output=True, text=True, timeout=550)
+    assert re.search(r"^\d+ passed, 0 failed, 2 skipped$", done.stdout, re.MULTILINE), done.stdout + done.stderr
+
+
 def test_every_mutant_of_the_protocol_is_one_of_the_device_or_of_the_host():
     assert set(KILLERS) | OF_THE_HOST == set(MUTANTS)
     assert set(KILLERS.values()) <= set(NAMES)

@@ -42,11 +42,15 @@ def points_of(tmp_path, count=40):
     return where * 1e-3
 
 
-def test_list_finds_the_scanner_and_says_when_somebody_has_it(simulator, tmp_path):
+def test_list_finds_the_scanner_and_says_who_has_it(simulator, tmp_path):
     said = run("list", simulator.url, tmp_path / "nothing", "--probe", cwd=tmp_path)
-    assert said == f"{simulator.url}\tsimulated Fabry-Perot scanner SIM-0002\n"
+    nothing = f"{tmp_path / 'nothing'}\tcannot open {tmp_path / 'nothing'}: there is no such file; is the scanner"
+    assert said.startswith(f"{simulator.url}\tsimulated Fabry-Perot scanner SIM-0002\n{nothing}")
     with fabry_perot.connect(simulator.url):
-        assert run("list", simulator.url, "--probe", cwd=tmp_path) == f"{simulator.url}\tbusy\n"
+        busy = run("list", simulator.url, "--probe", cwd=tmp_path)
+        who = "is connected: 127.0.0.1" if simulator.url.startswith("socket:") else f"(process {os.getpid()})"
+        assert busy.startswith(f"{simulator.url}\tbusy: ")
+        assert who in busy
         assert re.search("is connected|in use by", run("status", simulator.url, cwd=tmp_path, code=1))
 
 

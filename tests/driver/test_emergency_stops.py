@@ -138,16 +138,24 @@ def test_emergency_stop_of_a_line_that_is_cut_is_unconfirmed():
 
 
 def test_emergency_stop_while_the_line_is_unplugged_keeps_the_laser_off_after_it_is_back(tmp_path):
-    with launch(**FAST) as simulator, scan_of(simulator, tmp_path) as scan:
-        simulator.command("unplug", seconds=1.2)
-        answer = fabry_perot.emergency_stop(simulator.url, timeout=0.5, who="Pat")
-        assert answer.laser == "unconfirmed"
-        assert f"(process {scan.pid})" in answer.holder
-        _, errors = scan.communicate(timeout=250)
-        assert "stopped by an emergency stop from Pat" in errors
-        before = report(simulator)["shots"]
-        assert not report(simulator)["shutter"]
-        assert report(simulator)["shots"] == before
+    """It comes back so soon that the scan would be taken up; a stop that a busy machine delays does not count."""
+    for attempt in range(6):
+        folder = tmp_path / str(attempt)
+        folder.mkdir()
+        with launch(**FAST) as simulator, scan_of(simulator, folder) as scan:
+            began = simulator.command("unplug", seconds=1.5)["time"]
+            answer = fabry_perot.emergency_stop(simulator.url, timeout=0.3, who="Pat")
+            if report(simulator)["time"] - began > 1_400_000:
+                continue
+            assert answer.laser == "unconfirmed"
+            assert f"(process {scan.pid})" in answer.holder
+            _, errors = scan.communicate(timeout=250)
+            assert "stopped by an emergency stop from Pat" in errors, errors
+            after = report(simulator)
+            assert not after["shutter"]
+            assert after["last_shot"] < began + 1_000_000
+            return
+    pytest.fail("no stop came while the line was away")
 
 
 def test_emergency_stop_before_a_scan_is_armed_keeps_it_from_being_armed():
@@ -204,7 +212,7 @@ def test_emergency_stop_by_a_user_who_may_not_open_the_port_reaches_the_program_
         with program(ANOTHER_USER, terminal) as guest:
             alone = json.loads(guest.communicate(timeout=250)[0])
         assert alone["laser"] == "unconfirmed"
-        assert "Permission denied" in alone["detail"]
+        assert "ermission" in alone["detail"]
         with scan_of(simulator, tmp_path) as scan, program(ANOTHER_USER, terminal) as guest:
             beside = json.loads(guest.communicate(timeout=250)[0])
             assert beside["laser"] == "off"
@@ -245,6 +253,7 @@ def test_emergency_stop_believes_no_process_that_does_not_hold_the_port(tmp_path
             assert answer.laser == "off"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("line", ["terminal", "tcp"])
 def test_the_stop_command_says_what_the_device_says_and_fails_when_it_cannot_ask(line, tmp_path):
     with launch(**FAST, tcp="127.0.0.1:0" if line == "tcp" else None) as simulator:

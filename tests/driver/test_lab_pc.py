@@ -6,7 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, contextmanager
 from pathlib import Path as File
 
 import numpy as np
@@ -16,16 +16,19 @@ pytest.importorskip("pyvisa_py", reason="needs PyVISA: pip install './driver[lab
 EXAMPLE = File(__file__).parents[2] / "driver" / "examples" / "lab-pc"
 sys.path.insert(0, str(EXAMPLE))
 
+import scpi_laser  # noqa: E402
 from bench.cards import Cards, DigitiserCard  # noqa: E402
 from bench.table import BEAT, DELAY, EDGES, Table, film_place, marks  # noqa: E402
 from daq_parts import DaqGalvo, GatedPulses, LinesShutter  # noqa: E402
 from ring_digitiser import RingDigitiser  # noqa: E402
 from scpi_laser import ScpiLaser  # noqa: E402
 
+import fabry_perot  # noqa: E402
 from fabry_perot.hardware import Apparatus, GalvoCalibration, InstrumentError, Path, Sampling  # noqa: E402
 from fabry_perot.hardware.apparatus import FAULT_GALVO, FAULT_LASER  # noqa: E402
 from fabry_perot.wire.codes import FLAG_GATE  # noqa: E402
 from fabry_perot.wire.messages import POINT  # noqa: E402
+from fabry_perot.wire.states import DeviceState  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +57,10 @@ def laser(visa) -> Iterator[ScpiLaser]:
 
 @pytest.fixture
 def lab(laser, table) -> Apparatus:
+    return lab_of(laser, table)
+
+
+def lab_of(laser: ScpiLaser, table: Table) -> Apparatus:
     cards = Cards(table)
     galvo = DaqGalvo(cards, "Dev1", GalvoCalibration.fit(*marks()))
     return Apparatus(
@@ -182,3 +189,52 @@ def test_a_table_that_would_have_to_wait_is_refused_as_a_fault_of_the_galvo(lab)
     one = np.ones(1, np.int64)
     lab.galvo.follow(Path(one, one, one, 500 * one), now())
     assert film_place(lab.galvo._volts[None])[0] == pytest.approx([1e-9, 1e-9], abs=5e-6)
+
+
+@contextmanager
+def laser_process(port: int = 0) -> Iterator[tuple[str, subprocess.Popen]]:
+    command = [sys.executable, str(EXAMPLE / "bench" / "laser.py"), "--port", str(port)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield process.stdout.readline().strip(), process
+        finally:
+            process.kill()
+
+
+def test_laser_that_was_off_and_on_is_opened_again_and_set_up_anew(monkeypatch):
+    monkeypatch.setattr(scpi_laser, "AGAIN", 0.0)
+    with laser_process() as (visa, process), closing(ScpiLaser(visa)) as laser:
+        laser.tune(1_552_345, now())
+        process.kill()
+        process.wait()
+        for _ in range(2):
+            with pytest.raises(ConnectionError, match="the laser TCPIP::"):
+                laser.parameters()
+        with laser_process(int(visa.split("::")[2])):
+            assert laser.parameters() == {"interrogation_uw": 1000}
+            assert laser.wavelength == 1_550_000, "what it is at after it was off"
+            assert laser.tuned(now())
+            laser.tune(1_548_000, now())
+            until(lambda: laser.tuned(now()))
+            assert laser._query(":POW:STAT?") == "1"
+
+
+def test_host_reads_the_fault_of_an_instrument_in_its_words_and_goes_on_once_it_is_back(monkeypatch):
+    monkeypatch.setattr(scpi_laser, "AGAIN", 0.0)
+    with laser_process() as (visa, process):
+        _, host, port, _ = visa.split("::")
+        with closing(Table((host, int(port)))) as table:
+            laser = ScpiLaser(visa)
+            with fabry_perot.connect(lab_of(laser, table)) as scanner:
+                assert scanner.statistics()["fault_text"] == ""
+                process.kill()
+                process.wait()
+                with pytest.raises(fabry_perot.Refused, match="hardware-fault"):
+                    scanner.statistics()
+                answer = scanner.statistics()
+                assert (answer["fault"], answer["state"]) == (FAULT_LASER, DeviceState.FAULT)
+                assert visa in answer["fault_text"]
+                with laser_process(int(port)):
+                    scanner.clear_fault("a person")
+                    assert scanner.state == "safe_hold"
+                    assert scanner.statistics()["interrogation_uw"] == 1000

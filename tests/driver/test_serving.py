@@ -267,8 +267,9 @@ def test_a_fault_of_a_part_reaches_the_application_in_the_same_process(monkeypat
         scanner.upload(np.zeros((500, 2)), **PARAMETERS)
         scanner.start(scanner.arm())
         monkeypatch.setattr(instrument.digitiser, "records", lambda now: 1 // 0)
-        with pytest.raises(DeviceFault, match=str(FAULT_DIGITISER)):
+        with pytest.raises(DeviceFault, match=str(FAULT_DIGITISER)) as raised:
             take_all(scanner)
+        assert "division" in str(raised.value), "the part's own words"
         assert scanner.state == "fault"
         assert not instrument.shutter.is_open()
 

@@ -3,10 +3,15 @@
 Of its commands ``:WAVelength``, ``:POWer``, ``:POWer:STATe`` are used, and of IEEE 488.2 ``*OPC``, ``*ESR?`` and
 ``*CLS``. Nothing waits: ``*OPC`` has the laser set a bit of its event register when it is tuned, and
 :meth:`ScpiLaser.tuned` reads that register.
+
+A laser that was switched off, or whose cable was out, is a fault of the scanner, in VISA's words. Its session is then
+given up, and the next question opens another one, in which the laser is set up anew.
 """
 
 from __future__ import annotations
 
+import time
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -16,6 +21,8 @@ from fabry_perot import TuningMap
 
 OPERATION_COMPLETE, ERRORS = 0x01, 0x3C
 """Bits of the standard event register: done; query, device, execution or command error."""
+OPENING, AGAIN = 1_000, 1.0
+"""Longest wait for a connection, in ms, and time between two attempts at one, in s."""
 
 
 class ScpiLaser:
@@ -34,15 +41,52 @@ class ScpiLaser:
     """
 
     def __init__(self, resource: str, *, tuning_us: int = 5_000, film: TuningMap | None = None, backend: str = "@py"):
-        self._visa = pyvisa.ResourceManager(backend).open_resource(
-            resource, read_termination="\n", write_termination="\n", timeout=2_000
-        )
+        self._resource, self._manager = resource, pyvisa.ResourceManager(backend)
         self._tuning_us, self._film, self._tuned = tuning_us, film, True
-        self._visa.write("*CLS")
-        low, high = (float(self._visa.query(f":WAV? {end}")) for end in ("MIN", "MAX"))
+        self._visa: Any = None
+        self._tried = -AGAIN
+        low, high = (float(self._query(f":WAV? {end}")) for end in ("MIN", "MAX"))
         self._range = [round(low * 1e12), round(high * 1e12)]
-        self.wavelength = round(float(self._visa.query(":WAV?")) * 1e12)
+
+    def _open(self) -> None:
+        """Open a session and have the laser shine; it may have been off meanwhile, so what it is at is asked."""
+        if time.monotonic() - self._tried < AGAIN:
+            raise ConnectionError(f"{self._resource} does not answer; is it on?")
+        self._tried = time.monotonic()
+        self._visa = self._manager.open_resource(
+            self._resource,
+            read_termination="\n",
+            write_termination="\n",
+            timeout=2_000,
+            open_timeout=OPENING,
+        )
+        self._visa.write("*CLS")
+        self.wavelength, self._tuned = round(float(self._visa.query(":WAV?")) * 1e12), True
         self._visa.write(":POW:STAT ON")
+
+    def _write(self, command: str) -> None:
+        """Send a command."""
+        self._talk("write", command)
+
+    def _query(self, question: str) -> str:
+        """Send a question and return the answer."""
+        return str(self._talk("query", question))
+
+    def _talk(self, how: str, words: str) -> Any:
+        """Use the session, or a new one where the last was lost; one that fails is given up."""
+        try:
+            if self._visa is None:
+                self._open()
+            return getattr(self._visa, how)(words)
+        except (pyvisa.Error, OSError, ValueError) as error:
+            self._give_up()
+            raise ConnectionError(f"the laser {self._resource} was lost ({error})") from error
+
+    def _give_up(self) -> None:
+        lost, self._visa = self._visa, None
+        if lost is not None:
+            with suppress(pyvisa.Error, OSError):
+                lost.close()
 
     def limits(self) -> dict[str, Any]:
         """Return its range, as the instrument says it, and what can be changed."""
@@ -59,7 +103,7 @@ class ScpiLaser:
     def tune(self, wavelength: int, now: int) -> None:
         """Begin to tune."""
         if wavelength != self.wavelength:
-            self._visa.write(f":WAV {1e-3 * wavelength:.4f}NM;*OPC")
+            self._write(f":WAV {1e-3 * wavelength:.4f}NM;*OPC")
             self.wavelength, self._tuned = wavelength, False
 
     def tuned(self, now: int) -> bool:
@@ -70,21 +114,23 @@ class ScpiLaser:
 
     def parameters(self) -> dict[str, int]:
         """Return its power."""
-        return {"interrogation_uw": round(float(self._visa.query(":POW?")) * 1e6)}
+        return {"interrogation_uw": round(float(self._query(":POW?")) * 1e6)}
 
     def configure(self, name: str, value: int) -> None:
         """Change its power."""
-        self._visa.write(f":POW {value}UW")
+        self._write(f":POW {value}UW")
         self._events()
 
     def close(self) -> None:
         """Turn its light off and leave it."""
-        self._visa.write(":POW:STAT OFF")
-        self._visa.close()
+        with suppress(ConnectionError):  # a laser that is gone is dark, and one that is off needs no session for it
+            if self._visa is not None:
+                self._write(":POW:STAT OFF")
+        self._give_up()
 
     def _events(self) -> int:
         """Return the event register; an error in it is raised with what the instrument says of it."""
-        events = int(self._visa.query("*ESR?"))
+        events = int(self._query("*ESR?"))
         if events & ERRORS:
-            raise RuntimeError(f"the laser reports {self._visa.query(':SYST:ERR?')}")
+            raise RuntimeError(f"the laser reports {self._query(':SYST:ERR?')}")
         return events

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fabry_perot.conformance.peer import QUIET, Failed, Peer
-from fabry_perot.conformance.running import MANY, ROOM
+from fabry_perot.conformance.running import ROOM, many
 from fabry_perot.conformance.scenarios import Asking, scenario
 from fabry_perot.host.aline import check_record
 from fabry_perot.wire.codes import ALL_FRAGMENTS, FLAG_FIDUCIAL, FLAG_GATE, MOST_BEAMS, Operation
@@ -114,7 +114,7 @@ def gaps(peer: Peer, ask: Asking) -> None:
 @scenario("credit", fires=True)
 def credit(peer: Peer, ask: Asking) -> None:
     """A-lines below the limit are sent and none beyond it."""
-    peer.upload(MANY)
+    peer.upload(many(peer))
     peer.start()
     peer.need(peer.wait(lambda: peer.status is not None and peer.status.produced >= 6, 5.0), "six A-lines fired")
     peer.need(not peer.fragments, "no A-line without credit")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 
 from fabry_perot.conformance.peer import QUIET, Peer
-from fabry_perot.conformance.running import MANY, dark, lapsed, renewed, scanning
+from fabry_perot.conformance.running import dark, lapsed, many, renewed, scanning
 from fabry_perot.conformance.scenarios import Asking, scenario
 from fabry_perot.wire.codes import SECURED, AbortLevel, Operation, Result
 from fabry_perot.wire.states import DeviceState, HoldCause
@@ -14,7 +14,7 @@ from fabry_perot.wire.states import DeviceState, HoldCause
 @scenario("lease", fires=True)  # it does where the device starts although it must not
 def token(peer: Peer, ask: Asking) -> None:
     """START is granted to the present token, a fresh echo and nothing else; each ARM makes a new token."""
-    peer.upload(MANY)
+    peer.upload(many(peer))
     first = peer.succeed(Operation.ARM)["token"]
     echo = peer.fresh()
     wrong = peer.request(Operation.START, token=(first + 1) & 0xFFFFFFFF, echo=echo, ttl=peer.ttl)
@@ -34,7 +34,7 @@ def earlier_session(peer: Peer, ask: Asking) -> None:
     """An echo from before the session starts nothing."""
     old = peer.fresh()
     peer.connect()
-    peer.upload(MANY)
+    peer.upload(many(peer))
     token = peer.succeed(Operation.ARM)["token"]
     reply = peer.request(Operation.START, token=token, echo=old, ttl=int(peer.limits["lease_cap_us"]))
     peer.need(reply.result == Result.NO_LEASE, "result 4 for an echo from before the session")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import ceil
 
 from fabry_perot.conformance.peer import QUIET, Failed, Peer
 from fabry_perot.wire.codes import LASER_EMITTING, SHUTTER_OPEN
@@ -10,15 +11,25 @@ from fabry_perot.wire.states import RUNNING, DeviceState, HoldCause
 
 ROOM = 1 << 30
 """Credit without end."""
-MANY = 400
-"""Points of a plan that is not to end while it is looked at."""
+LOOK = 4.0
+"""Seconds for which a plan is looked at, which is not to end meanwhile."""
 PROMPT = 1.0
 """Seconds beyond the lease's end within which a host has heard of it, on a busy machine too."""
 
 
+def many(peer: Peer) -> int:
+    """Return the points of a plan that does not end while it is looked at, however fast the device's time runs.
+
+    A plan that is longer than the ring blocks the laser, and ends only when A-lines are acknowledged.
+    """
+    assert peer.hello is not None  # noqa: S101
+    fired = ceil(LOOK * peer.rate * peer.pulse_rate * 1e-3)
+    return max(400, min(fired, peer.hello.ring + 40))
+
+
 def scanning(peer: Peer) -> None:
     """Start a scan that goes on as long as its lease is renewed."""
-    peer.upload(MANY)
+    peer.upload(many(peer))
     peer.acknowledge(0, ROOM)
     peer.start()
     peer.need(peer.wait(lambda: peer.status is not None and peer.status.produced > 2, 3.0), "A-lines after START")

@@ -82,7 +82,7 @@ class DeviceBody:
         self.instrument, self.boot, self.now = instrument, boot, now
         self.timing = timing or DeviceTiming()
         self.reset_cause = reset_cause
-        self.state, self.cause, self.fault = DeviceState.BOOT, HoldCause.NONE, 0
+        self.state, self.cause, self.fault, self.fault_text = DeviceState.BOOT, HoldCause.NONE, 0, ""
         self.plan, self.ring = PlanBuffer(plan_points), ALineRing(ring)
         self.lease = LaserLease(self.timing.lease_cap)
         self.scan = Scan(instrument, self.plan, self.ring, self.lease, lambda: self.state, self.must)
@@ -159,7 +159,7 @@ class DeviceBody:
         if after is not DeviceState.ARMED:
             self.token = None
         if event is Event.CLEAR_FAULT:
-            self.fault = 0
+            self.fault, self.fault_text = 0, ""
         if left or after in LATCHED or after is DeviceState.SAFE_HOLD:
             self.close()
         if left:
@@ -220,19 +220,8 @@ class DeviceBody:
         """Latch a hardware fault and repeat it until the host acknowledges; the first one counts, all are logged."""
         log.error("hardware fault: %s%s", faults.by_code(code), f": {reason}" if reason else "")
         if self.step(Event.HARDWARE_FAULT) or (self.state in LATCHED and not self.fault):
-            self.fault, self._fault_at = code, self.now
+            self.fault, self.fault_text, self._fault_at = code, reason, self.now
             self._fault_number += 1
-
-    def cause_stands(self) -> bool:
-        """Return whether what is latched has a cause that the hardware still reads: it cannot be cleared then."""
-        bits = self.hardware_bits()
-        cause = faults.standing(
-            self.fault,
-            interlock_closed=bool(bits & INTERLOCK_CLOSED),
-            key_on=bool(bits & KEY_ON),
-            light=bool(bits & (SHUTTER_OPEN | LASER_EMITTING)),
-        )
-        return self.state in LATCHED and bool(cause)
 
     def acknowledge_fault(self, number: int) -> None:
         """Stop repeating fault ``number``."""

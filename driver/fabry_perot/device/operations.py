@@ -7,14 +7,26 @@ from typing import Any
 
 import numpy as np
 
+from fabry_perot import faults
 from fabry_perot.device.body import DeviceBody
 from fabry_perot.hardware.instrument import InstrumentError, Sampling
-from fabry_perot.wire.codes import MAX_GROUP, Operation, Result, Type
+from fabry_perot.wire.codes import (
+    INTERLOCK_CLOSED,
+    KEY_ON,
+    LASER_EMITTING,
+    MAX_GROUP,
+    SHUTTER_OPEN,
+    Operation,
+    Result,
+    Type,
+)
 from fabry_perot.wire.messages import ALineGone, pack
 from fabry_perot.wire.states import LATCHED, RUNNING, DeviceState, Event
 
 MAX_STEPS = 256
 """Longest wavelength sweep."""
+LONGEST_TEXT = 120
+"""Longest text of a fault, in characters."""
 _AT_REST = frozenset(DeviceState) - RUNNING - LATCHED - {DeviceState.ARMED}
 """States in which something may be moved, tuned or changed."""
 Body = dict[str, Any]
@@ -41,7 +53,13 @@ def _event(device: DeviceBody, event: Event) -> Outcome:
 
 
 def _get(device: DeviceBody, body: Body) -> Outcome:
-    return Result.OK, {**device.statistics(), **device.instrument.parameters()}
+    answer = {**device.statistics(), "fault_text": device.fault_text[:LONGEST_TEXT]}
+    try:
+        answer |= device.instrument.parameters()
+    except InstrumentError:
+        if device.state not in LATCHED:  # then it is latched now, and the next GET tells of it
+            raise
+    return Result.OK, answer
 
 
 def _plan_new(device: DeviceBody, body: Body) -> Outcome:
@@ -121,10 +139,22 @@ def _release(device: DeviceBody, body: Body) -> Outcome:
     return _event(device, Event.RELEASE if device.plan.loaded else Event.RELEASE_WITHOUT_PLAN)
 
 
+def _cause_stands(device: DeviceBody) -> bool:
+    """Return whether what is latched has a cause that the hardware still reads: it cannot be cleared then."""
+    bits = device.hardware_bits()
+    cause = faults.standing(
+        device.fault,
+        interlock_closed=bool(bits & INTERLOCK_CLOSED),
+        key_on=bool(bits & KEY_ON),
+        light=bool(bits & (SHUTTER_OPEN | LASER_EMITTING)),
+    )
+    return device.state in LATCHED and bool(cause)
+
+
 def _clear_fault(device: DeviceBody, body: Body) -> Outcome:
-    if device.cause_stands():
+    if _cause_stands(device):
         device.close()  # again: it may be the shutter that stands
-        if device.cause_stands():
+        if _cause_stands(device):
             return Result.WRONG_STATE, {}
     return _event(device, Event.CLEAR_FAULT)
 

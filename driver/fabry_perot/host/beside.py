@@ -68,4 +68,4 @@ class TcpLine:
 
 def opened(url: str, baudrate: int | None) -> Transport:
     """Open a port; the baud rate is the default one where none is given."""
-    return open_transport(url) if baudrate is None else open_transport(url, baudrate)
+    return open_transport(url, baudrate)

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from typing import Any
 
-from fabry_perot.errors import DeviceRestarted, LinkLost, NoAnswer, ScannerError
+from fabry_perot.errors import DeviceRestarted, LinkError, LinkLost, ScannerError
 from fabry_perot.host.aborts import Aborts
 from fabry_perot.host.aline import ALineBatch
 from fabry_perot.host.assembly import Assembly
 from fabry_perot.host.calls import Call, Calls
 from fabry_perot.host.capabilities import Capabilities
+from fabry_perot.host.greeting import Greeting
 from fabry_perot.host.phase import HostState
 from fabry_perot.host.plan import Plan
 from fabry_perot.host.timing import HostTiming
+from fabry_perot.host.traffic import Traffic
 from fabry_perot.host.uploader import Uploader
-from fabry_perot.wire.codes import PROTOCOL, AbortLevel, Operation, Type
+from fabry_perot.wire.codes import AbortLevel, Operation, Type
 from fabry_perot.wire.framing import FLAG_RETRANSMISSION, FLAG_URGENT, MAX_PAYLOAD, Deframer, Frame, encode_frame
 from fabry_perot.wire.messages import (
     CAPS_REQUEST,
@@ -48,7 +50,9 @@ class HostBody:
         self.timing = timing or HostTiming()
         self.nonce, self.max_payload = nonce, max_payload
         self.deframer = Deframer()
-        self.calls = Calls(self.timing)
+        self.traffic = Traffic(self.deframer.counters)
+        self.greeting = Greeting(self.timing, self.traffic)
+        self.calls = Calls(self.timing, self.traffic)
         self.hello: HelloAck | None = None
         self.status: Status | None = None
         self.plan_status: PlanStatus | None = None
@@ -72,8 +76,7 @@ class HostBody:
         self.ack_due = False
         self._out: list[bytes] = []
         self._sequence = 0
-        self._polled_at = self._hello_due = self._caps_due = self._acked_at = self._leased_at = 0
-        self._hello_tries = 0
+        self._polled_at = self._caps_due = self._acked_at = self._leased_at = 0
         self._echo_sent = -1
         self.contact = (0, 0)
         """Host time and device time of the last proof that application and running device heard of each other."""
@@ -105,7 +108,8 @@ class HostBody:
 
     def open(self, now: int) -> None:
         """Start to ask for a session."""
-        self.phase, self._hello_due, self.heard_at = HostState.HELLO, now, now
+        self.phase, self.heard_at = HostState.HELLO, now
+        self.greeting.begin(now)
         self.poll(now)
 
     def link_lost(self) -> None:
@@ -115,8 +119,7 @@ class HostBody:
 
     def reopen(self, nonce: int, now: int) -> None:
         """Ask for a new session on a port that was opened anew; what was received so far is kept."""
-        self.nonce, self._hello_tries = nonce, 0
-        self.deframer = Deframer(counters=self.deframer.counters)
+        self.nonce, self.deframer = nonce, Deframer(counters=self.deframer.counters)
         self.open(now)
 
     def session_renewed(self, ack: HelloAck) -> None:
@@ -150,15 +153,19 @@ class HostBody:
         self._acknowledge(now)
 
     def _say_hello(self, now: int) -> None:
-        if now < self._hello_due:
+        try:
+            due = self.greeting.due(now, counted=self.phase is HostState.HELLO and not self.tolerant)
+        except LinkError as error:
+            self.fail(error)
             return
-        self._hello_due = now + self.timing.hello_period
-        if self.phase is HostState.HELLO:
-            if self._hello_tries >= self.timing.hello_tries and not self.tolerant:
-                self.fail(NoAnswer(f"no scanner answered after {self._hello_tries} tries"))
-                return
-            self._hello_tries += 1
-        self.send(Type.HELLO, pack(Hello(PROTOCOL, PROTOCOL, self.max_payload, self.nonce)))
+        if due:
+            self.send(Type.HELLO, pack(Hello(*self.greeting.versions, self.max_payload, self.nonce)))
+
+    def other_version(self, version: int) -> None:
+        """Learn that the device answers HELLO with another version, or with none (0)."""
+        self.nonce ^= 1
+        if (error := self.greeting.mismatch(version)) is not None:
+            self.fail(error)
 
     def _acknowledge(self, now: int) -> None:
         assembly = self.assembly

@@ -7,6 +7,7 @@ from typing import Any
 
 from fabry_perot.errors import NoAnswer, Refused, ScannerError
 from fabry_perot.host.timing import HostTiming
+from fabry_perot.host.traffic import Mark, Traffic
 from fabry_perot.wire.codes import Operation, Result
 from fabry_perot.wire.messages import REQUEST_HEAD, pack_body
 from fabry_perot.wire.states import DeviceState
@@ -23,6 +24,7 @@ class Call:
     operation: Operation
     payload: bytes
     due: int
+    since: Mark
     tries: int = 0
     answer: dict[str, Any] = field(default_factory=dict)
     error: ScannerError | None = None
@@ -42,10 +44,12 @@ class Calls:
     ----------
     timing
         Time limits.
+    traffic
+        What was received.
     """
 
-    def __init__(self, timing: HostTiming) -> None:
-        self._timing = timing
+    def __init__(self, timing: HostTiming, traffic: Traffic) -> None:
+        self._timing, self._traffic = timing, traffic
         self._open: dict[int, Call] = {}
         self._number = 0
 
@@ -53,7 +57,7 @@ class Calls:
         """Register a request; :meth:`due` hands out its payload."""
         self._number = self._number % 0xFFFF + 1
         payload = REQUEST_HEAD.pack(self._number, operation) + (pack_body(body) if body else b"")
-        call = Call(self._number, operation, payload, now)
+        call = Call(self._number, operation, payload, now, self._traffic.mark(now))
         self._open[call.number] = call
         return call
 
@@ -66,7 +70,8 @@ class Calls:
             if now < call.due:
                 continue
             if call.tries >= self._timing.request_tries * _PATIENT.get(call.operation, 1):
-                self._close(call, NoAnswer(f"no reply to {call.operation.name} after {call.tries} tries"))
+                why = self._traffic.explain(call.since, now)
+                self._close(call, NoAnswer(f"no reply to {call.operation.name} after {call.tries} tries: {why}"))
                 continue
             payloads.append((call.payload, call.tries > 0))
             call.tries += 1

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from serial.tools import list_ports
 
-from fabry_perot.errors import PortBusy, ScannerError
+from fabry_perot.errors import NoAnswer, PortBusy, PortForbidden, ProtocolMismatch, ScannerError
 from fabry_perot.hardware.instrument import Instrument
 from fabry_perot.host import HostTiming, Recovery
 from fabry_perot.host.local import LocalTransport
+from fabry_perot.host.ports import holder_of, opened_by
 from fabry_perot.host.scanner import Scanner
 from fabry_perot.host.stopping import after_yield
 from fabry_perot.host.tap import Tap
@@ -25,7 +26,7 @@ _DEFAULT = Recovery()
 def connect(
     url: str | Instrument,
     *,
-    baudrate: int = 3_000_000,
+    baudrate: int | None = None,
     timing: HostTiming | None = None,
     recovery: Recovery | None = _DEFAULT,
     tap: Callable[[str], None] | None = None,
@@ -41,10 +42,11 @@ def connect(
     url
         A device path or pyserial URL, for example ``/dev/ttyUSB0``, ``socket://127.0.0.1:4001`` or
         ``rfc2217://host:2217`` (a byte at a time in pyserial: some 0.2 MB/s). A path under ``/dev/serial/by-id``
-        survives unplugging and plugging in again. Or the hardware itself, when it is in this computer
+        survives unplugging and plugging in again. Each may end with a baud rate, ``/dev/ttyUSB0?baud=921600``, which
+        counts more than ``baudrate``. Or the hardware itself, when it is in this computer
         (:class:`fabry_perot.Apparatus`): the device then runs in a thread of this process, with the same lease.
     baudrate
-        Baud rate of a UART.
+        Baud rate of a UART in Bd, by default 3,000,000.
     timing
         Time limits of the host's side.
     recovery
@@ -56,8 +58,10 @@ def connect(
 
     Raises
     ------
-    PortBusy, PortUnavailable, NoAnswer, ProtocolMismatch
-        There is no scanner to talk to.
+    PortBusy, PortForbidden, PortUnavailable, NoAnswer, ProtocolMismatch
+        There is no scanner to talk to; NoAnswer says what the bytes that came tell of the line.
+    PlanInvalid
+        The baud rate is out of range.
     """
     if not fast_stuffing():
         _log.warning("cobs runs without its C extension: frames are decoded some hundred times slower than need be")
@@ -78,6 +82,11 @@ def connect(
         if str(url) in str(error):
             raise
         raise PortBusy(f"{url}: {error}") from None
+    except NoAnswer as error:
+        others = opened_by(port) if port else ""
+        if not others:
+            raise
+        raise NoAnswer(f"{error}; {others} has {port} open, too, and may take the answers") from None
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +103,10 @@ class Found:
         What the scanner there says of itself; empty when it was not asked or does not answer.
     busy
         Whether another process holds the port, and so most likely the scanner.
+    holder
+        Who holds it, for example ``"steradian (process 4242)"``; empty when nobody does, or the system does not tell.
+    reason
+        Why no scanner could be asked there, as one sentence; empty where one answered, or was not asked.
     """
 
     url: str
@@ -101,9 +114,11 @@ class Found:
     model: str = ""
     serial: str = ""
     busy: bool = False
+    holder: str = ""
+    reason: str = ""
 
 
-def discover(urls: Iterable[str] | None = None, *, probe: bool = False) -> list[Found]:
+def discover(urls: Iterable[str] | None = None, *, probe: bool = False, silent: bool = False) -> list[Found]:
     """Return the ports of this computer, or what is at ``urls``.
 
     Parameters
@@ -111,8 +126,11 @@ def discover(urls: Iterable[str] | None = None, *, probe: bool = False) -> list[
     urls
         Ports to look at; by default every serial port the operating system knows.
     probe
-        Say HELLO at each of them and keep those where a scanner answers or that are busy. Off by default, because
-        bytes sent to somebody else's instrument may do anything.
+        Say HELLO at each of them and keep those where a scanner answers or may be: that are busy, may not be opened by
+        this user, or have a scanner of another protocol version. Off by default, because bytes sent to somebody else's
+        instrument may do anything.
+    silent
+        With ``probe``: keep the others, too, with the reason why no scanner answered.
     """
     if urls is None:
         ports = [Found(port.device, port.description) for port in list_ports.comports()]
@@ -120,15 +138,16 @@ def discover(urls: Iterable[str] | None = None, *, probe: bool = False) -> list[
         ports = [Found(url, "") for url in urls]
     if not probe:
         return ports
-    return [found for port in ports if (found := _ask(port)) is not None]
+    return [found for port in ports if (found := _ask(port, silent=silent)) is not None]
 
 
-def _ask(port: Found) -> Found | None:
+def _ask(port: Found, *, silent: bool) -> Found | None:
     try:
         with connect(port.url, timing=HostTiming(hello_tries=4), recovery=None) as scanner:
             known = scanner.capabilities
-            return Found(port.url, port.description, known.model, known.serial)
-    except PortBusy:
-        return Found(port.url, port.description, busy=True)
-    except ScannerError:
-        return None
+            return replace(port, model=known.model, serial=known.serial)
+    except PortBusy as error:
+        return replace(port, busy=True, holder=holder_of(port.url), reason=str(error))
+    except ScannerError as error:
+        told = silent or isinstance(error, PortForbidden | ProtocolMismatch)
+        return replace(port, reason=str(error)) if told else None

@@ -149,7 +149,10 @@ class ControlServer:
         head = {"holder": f"{own_name()} (process {os.getpid()})"}
         try:
             asked = json.loads(line)
-            do = asked["do"]
+            do, names = asked["do"], asked.get("port")
+            if isinstance(names, list) and not set(map(str, names)) & set(aliases(self._url)):
+                # the number of a port that is unplugged may be another one's by now
+                return head | {"error": f"this program holds {self._url}, which is another port"}
             if do == "stop":
                 who = control.printable(asked.get("who")) or _user(peer)
                 timeout = min(5.0, max(0.1, float(asked.get("seconds", 1.5))))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from fabry_perot.errors import FrameError
 from fabry_perot.host.body import HostBody
 from fabry_perot.host.handlers import HANDLERS
+from fabry_perot.host.phase import HostState
 from fabry_perot.wire.codes import Type
 from fabry_perot.wire.framing import Frame
 
@@ -33,9 +34,19 @@ class Host(HostBody):
             self._pulled_at = self._polled_at
         return data
 
+    def poll(self, now: int) -> None:
+        """Send what is due at host time ``now``; gives up a device that answers and does not get ready in time."""
+        super().poll(now)
+        if self.greeting.done or self.phase in (HostState.CLOSED, HostState.LOST, HostState.HELLO):
+            return
+        self.greeting.done = self.capabilities is not None and self.status is not None
+        if not self.greeting.done and (error := self.greeting.overdue(now)) is not None:
+            self.fail(error)
+
     def receive(self, data: bytes, now: int) -> None:
         """Take bytes from the line at host time ``now``."""
         frames = self.deframer.feed(data)
+        self.traffic.take(data)
         if not frames and 0 <= now - self._polled_at < SOON:
             return
         for frame in frames:

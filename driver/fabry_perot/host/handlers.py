@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from fabry_perot.errors import DeviceRestarted, PortBusy, ProtocolMismatch
+from fabry_perot.errors import DeviceRestarted, PortBusy
 from fabry_perot.host.body import HostBody
 from fabry_perot.host.capabilities import Capabilities
 from fabry_perot.host.phase import HostState
-from fabry_perot.wire.codes import Operation, Type
+from fabry_perot.wire.codes import PROTOCOL, Operation, Type
 from fabry_perot.wire.framing import Frame, crc32c
 from fabry_perot.wire.messages import (
     CAPS_HEAD,
@@ -32,11 +32,12 @@ def _hello_ack(host: HostBody, frame: Frame, now: int) -> None:
     if ack.nonce != host.nonce:
         return
     host.heard_at = now
-    if ack.version == 0:
-        host.fail(ProtocolMismatch("the scanner speaks no protocol version of this driver"))
+    if ack.version != PROTOCOL:
+        host.other_version(ack.version)
     elif host.hello is not None and ack.boot != host.hello.boot and not host.tolerant:
         host.fail(DeviceRestarted())
     else:
+        host.greeting.progress(now)
         _take_session(host, ack)
 
 
@@ -56,6 +57,7 @@ def _caps_piece(host: HostBody, frame: Frame, now: int) -> None:
     offset, size = fixed(CAPS_HEAD, frame.payload, tail=True)
     if host.phase is not HostState.CONFIG or host.hello is None or offset != len(host.caps_buffer):
         return
+    host.greeting.progress(now)
     host.caps_buffer += frame.payload[CAPS_HEAD.size :]
     host.caps_wanted(now)
     if len(host.caps_buffer) >= size:

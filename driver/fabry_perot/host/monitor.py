@@ -74,7 +74,7 @@ class Monitor(Watching):
         """Present reason why the state of the device is not known, one sentence; ``None`` while it is."""
         with self._changed:
             passive = self._passive
-            if passive is None:
+            if passive is None or self._busy:
                 return self._error or None
             if self._heard():
                 return None

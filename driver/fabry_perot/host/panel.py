@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fabry_perot import faults
-from fabry_perot.errors import DeviceFault, EmergencyStopped, FaultStands, NoAnswer, PlanInvalid, Refused
+from fabry_perot.errors import DeviceFault, EmergencyStopped, FaultStands, NoAnswer, PlanInvalid, Refused, ScannerError
 from fabry_perot.host import Keeper, Recovery
 from fabry_perot.host.answers import FaultCleared, StopAnswer, standing
 from fabry_perot.host.capabilities import Capabilities
@@ -124,6 +124,14 @@ class Panel:
         self._session.wait(lambda: self._host.status not in (None, last), 2.0)
         return self.status
 
+    def _in_its_words(self, fault: DeviceFault) -> DeviceFault:
+        """Return a fault with what the device says of it, if it says that soon."""
+        try:
+            text = str(self._session.request(Operation.GET, within=1.0).get("fault_text", ""))
+        except ScannerError:
+            return fault
+        return DeviceFault(fault.fault, fault.port, text)
+
     def _must_not_be_latched(self) -> None:
         """Raise the latched fault or emergency stop: nothing can be armed until a person clears it."""
         port = self._session.port or "PORT"
@@ -201,7 +209,8 @@ class Panel:
             "to_pm": round(ends[1] * 1e12),
             "steps": steps,
         }
-        levels = self._session.request(Operation.TUNE_SCAN, **request)["dc_mv"]
+        within = 5.0 + 3 * steps * self.capabilities.tuning_time
+        levels = self._session.request(Operation.TUNE_SCAN, within=within, **request)["dc_mv"]
         wavelengths = np.linspace(request["from_pm"], request["to_pm"], steps).round() * 1e-12
         return TuningCurve(wavelengths, np.asarray(levels, dtype=np.float64) * 1e-3)
 

@@ -1,13 +1,17 @@
-"""Names of a port that all programs of a computer agree on, and the process that has locked it."""
+"""Names of a port that all programs of a computer agree on, the processes that have it open, who may open it."""
 
 from __future__ import annotations
 
 import os
 import stat
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
+
+from fabry_perot.host.address import port_of
 
 
 def aliases(url: str) -> list[str]:
@@ -21,6 +25,7 @@ def aliases(url: str) -> list[str]:
     url
         A device path or a pyserial URL.
     """
+    url = port_of(url)
     if "://" in url:
         return [_network_name(url)]
     names = []
@@ -53,6 +58,7 @@ def lock_owner(url: str) -> int | None:
     url
         A device path; of a URL nothing is known.
     """
+    url = port_of(url)
     if "://" in url:
         return None
     with suppress(OSError, IndexError, ValueError, AttributeError):  # the last on Windows, which has no major()
@@ -63,6 +69,52 @@ def lock_owner(url: str) -> int | None:
             if fields[1] == "FLOCK" and fields[5] == device:
                 return int(fields[4])
     return None
+
+
+def openers(url: str) -> list[int]:
+    """Return the other processes that have a terminal open, as far as the system tells: all of them only to root.
+
+    Parameters
+    ----------
+    url
+        A device path; of a URL nothing is known.
+    """
+    url = port_of(url)
+    found: list[int] = []
+    with suppress(OSError):
+        path = os.path.realpath(url)
+        if "://" in url or not stat.S_ISCHR(os.stat(path).st_mode):
+            return []
+        for process in Path("/proc").iterdir():
+            if process.name.isdigit() and int(process.name) != os.getpid() and _has_open(process, path):
+                found.append(int(process.name))
+    return found
+
+
+def _has_open(process: Path, path: str) -> bool:
+    with suppress(OSError):  # it has ended, or is another user's
+        files = {entry.name: os.readlink(entry) for entry in (process / "fd").iterdir()}
+        if path not in files.values():
+            return False
+        masters = [name for name, target in files.items() if target == "/dev/ptmx"]
+        return not any(_is_master(process / "fdinfo" / name, path) for name in masters)
+    return False
+
+
+def _is_master(file: Path, path: str) -> bool:
+    """Tell whether an open pseudo-terminal master is that of ``path``: its process is the device, not another user."""
+    return f"tty-index:\t{path.rpartition('/')[2]}\n" in file.read_text()
+
+
+def holder_of(url: str) -> str:
+    """Return who holds a terminal: the process that has locked it, otherwise those that have it open; "" if unknown."""
+    owner = lock_owner(url)
+    return program_of(owner) if owner else opened_by(url)
+
+
+def opened_by(url: str) -> str:
+    """Return the names of the other programs that have a terminal open, at most three; "" for none."""
+    return " and ".join(map(program_of, openers(url)[:3]))
 
 
 def program_of(pid: int) -> str:
@@ -89,7 +141,7 @@ def may_open(path: str, uid: int, gid: int, pid: int) -> bool:
         The asking process, as the system names it.
     """
     try:
-        status = os.stat(path)
+        status = os.stat(port_of(path))
     except OSError:
         return False
     groups = {gid}
@@ -103,3 +155,33 @@ def may_open(path: str, uid: int, gid: int, pid: int) -> bool:
     if status.st_gid in groups:
         return mode & 0o060 == 0o060
     return mode & 0o006 == 0o006
+
+
+def forbidden(path: str) -> str:
+    """Return why this user may not open a device file and what helps, as one sentence.
+
+    Parameters
+    ----------
+    path
+        A device path that exists.
+    """
+    try:
+        status = os.stat(path)
+        import grp
+        import pwd
+    except (OSError, ImportError):
+        return f"no permission to open {path}"
+    owner, group = _name(pwd.getpwuid, status.st_uid), _name(grp.getgrgid, status.st_gid)
+    user = _name(pwd.getpwuid, os.geteuid())
+    mode = stat.S_IMODE(status.st_mode)
+    said = f"no permission to open {path} (owner {owner}, group {group}, mode {mode:o}) as {user}"
+    if mode & 0o060 != 0o060 or status.st_gid == 0:
+        return f"{said}: an administrator must give it, by a udev rule, a group that may read and write it and has you"
+    return f"{said}: run 'sudo usermod -aG {group} {user}', then log in again"
+
+
+def _name(look_up: Callable[[int], Any], number: int) -> str:
+    try:
+        return str(look_up(number)[0])
+    except KeyError:  # a user or group without an entry, as in containers
+        return str(number)

@@ -10,7 +10,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fabry_perot.clock import Clock
-from fabry_perot.errors import DeviceRestarted, LeaseLapsed, LinkError, NoAnswer, PlanInvalid, ScanAborted, ScannerError
+from fabry_perot.errors import (
+    DeviceFault,
+    DeviceRestarted,
+    LeaseLapsed,
+    LinkError,
+    LinkLost,
+    NoAnswer,
+    PlanInvalid,
+    ScanAborted,
+    ScannerError,
+)
 from fabry_perot.host import HostTiming, Keeper, Plan, Recovery, ScanReport
 from fabry_perot.host.aline import ALine, ALineBatch
 from fabry_perot.host.panel import Panel
@@ -167,7 +177,7 @@ class Scanner(Panel):
                 raise PlanInvalid("resume", f"plan {plan.uid:08x}", "the plan the scanner holds")
             self._session.flush()
         self._begin(plan)
-        self._session.wait(self._uploaded, 10.0)
+        self._session.wait(self._uploaded, 5.0, progress=self._upload_stands)
         if self._host.device_state is DeviceState.SAFE_HOLD:
             self._session.request(Operation.RELEASE)
 
@@ -180,6 +190,9 @@ class Scanner(Panel):
 
     def _plan_known(self) -> bool:
         return not self.status.plan or self._host.plan_status is not None
+
+    def _upload_stands(self) -> int:
+        return self._host.plan_status.expected if self._host.plan_status is not None else 0
 
     def _uploaded(self) -> bool:
         uploader = self._host.uploader
@@ -255,12 +268,15 @@ class Scanner(Panel):
             The scan stopped.
         """
         while True:
-            with self._session.changed:
-                batch = self._next_batch()
-                if batch is None:
-                    break
-                if not batch:
-                    self._session.changed.wait(STEP)
+            try:
+                with self._session.changed:
+                    batch = self._next_batch()
+                    if batch is None:
+                        break
+                    if not batch:
+                        self._session.changed.wait(STEP)
+            except DeviceFault as fault:
+                raise self._in_its_words(fault) from None
             self._session.flush()
             if batch or idle:
                 yield batch
@@ -291,6 +307,8 @@ class Scanner(Panel):
             error = LeaseLapsed("the laser lease lapsed: the laser is off, plan and data are kept")
         if isinstance(error, LeaseLapsed | ScanAborted):
             self._session.must_not_be_stopped()
+        if self._session.stopped_by and isinstance(error, LinkError):
+            error = LinkLost(f"stopped by an emergency stop from {self._session.stopped_by}; then {error}")
         if isinstance(error, LeaseLapsed | DeviceRestarted):
             self._keeper.suspend()
         else:

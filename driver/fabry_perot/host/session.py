@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import secrets
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -12,6 +11,7 @@ from fabry_perot.errors import LinkLost, NoAnswer, ScanAborted
 from fabry_perot.host import Host, HostTiming
 from fabry_perot.host.answers import PortStatus, StopAnswer, answer, in_words
 from fabry_perot.host.control_server import ControlServer
+from fabry_perot.host.greeting import new_nonce
 from fabry_perot.host.phase import HostState
 from fabry_perot.host.streaming import Pump
 from fabry_perot.host.transport import Transport
@@ -59,7 +59,8 @@ class Session:
         cancelled: Callable[[], bool] | None = None,
     ) -> None:
         self.clock, self.port = clock or RealClock(), port
-        self.host = Host(secrets.randbits(32), timing)
+        self.host = Host(new_nonce(), timing)
+        self.host.traffic.baud = getattr(transport, "baudrate", None)
         self.changed = threading.Condition()
         self.stopped_by = ""
         """Name of the person whose emergency stop, sent by another program, ended the work of this session."""
@@ -114,36 +115,55 @@ class Session:
         """Send what the host has to say now."""
         self._pump.flush()
 
-    def request(self, operation: Operation, **body: Any) -> dict[str, Any]:
-        """Make a request and return its answer; raises what the device or the link says instead."""
+    def request(self, operation: Operation, *, within: float = _PATIENCE, **body: Any) -> dict[str, Any]:
+        """Make a request and return its answer, at most ``within`` s later; raises what device or link say instead."""
 
         def start(now: int) -> Any:
             if operation in (Operation.ARM, Operation.START):
                 self.must_not_be_stopped()
             return self.host.call(operation, now, **body)
 
-        return self.call(start)
+        return self.call(start, within)
 
-    def call(self, start: Callable[[int], Any]) -> dict[str, Any]:
-        """Start a call by ``start(now)`` and return its answer."""
+    def call(self, start: Callable[[int], Any], within: float = _PATIENCE) -> dict[str, Any]:
+        """Start a call by ``start(now)`` and return its answer, at most ``within`` s later."""
         with self.changed:
             call = start(self.now())
         self.flush()
-        self.wait(lambda: call.done, _PATIENCE, raise_failure=False)
+        self.wait(lambda: call.done, within, raise_failure=False)
         answer: dict[str, Any] = call.result()
         return answer
 
-    def wait(self, ready: Callable[[], bool], timeout: float, *, raise_failure: bool = True) -> None:
-        """Wait until ``ready()``, at most ``timeout`` s; raises NoAnswer, the host's failure, LinkLost once closed."""
-        deadline = self.now() + int(timeout * 1e6)
+    def wait(
+        self,
+        ready: Callable[[], bool],
+        timeout: float,
+        *,
+        raise_failure: bool = True,
+        progress: Callable[[], object] = lambda: None,
+    ) -> None:
+        """Wait until ``ready()``, at most ``timeout`` s after ``progress()`` last changed.
+
+        Raises
+        ------
+        NoAnswer
+            The time is over.
+        LinkError, DeviceError
+            The host has failed, or the connection was closed.
+        """
         with self.changed:
+            since, moved = self.host.traffic.mark(self.now()), progress()
+            deadline = since.time + int(timeout * 1e6)
             while not ready():
+                if progress() != moved:
+                    moved, deadline = progress(), self.now() + int(timeout * 1e6)
                 if raise_failure and self.host.failure is not None:
                     raise self.host.failure
                 if self._closed:
                     raise LinkLost("the connection was closed")
                 if self.now() > deadline:
-                    raise NoAnswer(f"the scanner did not get there within {timeout:g} s")
+                    why = self.host.traffic.explain(since, self.now())
+                    raise NoAnswer(f"the scanner did not get there within {timeout:g} s: {why}")
                 self.changed.wait(STEP)
 
     def close(self) -> None:
@@ -157,7 +177,7 @@ class Session:
     def must_not_be_stopped(self) -> None:
         """Raise ScanAborted once another program has stopped the laser; :attr:`changed` must be held."""
         if self.stopped_by:
-            raise ScanAborted(f"stopped by an emergency stop from {self.stopped_by}: the laser is off, data are kept")
+            raise ScanAborted(f"stopped by an emergency stop from {self.stopped_by}; plan and data are kept")
 
     def stop(self, who: str, timeout: float) -> StopAnswer:
         """Turn the laser off for another program, which ends the work of this session.

@@ -12,11 +12,12 @@ from typing import TypeVar
 
 from fabry_perot.errors import LinkLost, PortBusy, ScannerError
 from fabry_perot.host import control
+from fabry_perot.host.address import split
 from fabry_perot.host.answers import PortStatus, StopAnswer, answer, unconfirmed
 from fabry_perot.host.beside import TURN, SecondOpening, TcpLine, opened
 from fabry_perot.host.control import Listener, Reply
 from fabry_perot.host.passive import Passive
-from fabry_perot.host.ports import lock_owner, program_of
+from fabry_perot.host.ports import aliases, lock_owner, program_of
 from fabry_perot.host.transport import Transport
 from fabry_perot.wire.states import DeviceState
 
@@ -83,7 +84,7 @@ def port_status(url: str, *, timeout: float = 1.0) -> PortStatus | None:
         Longest wait in s.
     """
     for listener in control.listeners(url):
-        reply = control.ask(listener, timeout, do="status")
+        reply = control.ask(listener, timeout, do="status", port=aliases(url))
         if reply is not None and control.is_trusted(url, listener, reply):
             status = status_in(reply)
             if status is not None:
@@ -102,7 +103,7 @@ def status_in(reply: Reply) -> PortStatus | None:
 
 def ask_to_yield(url: str) -> bool:
     """Ask the holder of a port to release it, and return whether one has."""
-    replies = [control.ask(listener, 1.0, do="yield") for listener in control.listeners(url)]
+    replies = [control.ask(listener, 1.0, do="yield", port=aliases(url)) for listener in control.listeners(url)]
     return any(reply is not None and reply.body.get("yielded") is True for reply in replies)
 
 
@@ -118,7 +119,8 @@ class _Stop:
     """
 
     def __init__(self, url: str, baudrate: int | None, began: float, timeout: float, who: str) -> None:
-        self._url, self._baudrate, self._began, self._who = url, baudrate, began, who
+        self._url, self._baudrate = split(url, baudrate)
+        self._began, self._who = began, who
         self._deadline = began + timeout
         self._replies: queue.SimpleQueue[StopAnswer | None] = queue.SimpleQueue()
         self._asked = 0
@@ -147,7 +149,8 @@ class _Stop:
     def _ask(self, listener: Listener) -> None:
         """Have one holder stop, and note its answer if it is the holder's own."""
         left = self._left()
-        reply = control.ask(listener, left, do="stop", who=self._who, seconds=max(0.1, left - 0.05))
+        request = {"do": "stop", "who": self._who, "seconds": max(0.1, left - 0.05), "port": aliases(self._url)}
+        reply = control.ask(listener, left, **request)
         if reply is None or not control.is_trusted(self._url, listener, reply):
             self._replies.put(None)
             return

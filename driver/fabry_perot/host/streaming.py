@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextvars
 import logging
-import secrets
 import threading
 from collections.abc import Callable
 
@@ -23,7 +22,9 @@ from fabry_perot.errors import (
     ScannerError,
 )
 from fabry_perot.host import Host
+from fabry_perot.host.greeting import new_nonce
 from fabry_perot.host.silence import SilenceLog
+from fabry_perot.host.traffic import Mark
 from fabry_perot.host.transport import Transport
 from fabry_perot.wire.states import DeviceState, HoldCause
 
@@ -129,7 +130,10 @@ class Pump:
         """Wait for the port to come back, less and less often; return whether it did."""
         with self._changed:
             if self._host.hello is None:
-                error = PortUnavailable(f"{error}, before a scanner answered; another host may be connected")
+                heard = self._host.deframer.counters.bytes_in
+                why = self._host.traffic.explain(Mark(0, 0, 0, 0), self._clock.now()).partition(" (")[0]
+                other = why if heard else "another host may be connected"
+                error = PortUnavailable(f"{error}, before a scanner answered; {other}")
                 self._host.fail(error)
                 self._changed.notify_all()
                 return False
@@ -149,7 +153,7 @@ class Pump:
                 self._transport, self._broken = transport, None
             with self._changed:
                 self.reconnects += 1
-                self._host.reopen(secrets.randbits(32), self._clock.now())
+                self._host.reopen(new_nonce(), self._clock.now())
             _log.warning("the port is open again after %.1f s", (self._clock.now() - gone) * 1e-6)
             return True
         with self._changed:

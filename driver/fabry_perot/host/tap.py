@@ -72,6 +72,7 @@ class Tap:
 
     def __init__(self, transport: Transport, show: Callable[[str], None]) -> None:
         self._transport = transport
+        self.baudrate: int | None = getattr(transport, "baudrate", None)
         self._show: Callable[[str], None] | None = show
         self._up, self._down = Deframer(), Deframer()
         self._opened = time.monotonic()

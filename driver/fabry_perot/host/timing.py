@@ -13,6 +13,8 @@ class HostTiming:
     ----------
     hello_period, hello_tries
         Repetition of HELLO.
+    connect
+        A device that has answered must be ready within so long of the first HELLO, unless it gets on.
     request_period, request_tries
         Repetition of a request without a reply.
     silence
@@ -34,7 +36,8 @@ class HostTiming:
     """
 
     hello_period: int = 250_000
-    hello_tries: int = 20
+    hello_tries: int = 18
+    connect: int = 5_000_000
     request_period: int = 500_000
     request_tries: int = 5
     silence: int = 400_000

@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import errno
 import os
+import re
+import select
+import socket
+import sys
 from pathlib import Path
 from typing import Any, Protocol
 
 import serial
 
-from fabry_perot.errors import LinkLost, PortBusy, PortUnavailable
+from fabry_perot.errors import LinkLost, PortBusy, PortForbidden, PortUnavailable
+from fabry_perot.host.address import BAUD, check_url, split
+from fabry_perot.host.ports import forbidden, holder_of
 
 try:
+    import fcntl
     import termios
 
     CLOSING: tuple[type[Exception], ...] = (OSError, termios.error)
@@ -19,6 +26,16 @@ except ImportError:  # Windows
     CLOSING = (OSError,)
 """What closing a port that was unplugged raises: it cannot be flushed, and need not be."""
 
+_TIOCGEXCL = 0x80045440
+_SOMEBODY = "another program"
+_WHY = {
+    errno.ECONNREFUSED: "nothing listens there",
+    errno.EHOSTUNREACH: "no way leads to that host",
+    errno.ENETUNREACH: "no way leads to that network",
+    errno.ETIMEDOUT: "that host does not answer",
+    socket.EAI_NONAME: "there is no such host",
+    socket.EAI_AGAIN: "the name of that host cannot be looked up now",
+}
 READ_WAIT = 0.02
 """Longest wait for bytes in one read, in s."""
 SOCKET_WAIT, SOCKET_CHUNK = 0.004, 4096
@@ -72,7 +89,19 @@ class _Port:
 
 
 class TerminalTransport(_Port):
-    """A tty or pty: takes all that waits in one call, which is what makes reading fast."""
+    """A tty or pty: takes all that waits in one call, which is what makes reading fast.
+
+    Parameters
+    ----------
+    port
+        The open port.
+    baudrate
+        Its baud rate in Bd.
+    """
+
+    def __init__(self, port: Any, baudrate: int = BAUD) -> None:
+        super().__init__(port)
+        self.baudrate = baudrate
 
     def read(self) -> bytes:
         """Return what has arrived; raises LinkLost."""
@@ -88,9 +117,19 @@ class SocketTransport(_Port):
     def read(self) -> bytes:
         """Return what has arrived; raises LinkLost."""
         try:
-            return bytes(self._port.read(SOCKET_CHUNK))
+            return self._last_words() or bytes(self._port.read(SOCKET_CHUNK))
         except (serial.SerialException, OSError, TypeError, AttributeError) as error:
             raise LinkLost(f"the connection is gone: {error}") from error
+
+    def _last_words(self) -> bytes:
+        """Return the bytes before the end of a connection whose peer has gone: pyserial would lose them."""
+        ours = type(self._port).__module__.endswith(".protocol_socket")  # the socket of others is read by a thread
+        plain = getattr(self._port, "_socket", None) if ours else None
+        if plain is None or not hasattr(select, "poll"):
+            return b""
+        poller = select.poll()
+        poller.register(plain, getattr(select, "POLLRDHUP", 0))
+        return bytes(plain.recv(SOCKET_CHUNK)) if poller.poll(0) else b""
 
     def close(self) -> None:
         """Release the port; pyserial forgets to close a socket whose peer has gone."""
@@ -100,46 +139,81 @@ class SocketTransport(_Port):
             plain.close()
 
 
-def open_transport(url: str, baudrate: int = 3_000_000) -> Transport:
+def open_transport(url: str, baudrate: int | None = None) -> Transport:
     """Open a port for one process alone.
 
     Parameters
     ----------
     url
-        A device path or any URL pyserial knows, for example ``/dev/ttyUSB0`` or ``socket://127.0.0.1:4001``.
+        A device path or any URL pyserial knows, for example ``/dev/ttyUSB0`` or ``socket://127.0.0.1:4001``. Either may
+        end with a baud rate, as in ``/dev/ttyUSB0?baud=921600``, which counts more than ``baudrate``.
     baudrate
-        Baud rate of a UART; a pty and USB ignore it.
+        Baud rate of a UART, by default 3,000,000 Bd; a pty and USB ignore it.
 
     Raises
     ------
     PortBusy
         Another process holds it.
+    PortForbidden
+        This user may not open it.
     PortUnavailable
         It does not exist or cannot be opened.
+    PlanInvalid
+        The baud rate is out of range.
     """
+    port, baud = split(url, baudrate)
+    check_url(port)
     try:
-        if "://" in url:
-            stuck = None if url.startswith("rfc2217:") else WRITE_WAIT  # which has 5 s of its own, and takes no other
-            return SocketTransport(serial.serial_for_url(url, baudrate, timeout=SOCKET_WAIT, write_timeout=stuck))
-        port = serial.Serial(url, baudrate, timeout=READ_WAIT, write_timeout=WRITE_WAIT, exclusive=True)
-        return TerminalTransport(port)
+        if "://" in port:
+            stuck = None if port.startswith("rfc2217:") else WRITE_WAIT  # which has 5 s of its own, and takes no other
+            return SocketTransport(serial.serial_for_url(port, baud, timeout=SOCKET_WAIT, write_timeout=stuck))
+        opened = serial.Serial(port, baud, timeout=READ_WAIT, write_timeout=WRITE_WAIT, exclusive=True)
     except (serial.SerialException, OSError, ValueError) as error:
-        text = str(error)
-        if getattr(error, "errno", None) in (errno.EAGAIN, errno.EBUSY, errno.EACCES) or "lock" in text:
-            raise PortBusy(f"{url} is in use{_by_whom(url)}: {text}") from error
-        raise PortUnavailable(f"cannot open {url}: {text}") from error
+        raise _refusal(port, error) from error
+    if _is_claimed(opened):
+        opened.close()
+        raise PortBusy(f"{port} is in use by {holder_of(port) or _SOMEBODY}, which has claimed it (TIOCEXCL)")
+    return TerminalTransport(opened, baud)
 
 
-def _by_whom(path: str) -> str:
-    """Name the process that has locked a port, where the system tells."""
+def _refusal(port: str, error: Exception) -> PortUnavailable | PortBusy:
+    """Return the error of a port that the system does not open."""
+    text, number = str(error), getattr(error, "errno", None)
+    if number in (errno.EACCES, errno.EPERM) and sys.platform != "win32":
+        return PortForbidden(forbidden(port))
+    if number in (errno.EAGAIN, errno.EBUSY, errno.EACCES) or "lock" in text:  # Windows calls a busy port forbidden
+        return PortBusy(f"{port} is in use by {holder_of(port) or _SOMEBODY}: {text}")
+    if number == errno.ENOENT:
+        return PortUnavailable(f"cannot open {port}: there is no such file; is the scanner plugged in and switched on?")
+    if "://" not in port and Path(port).exists() and not _is_terminal(port):
+        return PortUnavailable(f"cannot open {port}: it is no serial port but {_sort_of(port)}")
+    reason = text.removeprefix(f"Could not open port {port}: ").removeprefix("Could not configure port: ")
+    found = re.match(r"\[Errno (-?\d+)\]", reason)
+    why = _WHY.get(int(found[1])) if found else None
+    return PortUnavailable(f"cannot open {port}: {why + ' ' if why else ''}{f'({reason})' if why else reason}")
+
+
+def _is_claimed(port: Any) -> bool:
+    """Tell whether another program has a terminal for itself alone, which does not keep root from opening it."""
+    if sys.platform != "linux":
+        return False
     try:
-        port = os.stat(path)
-        device = f"{os.major(port.st_dev):02x}:{os.minor(port.st_dev):02x}:{port.st_ino}"
-        for lock in Path("/proc/locks").read_text().splitlines():
-            fields = lock.split()
-            if fields[1] == "FLOCK" and fields[5] == device:
-                name = Path(f"/proc/{fields[4]}/comm").read_text().strip()
-                return f" by {name} (process {fields[4]})"
-    except (OSError, IndexError, AttributeError):  # the last on Windows, which has no major()
-        pass
-    return ""
+        return bool(int.from_bytes(fcntl.ioctl(port.fileno(), _TIOCGEXCL, bytes(4)), sys.byteorder))
+    except OSError:  # a driver that does not tell
+        return False
+
+
+def _is_terminal(path: str) -> bool:
+    try:
+        file = os.open(path, os.O_RDWR | os.O_NONBLOCK | getattr(os, "O_NOCTTY", 0))
+    except OSError:
+        return False
+    try:
+        return os.isatty(file)
+    finally:
+        os.close(file)
+
+
+def _sort_of(path: str) -> str:
+    file = Path(path)
+    return "a folder" if file.is_dir() else "a file" if file.is_file() else "another kind of device"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextvars
+import logging
 import select
 import socket
 import threading
@@ -11,15 +12,17 @@ from contextlib import suppress
 from fabry_perot.clock import RealClock
 from fabry_perot.errors import LinkLost, PortBusy, ScannerError
 from fabry_perot.host import control
+from fabry_perot.host.address import split
 from fabry_perot.host.answers import PortStatus, StopAnswer, in_words
 from fabry_perot.host.beside import opened
 from fabry_perot.host.control import Listener
 from fabry_perot.host.control_server import ControlServer
 from fabry_perot.host.passive import Passive
-from fabry_perot.host.ports import lock_owner, program_of
+from fabry_perot.host.ports import aliases, lock_owner, program_of
 from fabry_perot.host.stopping import status_in
 from fabry_perot.host.transport import Transport
 
+log = logging.getLogger(__name__)
 HEARD = 1.0
 """A scanner of which nothing was heard for longer, in s, is not connected: it says something ten times a second."""
 _LOOK = 0.2
@@ -44,6 +47,7 @@ class Watching:
     """
 
     def __init__(self, url: str, *, baudrate: int | None = None) -> None:
+        split(url, baudrate)  # an impossible baud rate is the caller's error, not the port's
         self.url, self._baudrate = url, baudrate
         self._clock = RealClock()
         self._changed = threading.Condition()
@@ -105,25 +109,31 @@ class Watching:
     def _run(self) -> None:
         wait = _RETRY
         while not self._closing:
-            if self._yielding:
-                self._stay_away()
-            others = control.listeners(self.url)
-            if others and self._follow(others[0]):
-                continue
             try:
-                self._must_be_free()
-                transport = opened(self.url, self._baudrate)
+                heard = self._watch()
             except (ScannerError, OSError, ValueError) as error:
+                heard = False
                 self._note(str(error), busy=isinstance(error, PortBusy))
-            else:
-                wait = _RETRY
-                self._listen(transport)
-                if self._yielding:
-                    continue
-            self._pause(wait)
+            except Exception as error:
+                heard = False
+                log.exception("the watch of %s goes on after an error", self.url)
+                self._note(f"{self.url}: {error!r}", busy=False)
+            wait = _RETRY if heard else wait
+            if not self._yielding:
+                self._pause(wait)
             wait = min(2 * wait, _LONGEST_RETRY)
         self._wake.close()
         self._woken.close()
+
+    def _watch(self) -> bool:
+        """Watch the port once, through its holder or by holding it, and return whether the device was heard."""
+        if self._yielding:
+            self._stay_away()
+        others = control.listeners(self.url)
+        if others and self._follow(others[0]):
+            return True
+        self._must_be_free()
+        return self._listen(opened(self.url, self._baudrate))
 
     def _must_be_free(self) -> None:
         """Raise PortBusy for a locked terminal, without opening it: that alone may change a port's lines."""
@@ -159,8 +169,8 @@ class Watching:
         """Show what another holder says as long as it answers, and return whether it did at all."""
         answered = False
         while not self._closing:
-            reply = control.ask(listener, 1.0, do="status")
-            if reply is None or not control.is_trusted(self.url, listener, reply):
+            reply = control.ask(listener, 1.0, do="status", port=aliases(self.url))
+            if reply is None or "error" in reply.body or not control.is_trusted(self.url, listener, reply):
                 return answered
             answered, status = True, status_in(reply)
             self._note("" if status else f"{reply.holder} has heard nothing yet", busy=True, holder=reply.holder)
@@ -170,35 +180,33 @@ class Watching:
             self._pause(_LOOK)
         return answered
 
-    def _listen(self, transport: Transport) -> None:
-        """Hold an open port until it is gone, or wanted by another program."""
+    def _listen(self, transport: Transport) -> bool:
+        """Hold an open port until it is gone, or wanted by another program; return whether the device was heard."""
+        passive, reason, server = Passive(self._now()), f"{self.url} is not open", None
         with self._changed:
-            self._transport, self._passive = transport, Passive(self._now())
-            self._error, self._busy, self._holder = "", False, ""
-        server = ControlServer(self, self.url)
-        reason = ""
+            self._transport, self._passive = transport, passive
+            if "://" not in self.url:  # a terminal that could be opened is nobody else's
+                self._error, self._busy, self._holder = "", False, ""
         try:
-            while not (self._closing or self._yielding):
-                self._take(transport)
-                if isinstance(self._passive.failure, PortBusy):
-                    reason = f"{self.url}: {self._passive.failure}"
-                    break
+            server = ControlServer(self, self.url)
+            while not (self._closing or self._yielding or isinstance(passive.failure, PortBusy)):
+                self._take(transport, passive)
                 self._send()
-        except (LinkLost, OSError) as error:
+        except (LinkLost, OSError, ValueError) as error:
             reason = f"{self.url}: {error}"
-        server.close()
-        busy = isinstance(self._passive.failure, PortBusy)
-        with self._writing, suppress(ScannerError, OSError):
-            transport.close()
-        with self._changed:
-            self._transport = self._passive = None
-        self._note(reason or f"{self.url} is not open", busy=busy, holder="another host" if busy else "")
+        finally:
+            if server is not None:
+                server.close()
+            with self._writing, suppress(ScannerError, OSError):
+                transport.close()
+            busy = isinstance(passive.failure, PortBusy)
+            with self._changed:
+                self._transport = self._passive = None
+            self._note(str(passive.failure) if busy else reason, busy=busy, holder="another host" if busy else "")
+        return passive.status is not None
 
-    def _take(self, transport: Transport) -> None:
+    def _take(self, transport: Transport, passive: Passive) -> None:
         """Wait for bytes and take them in."""
-        passive = self._passive
-        if passive is None:
-            return
         now = self._now()
         left = min(_LOOK, passive.next_due(now))
         descriptor = getattr(transport, "descriptor", lambda: None)()
@@ -217,4 +225,5 @@ class Watching:
             passive.receive(data, now)
             if passive.status is not None and passive.status_at == now:
                 self._seen = in_words(passive.status, 0.0), now
+                self._error, self._busy, self._holder = "", False, ""
             self._changed.notify_all()

@@ -75,7 +75,7 @@ class Server:
         self.time = 0
         """Simulator time in µs."""
         self.shutter_log: deque[tuple[int, float, bool]] = deque([(0, time.monotonic(), False)], SHUTTER_LOG)
-        """Last movements of the shutter: simulator time in µs, the computer's monotonic clock in s, whether it opened."""
+        """Last movements of the shutter: simulator time in µs, monotonic clock in s, whether it opened."""
 
     def run(self, finished: Callable[[list[int]], bool], watched: list[int]) -> None:
         """Run until ``finished(readable descriptors)``; ``watched`` are waited on besides the line."""

@@ -42,6 +42,14 @@ app = typer.Typer(
     on; a second Ctrl-C leaves at once.""",
 )
 Scanner = Annotated[str, typer.Option(help="Port of the scanner (/dev/ttyUSB0, socket://host:port), or 'simulated'.")]
+Baud = Annotated[
+    int | None,
+    typer.Option(
+        metavar="BD",
+        help="Baud rate of a serial port, like PORT?baud=BD. [default: the plan's, if it was made with another --baud"
+        " than 12,000,000, otherwise 3,000,000]",
+    ),
+]
 Speed = Annotated[float, typer.Option(help="How much faster than real time a simulated scan runs.")]
 PHANTOM = "yarn"
 Phantom = Annotated[
@@ -60,6 +68,7 @@ File = Annotated[Path, typer.Argument(help="A scan file.")]
 def run(
     plan: Annotated[Path, typer.Argument(help="A plan file, made by 'steradian plan'.")],
     scanner: Scanner = "simulated",
+    baud: Baud = None,
     simulator_speed: Speed = 20.0,
     phantom: Phantom = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="The scan file to write (HDF5).")] = Path("scan.h5"),
@@ -68,6 +77,7 @@ def run(
     from steradian.scans.run import run_scan
 
     wanted = read_value(ScanPlan, plan)
+    scanner = at_baud(scanner, baud, wanted)
     summary = _measure(
         output,
         scanner,
@@ -83,6 +93,7 @@ def resume(
     file: File,
     plan: Annotated[Path | None, typer.Option(help="Refuse unless the scan is of this plan.")] = None,
     scanner: Scanner = "simulated",
+    baud: Baud = None,
     simulator_speed: Speed = 20.0,
     phantom: Phantom = None,
 ) -> None:
@@ -91,7 +102,7 @@ def resume(
     Before a missing point is measured the scan proves that it is the same: plan, scanner and tuning must be, and a
     reference point is measured again and compared. Otherwise it is refused (exit code 4) and every difference named.
     """
-    _continue(file, plan, scanner, simulator_speed, phantom, retry=0)
+    _continue(file, plan, scanner, baud, simulator_speed, phantom, retry=0)
 
 
 @app.command("retry")
@@ -101,11 +112,12 @@ def retry(
         int, typer.Option(min=0, max=15, help="Quality flags, summed: 1 saturated, 2 mistuned, 4 misfire, 8 partial.")
     ] = 15,
     scanner: Scanner = "simulated",
+    baud: Baud = None,
     simulator_speed: Speed = 20.0,
     phantom: Phantom = None,
 ) -> None:
     """Measure the missing points again, and those whose A-lines have a quality flag; proves itself like resume."""
-    _continue(file, None, scanner, simulator_speed, phantom, retry=flags)
+    _continue(file, None, scanner, baud, simulator_speed, phantom, retry=flags)
 
 
 @app.command("check")
@@ -133,10 +145,13 @@ def check(
     show_end((f"{report.intact:,} of {report.rows:,} A-lines intact", file))
 
 
-def _continue(file: Path, plan: Path | None, scanner: str, speed: float, phantom: str | None, *, retry: int) -> None:
+def _continue(
+    file: Path, plan: Path | None, scanner: str, baud: int | None, speed: float, phantom: str | None, *, retry: int
+) -> None:
     from steradian.scans.run import resume_scan
 
     wanted = None if plan is None else read_value(ScanPlan, plan)
+    scanner = at_baud(scanner, baud, wanted)
     summary = _measure(
         file,
         scanner,
@@ -183,6 +198,37 @@ def _show(summary: ScanSummary, scanner: str) -> None:
         figures["of an earlier session"] = f"{summary.rescued} A-lines that the scanner still held"
     show_figures("Scan" + (" (simulated)" if scanner == "simulated" else ""), figures)
     show_end((f"{summary.stored:,} of {summary.points:,} A-lines", summary.path))
+
+
+def at_baud(scanner: str, baud: int | None, plan: ScanPlan | None = None) -> str:
+    """Give the port of a scanner with its baud rate: the one asked for, or that of a plan's serial link.
+
+    Parameters
+    ----------
+    scanner
+        A port, which may name a baud rate itself, or ``simulated``, which has none.
+    baud
+        Asked for, in Bd.
+    plan
+        Plan whose link counts where none is asked for.
+
+    Raises
+    ------
+    InvalidInput
+        When the baud rate is out of range, or the scanner has none.
+    """
+    from fabry_perot import PlanInvalid
+    from fabry_perot.host.address import names_baud, with_baud
+
+    if baud is None:
+        link = None if plan is None or "://" in scanner or names_baud(scanner) else plan.link
+        baud = None if link is None or scanner == "simulated" else link.baudrate
+    elif scanner == "simulated":
+        raise InvalidInput("baud", baud, "none with a simulated scanner, or --scanner PORT")
+    try:
+        return scanner if baud is None else with_baud(scanner, baud)
+    except PlanInvalid as error:
+        raise InvalidInput(error.field, error.value, error.allowed) from error
 
 
 def _rows(rows: list[int]) -> str:

@@ -13,7 +13,10 @@ DATA = Path("data")
 Host = Annotated[str | None, typer.Option(help="Address to listen on. [default: 127.0.0.1]")]
 Port = Annotated[int | None, typer.Option(help="Port to listen on; 0 takes a free one. [default: 8000]")]
 Scanner = Annotated[
-    str | None, typer.Option(help="Port of the scanner (/dev/ttyUSB0, socket://host:port). [default: simulated]")
+    str | None,
+    typer.Option(
+        help="Port of the scanner (/dev/ttyUSB0, /dev/ttyUSB0?baud=921600, socket://host:port). [default: simulated]"
+    ),
 ]
 Speed = Annotated[
     float | None, typer.Option(help="How much faster than real time a simulated scan runs. [default: 20]")

@@ -71,6 +71,12 @@ class Link(Value):
             raise InvalidInput("baud", baud, "> 0 (Bd)")
         return cls.create(byte_rate=baud / 10)
 
+    @property
+    def baudrate(self) -> int | None:
+        """Baud rate of the UART that the link is; none for one that never limits, and for the default, which is USB."""
+        usual = type(self).model_fields["byte_rate"].default
+        return None if self.byte_rate in (None, usual) else round(10 * self.byte_rate)
+
     def bytes_of(self, samples: int) -> int:
         """Bytes on the line for one A-line of ``samples`` 16-bit samples, framing included.
 

@@ -37,6 +37,8 @@ SILENCE = 3.0
 """Seconds without a word from a scanner after which its scan does not count as running."""
 TRIES = 30
 """A request whose link is lost is made so often before the scan is given up."""
+INSISTENCE, ARMING = 12.0, 3.0
+"""Seconds after which no further try is made: of a scan that runs, and of one that has not fired yet."""
 AGAIN = 1.0
 """Seconds between two attempts to write to a full disk."""
 _STOPPED = frozenset({HoldCause.REQUEST, HoldCause.CLEARED})
@@ -123,7 +125,13 @@ class ScanSession:
         tag = 1 + secrets.randbelow(0xFFFFFFFE)
         with hearing(self._scanner, self._control):
             tune_excitation(self._scanner, segment.excitation)
-            upload = Upload(segment.rows, tag, self._store.fired, self._laser_shots(ENDING))
+            try:
+                upload = Upload(segment.rows, tag, self._store.fired, self._laser_shots(ENDING))
+            except fabry_perot.LinkError:
+                if (wish := self._control.wish()) not in ENDING:
+                    raise
+                self._leave(Wish.ABORT)
+                return End.ABORTED if wish is Wish.ABORT else End.STOPPED
         if not self._store_patiently(lambda: self._store.note_upload(upload)):
             return self._leave(self._control.wish())
         with hearing(self._scanner, self._control):
@@ -334,12 +342,17 @@ class ScanSession:
         return True
 
     def _insist(self, request: Callable[[], Answer], ending: frozenset[Wish] = URGENT) -> Answer:
-        """Make a request again when the link was renewed under it, unless one of the wishes ``ending`` is there."""
+        """Make a request again when the link was renewed under it, unless one of the wishes ``ending`` is there.
+
+        Before a shot was fired that is not tried for long.
+        """
+        arming, clock = self._phase in (None, Phase.ARMING), RealClock()
+        deadline = clock.now() + int(1e6 * (ARMING if arming else INSISTENCE))
         for left in reversed(range(TRIES)):
             try:
                 return request()
             except (fabry_perot.LinkLost, fabry_perot.NoAnswer):
-                if not left or self._control.wish() in ending:
+                if not left or clock.now() > deadline or self._control.wish() in (ENDING if arming else ending):
                     raise
             self._control.wait(LOOK)
         raise AssertionError

@@ -1,0 +1,59 @@
+"""Traffic on a line, as far as it is kept to tell later what was the matter with it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from fabry_perot.host.diagnosis import Trouble, classify, explain
+from fabry_perot.wire.framing import LinkCounters
+
+KEPT = 16_384
+"""Last bytes that are kept."""
+
+
+class Mark(NamedTuple):
+    """A moment: host time in µs, and the counters then."""
+
+    time: int
+    received: int
+    good: int
+    bad: int
+
+
+class Traffic:
+    """The last bytes received, and figures since a moment.
+
+    Parameters
+    ----------
+    counters
+        What the host's deframer counts.
+    """
+
+    def __init__(self, counters: LinkCounters) -> None:
+        self._counters = counters
+        self._recent = b""
+        self.baud: int | None = None
+        """Baud rate of the port in Bd, where it has one."""
+
+    def take(self, data: bytes) -> None:
+        """Keep bytes that were received, the last ones of them."""
+        self._recent = data[-KEPT:] if len(data) >= KEPT else (self._recent + data)[-KEPT:]
+
+    def mark(self, now: int) -> Mark:
+        """Return the present moment."""
+        counters = self._counters
+        return Mark(now, counters.bytes_in, counters.good, counters.bad)
+
+    def trouble(self, since: Mark) -> Trouble:
+        """Return what the bytes since a moment say of the line."""
+        return classify(self._since(since))
+
+    def explain(self, since: Mark, now: int) -> str:
+        """Return a clause on what the bytes since a moment say of the line, and how many they are."""
+        received, good, bad = (after - before for after, before in zip(self.mark(now)[1:], since[1:], strict=True))
+        figures = f"{received:,} bytes in {(now - since.time) * 1e-6:.1f} s, {good:,} whole frames, {bad:,} damaged"
+        return f"{explain(self._since(since), baud=self.baud)} ({figures})"
+
+    def _since(self, since: Mark) -> bytes:
+        count = min(self._counters.bytes_in - since.received, len(self._recent))
+        return self._recent[len(self._recent) - count :]

@@ -1,0 +1,61 @@
+"""Scans over lines that are almost right: the error comes soon, says what is wrong, and a stop is heard meanwhile."""
+
+import pytest
+from driver_lines import line, with_crlf, without_flow_control
+
+from fabry_perot.simulator import launch
+from steradian.errors import ScanFailed
+from steradian.masks import equi_steradian_mask
+from steradian.plans import ScanPlan
+from steradian.scans.control import Control, End, Phase, Wish
+from steradian.scans.run import run_scan
+
+SOON = 15_000_000
+"""Simulator time in µs within which a scan on a bad line has ended; without its limits it took 79 s."""
+
+
+class StopWhileArming(Control):
+    """Wishes a stop as soon as the scan is being armed."""
+
+    wanted = Wish.RUN
+
+    def enter(self, phase: Phase) -> None:
+        if phase is Phase.ARMING:
+            self.wanted = Wish.STOP
+
+    def wish(self) -> Wish:
+        return self.wanted
+
+
+@pytest.fixture
+def simulator():
+    with launch(speed=1.0) as simulator:
+        yield simulator
+
+
+@pytest.fixture(scope="module")
+def plan():
+    mask = equi_steradian_mask(aperture=13.56e-3, depth=3.6e-3, count=60)
+    return ScanPlan.create(mask=mask, samples=512, pulse_rate=100.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"), [(with_crlf, "changes line ends"), (without_flow_control, "software flow control")]
+)
+def test_scan_on_a_line_that_changes_bytes_fails_soon_and_says_how(simulator, plan, tmp_path, change, words):
+    before = simulator.command("report", fired=False)["time"]
+    with line(simulator.url, down=change) as bad, pytest.raises(ScanFailed, match=words) as raised:
+        run_scan(plan, bad.url, tmp_path / "a.h5")
+    after = simulator.command("report", fired=False)
+    assert "whole frames" in str(raised.value)
+    assert "bytes" in str(raised.value)
+    assert after["time"] - before < SOON
+    assert (after["shots"], after["shutter"]) == (0, False)
+
+
+def test_stop_is_heard_while_a_bad_line_keeps_a_scan_from_being_armed(simulator, plan, tmp_path):
+    before = simulator.command("report", fired=False)["time"]
+    with line(simulator.url, down=with_crlf) as bad:
+        summary = run_scan(plan, bad.url, tmp_path / "a.h5", control=StopWhileArming())
+    assert summary.end is End.STOPPED
+    assert simulator.command("report", fired=False)["time"] - before < SOON
