@@ -209,3 +209,16 @@ def test_emergency_stop_of_a_simulated_scanner_that_was_never_started_is_idle(tm
 
 def _stop(service):
     return service.get(SCANNER).json()["emergency_stop"]
+
+
+@pytest.mark.long
+def test_scanner_shown_right_after_a_stop_is_off_and_stays_so(scanner, released, plan, tmp_path):
+    """What was heard before the stop does not come back: neither laser nor stop flicker."""
+    command = (sys.executable, "-m", "steradian", "scan", "run", str(plan), "--scanner", scanner.url)
+    with running(*command, "-o", str(tmp_path / "scan.h5")):
+        until(lambda: released.get(SCANNER).json()["laser"] == "on")
+        assert press(released)[0]["laser"] == "off"
+        for _ in range(30):
+            shown = released.get(SCANNER).json()
+            assert shown["laser"] in {"off", "unknown"}
+            assert shown["emergency_stop"]["laser"] == "off"

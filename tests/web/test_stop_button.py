@@ -78,11 +78,14 @@ def test_stop_of_a_page_whose_key_was_revoked_turns_the_laser_off(keyed, signed_
     expect(page.locator("#cut")).to_contain_text("Signed out")
     expect(page.locator("#cut")).to_contain_text(WORKS)
     expect(page.locator("#scanner")).to_contain_text("laser: unknown")
+    by_ticket = f"key bench ({identifier}) (stop ticket)"  # keys are remembered for a second, for the stop
+    with page.expect_response(lambda one: one.request.method == "GET" and by_ticket in one.text()):
+        pass
     button(page).click()
     expect(page.locator("#stopped")).to_contain_text("laser off (confirmed by the device")
     stop = keyed.get("/scanners/scanner-0").json()["emergency_stop"]
     assert stop["laser"] == "off"
-    assert stop["by"] == f"key bench ({identifier}) (stop ticket)"
+    assert stop["by"] == by_ticket
     until(lambda: keyed.get(f"/scans/{scan['id']}").json()["state"] == "aborted")
 
 

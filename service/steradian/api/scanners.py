@@ -23,6 +23,7 @@ from steradian.validation import Value
 
 router = APIRouter(prefix=f"{V1}/scanners", tags=["scanners"], route_class=GuardedRoute)
 
+FIRES = "the scanner says that its laser is on, or armed, although it was stopped"
 Number = Annotated[int, Header(alias="Scanner-Lease", ge=0, le=2**31, description="Number (fence) of your lease")]
 Lease = Annotated[
     int | None,
@@ -205,4 +206,7 @@ def _view(services: Services, row: ScannerRow) -> ScannerView:
         press = desk.standing
         stop = EmergencyView.of(press, desk.deed(press), recorded=desk.is_recorded(press)) if press else None
     status = services.status.read() if services.status is not None and services.nodes.is_here(row.id) else None
+    if stop is not None and status is not None and status.laser in {"armed", "on"} and stop.laser != "unconfirmed":
+        # another program fires again while the stop stands; it is being stopped
+        stop = stop.model_copy(update={"laser": "unconfirmed", "detail": f"{FIRES}: use the hardware switch"})
     return ScannerView.of(row, status, services.clock(), held=services.scanner.is_held(row), stop=stop)

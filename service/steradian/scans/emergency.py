@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import re
 import threading
 import time
 from collections.abc import Iterator
@@ -15,6 +14,7 @@ from steradian.logs import caused_by, request_id
 from steradian.scans.port_watch import STOP_WITHIN, PortWatch
 from steradian.scans.scanner_words import status_of
 from steradian.storage.emergency import Deed, EmergencyLatch, Press
+from steradian.storage.scanner_status import wording
 
 LOOK: Final = 0.01
 """Seconds between two looks at the latch."""
@@ -110,7 +110,7 @@ class EmergencyWatch:
         seconds = told.seconds if told is not None and settled else round(passed, 4) if passed >= 0 else None
         deed = Deed(press.number, laser, seconds, detail[:LONGEST])
         self._told = deed
-        if told is None or (deed.laser, _wording(detail)) != (told.laser, _wording(told.detail)):
+        if told is None or (deed.laser, wording(detail)) != (told.laser, wording(told.detail)):
             self._latch.answer(deed)
         if told is None or deed.laser != told.laser:
             with caused_by(cause):
@@ -141,9 +141,8 @@ class EmergencyWatch:
                 answer = self._port.stop(who)
         except (fabry_perot.ScannerError, OSError) as error:
             return "unconfirmed", f"the scanner could not be asked: {error}; use the hardware switch"
-        return ("idle", _NO_SCANNER) if answer is None else (answer.laser, answer.detail)
-
-
-def _wording(detail: str) -> str:
-    """Return a sentence without the seconds in it, which alone are no news."""
-    return re.sub(r"\d+", "", detail)
+        if answer is None:
+            return "idle", _NO_SCANNER
+        if self._port is not None:
+            self._port.note_stop(answer)
+        return answer.laser, answer.detail

@@ -12,15 +12,16 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import Final, Protocol
+from typing import Final
 
 import fabry_perot
 from fabry_perot.host import HostTiming
+from steradian.scans.lending import Lent, Port
 from steradian.scans.scanner_words import described, status_of
 from steradian.scans.status_notes import StatusNotes
-from steradian.storage.scanner_status import ScannerStatus, StatusBlock
+from steradian.storage.scanner_status import ScannerStatus, StatusBlock, wording
 
 WRITE: Final = 0.1
 """Seconds between two writes of the status block."""
@@ -35,24 +36,6 @@ GIVEN_BACK: Final = 0.4
 LOOKING: Final = HostTiming(hello_tries=16)
 """For how long a scanner is looked for at the start: four seconds, since some need two until they hear anything."""
 _log = logging.getLogger(__name__)
-
-
-class Port(Protocol):
-    """Where the scanner is."""
-
-    def present(self) -> str | None:
-        """Return the port; ``None`` when there is no scanner, because a simulated one was not started."""
-        ...
-
-
-@dataclass
-class _Lent:
-    """The scan that has the port."""
-
-    scanner: fabry_perot.Scanner | None = None
-    may_fire: bool = False
-    is_over: bool = False
-    """Whether its connection has been closed again."""
 
 
 class PortWatch:
@@ -83,7 +66,7 @@ class PortWatch:
     ) -> None:
         self._port, self._block, self._listens = port, block, listens
         self._notes = StatusNotes(self.status, note, shared=shared)
-        self._lent: _Lent | None = None
+        self._lent: Lent | None = None
         self._monitor: fabry_perot.Monitor | None = None
         self._monitored, self._opened = "", 0.0
         self._model = self._serial = ""
@@ -91,7 +74,9 @@ class PortWatch:
         """Why no monitor could be opened."""
         self._heard: ScannerStatus | None = None
         """What a connected scanner said last: it holds for a moment while the port changes hands."""
-        self._told: tuple[str, str | None] = ("", None)
+        self._stopped: tuple[fabry_perot.StopAnswer | None, float] = None, 0.0
+        """What the scanner said after the last confirmed stop, and when."""
+        self._told = ("", "")
         self._wanted = 0
         self._holding = threading.RLock()
         """Between opening, using and closing the monitor."""
@@ -123,7 +108,7 @@ class PortWatch:
         self._wanted += 1
         try:
             with self._holding:
-                self._lent = _Lent()
+                self._lent = Lent()
                 self._close()
         finally:
             self._wanted -= 1
@@ -135,7 +120,7 @@ class PortWatch:
     @contextmanager
     def guarding(self, scanner: fabry_perot.Scanner) -> Iterator[None]:
         """Tell what a scan's connected scanner says until the block ends."""
-        lent = self._lent = self._lent or _Lent()
+        lent = self._lent = self._lent or Lent()
         lent.scanner = scanner
         with suppress(fabry_perot.ScannerError):
             self._identify(scanner.capabilities.model, scanner.capabilities.serial)
@@ -148,10 +133,7 @@ class PortWatch:
         """Say, before it is told to, that a scan's scanner may fire from now on, or afterwards that it does not."""
         if (lent := self._lent) is not None:
             lent.may_fire = allowed
-            try:
-                self._block.write(self.status())
-            except OSError as error:  # readers see that the block is old
-                _log.warning("the scanner's state cannot be written: %s", error)
+            self._write_once()
 
     def stop(self, who: str) -> fabry_perot.StopAnswer | None:
         """Turn the laser off through the port and say what the scanner says; ``None``: there is no scanner.
@@ -192,19 +174,28 @@ class PortWatch:
         with self._holding:
             return clear_through(self._monitor, self._port.present(), is_lent=self._lent is not None)
 
+    def note_stop(self, answer: fabry_perot.StopAnswer) -> None:
+        """Take the scanner's word after a stop: what it said before does not hold any more."""
+        if answer.laser == "off":
+            self._stopped = answer, time.monotonic()
+            if (lent := self._lent) is not None:
+                lent.may_fire = False  # it is ending
+            self._write_once()
+
     def status(self) -> ScannerStatus:
         """Return what is known of the scanner now."""
+        found, (answer, at) = self._present_status(), self._stopped
+        if answer is None or found.heard is None or found.heard >= at or found.laser not in {"armed", "on"}:
+            return found
+        return replace(found, laser="off", shutter=answer.shutter, state=answer.state, heard=at)
+
+    def _present_status(self) -> ScannerStatus:
         lent = self._lent
         if lent is not None:
-            if lent.scanner is not None:
-                found = status_of(lent.scanner)
-                if found is not None:
-                    self._heard = replace(found, model=self._model, serial=self._serial)
+            if lent.scanner is not None and (found := status_of(lent.scanner)) is not None:
+                self._heard = replace(found, model=self._model, serial=self._serial)
             known = self._heard or ScannerStatus(model=self._model, serial=self._serial)
-            if lent.scanner is not None and known.connection != "connected":
-                known = replace(known, connection="connected")
-            is_low = known.as_of_now().laser in {"off", "unknown"}
-            return replace(known, laser="armed", heard=time.monotonic()) if lent.may_fire and is_low else known
+            return replace(known, laser="armed") if lent.may_fire and known.laser == "off" else known
         if self._port.present() is None:
             return ScannerStatus(laser="off", heard=time.monotonic())
         if (monitor := self._monitor) is not None:
@@ -223,10 +214,13 @@ class PortWatch:
 
     def _write(self) -> None:
         while not self._over.wait(WRITE):
-            try:
-                self._block.write(self.status())
-            except Exception:  # whatever it was, the next time comes; readers see that the block is old
-                _log.exception("the scanner's state cannot be written")
+            self._write_once()
+
+    def _write_once(self) -> None:
+        try:
+            self._block.write(self.status())
+        except Exception:  # whatever it was, the next time comes; readers see that the block is old
+            _log.exception("the scanner's state cannot be written")
 
     def _look_once(self) -> None:
         """Find out what is at the port, at the start; what is wrong with it the monitor says."""
@@ -286,7 +280,9 @@ class PortWatch:
             return
         status = described(monitor)
         is_new = time.monotonic() - self._opened < OPENING
-        if (is_new and status.connection != "connected") or (now := (status.connection, status.error)) == self._told:
+        if (is_new and status.connection != "connected") or (
+            now := (status.connection, wording(status.error))
+        ) == self._told:
             return
         self._told = now
         if status.connection == "connected" and status.error is None:

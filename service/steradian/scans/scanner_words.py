@@ -11,6 +11,8 @@ from fabry_perot.host.answers import in_words
 from steradian.storage.scanner_status import UNKNOWN, ScannerStatus
 
 _LATCHED: Final = frozenset({"fault", "estop"})
+LOST: Final = 2.0
+"""Seconds without a word from a scan's scanner after which it does not count as connected."""
 _CONNECTIONS: Final = {"connected": "connected", "disconnected": "disconnected", "busy": "in-use"}
 
 
@@ -20,6 +22,8 @@ def status_of(scanner: fabry_perot.Scanner) -> ScannerStatus | None:
         heard = in_words(scanner.status, scanner.silence)
     except fabry_perot.ScannerError:
         return None
+    if heard.age > LOST:
+        return _told(heard, "disconnected", "the scanner is not heard; its scan is being taken up again", None)
     return _told(heard, "connected", None, None)
 
 

@@ -11,7 +11,7 @@ from typing import Final
 
 from sqlalchemy.exc import SQLAlchemyError
 
-from steradian.storage.scanner_status import LOOK_INTERVAL_ELSEWHERE, ScannerStatus
+from steradian.storage.scanner_status import LOOK_INTERVAL_ELSEWHERE, ScannerStatus, wording
 
 NOTE: Final = 0.2
 """Seconds between two looks at what the database should know."""
@@ -58,7 +58,8 @@ class StatusNotes:
     def _step(self) -> None:
         now = self._status().as_of_now()
         is_due = self._shared and time.monotonic() - self._noted >= LOOK_INTERVAL_ELSEWHERE
-        if self._known is not None and replace(now, heard=self._known.heard) == self._known and not is_due:
+        plain = replace(now, heard=None, error=wording(now.error))
+        if plain == self._known and not is_due:
             return
         self._note(now)
-        self._known, self._noted, self._answers = now, time.monotonic(), True
+        self._known, self._noted, self._answers = plain, time.monotonic(), True

@@ -15,7 +15,7 @@ from steradian.storage.database import Database, take_turns
 from steradian.storage.deletion import InUse
 from steradian.storage.events import record
 from steradian.storage.repository import Clock, Repository, utc_now
-from steradian.storage.scanner_status import ScannerStatus
+from steradian.storage.scanner_status import ScannerStatus, wording
 from steradian.storage.states import ScanState, is_terminal
 from steradian.storage.tables import ScannerRow, ScanRow
 
@@ -130,6 +130,8 @@ class ScannerRows(Repository[ScannerRow]):
             told |= {"laser": status.laser, "connection": status.connection, "port_holder": status.holder}
             told |= {"fault": status.fault, "last_error": status.error}
             told |= {"model": status.model or row.model, "serial": status.serial or row.serial}
+            if wording(row.last_error) == wording(status.error):
+                told["last_error"] = row.last_error
             changed = [name for name, value in told.items() if getattr(row, name) != value]
             if not changed:  # a time alone is no new revision
                 session.execute(update(ScannerRow).where(ScannerRow.id == self.id).values(looked_at=looked_at))

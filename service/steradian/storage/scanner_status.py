@@ -8,6 +8,7 @@ computer an old block counts as unknown.
 
 from __future__ import annotations
 
+import re
 import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -83,6 +84,11 @@ class ScannerStatus:
     def forgotten(self) -> Self:
         """Return the same with everything unknown that the scanner itself has to say."""
         return replace(self, state="", laser=UNKNOWN, shutter=UNKNOWN, interlock=UNKNOWN, key=UNKNOWN, fault=None)
+
+
+def wording(text: str | None) -> str:
+    """Return a sentence without its numbers: of seconds that pass alone nothing is logged or noted."""
+    return re.sub(r"\d+", "", text or "")
 
 
 SILENT_ACQUISITION: Final = "the acquisition process does not answer"

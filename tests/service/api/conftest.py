@@ -5,8 +5,12 @@ import httpx
 import numpy as np
 import pytest
 
+from steradian.scans.clearing import FaultClerk
+from steradian.scans.port_watch import PortWatch
 from steradian.scans.store import AlineStore, create_scan_file
+from steradian.storage.clearing import Clearing
 from steradian.storage.plans import PlanRepository
+from steradian.storage.scanner_status import StatusBlock
 from steradian.storage.scans import ScanRepository
 from steradian.storage.states import ScanState
 from support.alines import Aline
@@ -41,6 +45,22 @@ def server(database, tmp_path_factory):
 def http(server):
     with httpx.Client(base_url=f"{server.url}/api/v1", timeout=250) as client:
         yield client
+
+
+class NoScanner:
+    """A port without a scanner."""
+
+    def present(self):
+        return None
+
+
+@pytest.fixture(scope="module")
+def fault_clerk(server):
+    """What carries out requests to clear a fault in an acquisition process, which the API here has not."""
+    folder = server.data.emergency
+    watch = PortWatch(NoScanner(), StatusBlock(folder), lambda status: None)
+    with FaultClerk(Clearing(folder), watch).working():
+        yield
 
 
 def make_scan(http, plan_id, key=None):

@@ -54,7 +54,7 @@ def existing(http, free_scanner, mask, plan, scan, scan_with_alines):
 
 
 @pytest.mark.parametrize("name", sorted(NAMES))
-def test_every_answer_is_as_documented(server, existing, operations, name):
+def test_every_answer_is_as_documented(server, fault_clerk, existing, operations, name):
     from schemathesis.checks import CHECKS
 
     checked = [check for check in CHECKED if not (name.endswith("/readyz") and check == "not_a_server_error")]

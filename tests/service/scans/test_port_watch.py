@@ -1,5 +1,6 @@
 """The scanner's state between and during scans: what is shown, for how long, and what happens to the port meanwhile."""
 
+import socket
 import time
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -172,3 +173,17 @@ def test_stop_while_a_scan_connects_asks_the_scanner_through_its_port(tmp_path, 
         port.until(connection="connected")
         with port.watch.lent():
             assert port.watch.stop("Ada").laser == "off"
+
+
+def test_status_of_a_port_on_which_nothing_answers_is_noted_and_logged_once(tmp_path, caplog):
+    caplog.set_level("INFO", "steradian")
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        url = f"socket://127.0.0.1:{silent.getsockname()[1]}"
+        with watched(tmp_path, url) as port:
+            shown = port.until(connection="disconnected", laser="unknown")
+            first = until(lambda: (now := port.block.read().error) and "has been heard" in now and now)
+            until(lambda: port.block.read().error not in (first, None))  # the seconds in it pass
+            assert shown.heard is None
+            said = [one.getMessage() for one in caplog.records if "is disconnected" in one.getMessage()]
+            assert len([one for one in said if "has been heard" in one]) == 1, said
+            assert len({one.error for one in port.notes if one.error and "has been heard" in one.error}) == 1

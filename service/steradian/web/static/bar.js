@@ -89,15 +89,20 @@ function one(scanner) {
   const every = scanner.look_interval ? `The service asks the scanner every ${duration(scanner.look_interval)}, this page asks the service every second.` : "";
   pill.title = [scanner.last_error, every].filter(Boolean).join(" ");
   return [
-    h("span", { class: connection === "connected" ? "" : "fault" }, `${scanner.simulated ? "Simulated scanner" : "Scanner"}: ${linkOf(scanner)}`),
+    h("span", { class: connection === "connected" ? "" : isUnstarted(scanner) ? "dim" : "fault" }, `${scanner.simulated ? "Simulated scanner" : "Scanner"}: ${linkOf(scanner)}`),
     stop ? h("span", { class: "fault" }, stop) : null,
     laser === "unknown" ? unknown(why) : laser !== "off" ? h("span", { class: "laser" }, `laser ${laser}`) : stop === "stop sent" ? null : h("span", { class: "dim" }, "laser off"),
     gate("shutter", shutter, laser === "on" ? "open" : "closed"), gate("interlock", interlock, "closed"),
     lease ? h("span", { class: "dim" }, `reserved by ${lease.holder} until ${clock(lease.ends)}`) : null];
 }
 
+/** Whether a scanner is the built-in simulator before its first scan. @param {any} scanner */
+const isUnstarted = ({ simulated, connection }) => simulated && connection === "unknown";
+
 /** How the service and a scanner are connected, in words. @param {any} scanner */
-function linkOf({ connection, holder }) {
+function linkOf(scanner) {
+  const { connection, holder } = scanner;
+  if (isUnstarted(scanner)) return "not started";
   if (connection === "in-use") return `in use by ${holder ?? "another program"}`;
   if (connection === "disconnected") return "not connected";
   return connection === "connected" ? "connected" : "connection unknown";
