@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -16,6 +17,16 @@ from steradian.validation import invalid_input
 PREFIX = "STERADIAN_"
 FIRST_SCANNER = "scanner-0"
 """What the scanner is called where there is one."""
+ROOT_PATH = r"^((/[A-Za-z0-9_~-][A-Za-z0-9._~-]*){1,8}/?)?$"
+"""A path below which a proxy serves: segments of letters, digits and ``._~-``, none of which begins with a dot."""
+_ORIGIN = r"https?://([A-Za-z0-9.-]{1,253}|\[[0-9A-Fa-f:.]{2,45}\])(:[0-9]{1,5})?"
+ORIGINS = rf"^ *({_ORIGIN}( *, *{_ORIGIN})* *)?$"
+"""Origins as browsers write them, without a path; neither ``*`` nor ``null`` is one."""
+OWN_PATHS = frozenset(
+    {"api", "data", "design", "docs", "healthz", "metrics", "openapi.json", "problems", "readyz", "reconstructions"}
+    | {"scans", "static", "volumes"}
+)
+"""First segments of the service's own addresses."""
 SECRETS = frozenset({f"{PREFIX}API_KEY", f"{PREFIX}NODE_SECRET"})
 """Variables that only processes get which answer requests."""
 
@@ -28,6 +39,12 @@ class Settings(BaseSettings):
     data: Path = Field(description="Folder that holds everything the service keeps; made when missing")
     host: str = Field(default="127.0.0.1", description="Address to listen on")
     port: int = Field(default=8000, ge=0, le=65_535, description="Port to listen on; 0 takes a free one")
+    root_path: str = Field(
+        default="",
+        max_length=200,
+        pattern=ROOT_PATH,
+        description="Path below which a proxy serves this service, /steradian for example; none: X-Forwarded-Prefix's",
+    )
     workers: int = Field(default=1, ge=0, le=64, description="Reconstructions at a time, a process each")
     scanner: str = Field(
         default="simulated",
@@ -122,6 +139,11 @@ class Settings(BaseSettings):
     allowed_hosts: str = Field(
         default="", description="Names, beside the loopback's, by which a service without keys may be addressed"
     )
+    cors_origins: str = Field(
+        default="",
+        pattern=ORIGINS,
+        description="Origins whose pages may read, https://viewer.example, separated by commas; none: no page",
+    )
     page_scripts: Path | None = Field(
         default=None, description="Folder with a laboratory's own scripts (.js), which every page runs; none: no such"
     )
@@ -137,6 +159,12 @@ class Settings(BaseSettings):
     max_connections: int = Field(default=2000, ge=10, le=100_000, description="HTTP connections at a time")
     client_timeout: float = Field(
         default=20.0, gt=0, le=3600, description="Seconds for which a client may send nothing of a request it began (s)"
+    )
+    keep_alive: float = Field(
+        default=90.0,
+        gt=0,
+        le=3600,
+        description="Seconds for which an idle connection is kept, longer than proxies keep theirs (s)",
     )
     max_volume_bytes: int = Field(default=8 * 2**30, ge=2**20, description="Largest volume a job may make (bytes)")
     disk_reserve_bytes: int = Field(
@@ -168,6 +196,9 @@ class Settings(BaseSettings):
             raise InvalidInput("store", settings.store, allowed)
         if "?" in settings.scanner:
             settings._check_baud()
+        if settings.root_path.split("/")[1:2] and settings.root_path.split("/")[1] in OWN_PATHS:
+            allowed = f"a path that begins with none of the service's own ({', '.join(sorted(OWN_PATHS))})"
+            raise InvalidInput("root_path", settings.root_path, allowed)
         return settings
 
     def _check_baud(self) -> None:
@@ -193,12 +224,21 @@ class Settings(BaseSettings):
     @property
     def is_local(self) -> bool:
         """Whether only this machine can reach the service."""
-        return self.host in {"localhost", "::1"} or self.host.startswith("127.")
+        name = self.host.lower().removesuffix(".")
+        try:
+            return name == "localhost" or ip_address(name).is_loopback
+        except ValueError:
+            return False
 
     @property
     def needs_key(self) -> bool:
         """Whether nobody is let in without a key."""
         return self.require_key or not self.is_local
+
+    @property
+    def origins(self) -> frozenset[str]:
+        """Origins of other sites whose pages may read, in lower case."""
+        return frozenset(name.strip().lower() for name in self.cors_origins.split(",") if name.strip())
 
     @property
     def follows(self) -> bool:

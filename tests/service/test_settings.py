@@ -59,3 +59,13 @@ def test_a_child_process_reads_the_very_same_settings(monkeypatch):
             monkeypatch.setenv(name, value)
     assert Settings.create() == settings
     assert not settings.simulated
+
+
+@pytest.mark.parametrize("host", ["LOCALHOST", "Localhost", "localhost", "127.0.0.2", "::1", "0:0:0:0:0:0:0:1"])
+def test_any_name_of_the_loopback_is_the_loopback(tmp_path, host):
+    assert not Settings.create(data=tmp_path, host=host).needs_key
+
+
+@pytest.mark.parametrize("host", ["::", "127.evil.example", "localhost.evil.example", "192.0.2.1", "lab-pc"])
+def test_no_other_name_is_the_loopback(tmp_path, host):
+    assert Settings.create(data=tmp_path, host=host).needs_key

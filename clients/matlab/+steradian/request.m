@@ -14,6 +14,8 @@ function answer = request(service, method, path, varargin)
     for k = 1:2:numel(varargin)
         given.(varargin{k}) = varargin{k + 1};
     end
+    below = regexprep(service.address, '^https?://[^/]*', '');  % links have a proxy's path in front, as the address has
+    if ~isempty(below) && strncmp(path, [below '/'], numel(below) + 1), path = path(numel(below) + 1:end); end
     folder = tempname();
     mkdir(folder);
     if ~ispc(), system(sprintf('chmod 700 ''%s''', folder)); end

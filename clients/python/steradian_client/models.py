@@ -346,6 +346,7 @@ class Upload(Answer):
 
     id: str
     bytes: int
+    length: int | None = None
     sha256: str | None = None
 
 

@@ -115,6 +115,8 @@ READ_JOB_FILE: Final = Route("GET", f"{V1}/jobs/{{id}}/files/{{name}}")
 
 CREATE_UPLOAD: Final = Route("POST", f"{V1}/uploads")
 READ_UPLOAD: Final = Route("GET", f"{V1}/uploads/{{id}}")
+APPEND_UPLOAD: Final = Route("PATCH", f"{V1}/uploads/{{id}}", repeatable=False)
+"""It goes on where the service says that the upload ends, which is asked anew each time."""
 PREVIEW_UPLOAD: Final = Route("POST", f"{V1}/uploads/{{id}}/preview")
 DELETE_UPLOAD: Final = Route("DELETE", f"{V1}/uploads/{{id}}")
 

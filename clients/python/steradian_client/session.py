@@ -153,8 +153,19 @@ def problem_of(answer: httpx.Response) -> ServiceError:
     try:
         problem = answer.json()
     except ValueError:
-        problem = {"title": answer.reason_phrase}
+        problem = _not_ours(answer)
     return ServiceError.of(answer.status_code, problem if isinstance(problem, dict) else {"detail": str(problem)})
+
+
+def _not_ours(answer: httpx.Response) -> dict[str, Any]:
+    """Describe a refusal without a problem document: what stands between client and service gave it."""
+    if answer.status_code != 413:
+        return {"title": answer.reason_phrase}
+    server = answer.headers.get("Server", "")
+    who = f"a proxy in front of the service ({server})" if server else "a proxy in front of the service"
+    settings = "client_max_body_size in nginx, request_body max_size in Caddy, LimitRequestBody in Apache"
+    detail = f"{who} takes no body as large as this one, and the service never saw it; its limit is {settings}"
+    return {"code": "proxy-refused-size", "detail": detail}
 
 
 def _retry_after(answer: httpx.Response) -> float:

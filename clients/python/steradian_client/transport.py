@@ -28,22 +28,29 @@ class Sending:
         The file.
     report
         Told how many bytes of how many have left.
+
+    Attributes
+    ----------
+    start
+        Bytes of it that are there already; it goes on behind them.
     """
 
     def __init__(self, path: Path, report: Callable[[int, int], None] | None = None) -> None:
         self.path, self._report = path, report
-        self.size, self.sha256 = path.stat().st_size, ""
+        self.size, self.sha256, self.start = path.stat().st_size, "", 0
 
     def pieces(self) -> Iterator[bytes]:
-        """Read it, from the beginning each time."""
+        """Read it, from the beginning each time, and give what is behind the start."""
         digest, done = hashlib.sha256(), 0
         with self.path.open("rb") as source:
             while piece := source.read(PIECE):
                 digest.update(piece)
                 done += len(piece)
+                if done <= self.start:
+                    continue
                 if self._report is not None:
                     self._report(done, self.size)
-                yield piece
+                yield piece[max(0, self.start - (done - len(piece))) :]
         self.sha256 = digest.hexdigest()
 
 
@@ -122,7 +129,7 @@ class Transport(ABC):
         """Close the connections."""
 
     def _options(self, request: Request) -> dict[str, Any]:
-        size = {} if request.file is None else {"Content-Length": str(request.file.size)}
+        size = {} if request.file is None else {"Content-Length": str(request.file.size - request.file.start)}
         return {
             "method": request.method,
             "url": request.path,

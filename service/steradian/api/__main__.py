@@ -32,6 +32,7 @@ def main(descriptor: int) -> None:
         Door(places(settings.max_connections), settings.client_timeout),
         log_config=None,
         access_log=False,
+        timeout_keep_alive=settings.keep_alive,
         timeout_graceful_shutdown=GRACE,
         server_header=False,
     )

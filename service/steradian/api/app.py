@@ -6,6 +6,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 from fastapi import FastAPI
+from starlette.types import ASGIApp
 
 from steradian import __version__
 from steradian.api import (
@@ -34,6 +35,8 @@ from steradian.api import (
     storage,
     uploads,
 )
+from steradian.api.addresses import Prefixed, address
+from steradian.api.cors import Cors
 from steradian.api.feed import Feed
 from steradian.api.middleware import BodyLimit, Head, Observe, OnlyText, RequestId, StreamLimit
 from steradian.api.security import Authenticate
@@ -50,6 +53,16 @@ RESOURCES = (
 """In the order in which a request is compared with their routes; streams are opened by many at once."""
 
 
+class Application(FastAPI):
+    """The framework's application behind :class:`Prefixed`, which comes before its handlers of errors, too."""
+
+    root = ""
+
+    def build_middleware_stack(self) -> ASGIApp:
+        """Put it in front of all layers."""
+        return Prefixed(super().build_middleware_stack(), self.root)
+
+
 def create_app(settings: Settings) -> FastAPI:
     """Build the application on a data directory whose database is migrated.
 
@@ -63,7 +76,7 @@ def create_app(settings: Settings) -> FastAPI:
         yield
         services.close()
 
-    app = FastAPI(
+    app = Application(
         title="Steradian",
         version=__version__,
         summary="Sparse photoacoustic tomography: masks, plans, scans and reconstructions",
@@ -73,6 +86,7 @@ def create_app(settings: Settings) -> FastAPI:
         license_info={"name": "Apache 2.0", "identifier": "Apache-2.0"},
         generate_unique_id_function=contract.name_operation,
     )
+    app.root = settings.root_path
     app.state.services = services
     app.state.routes = []
     app.state.feed = Feed(services)
@@ -81,13 +95,14 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_middleware(Head)
     app.add_middleware(BodyLimit, settings=settings)
     app.add_middleware(Authenticate, keeper=services)
+    app.add_middleware(Cors, origins=settings.origins)
     app.add_middleware(OnlyText)
     app.add_middleware(StreamLimit)
     app.add_middleware(Observe, metrics=app.state.metrics)
     app.add_middleware(RequestId)
     problems.install(app)
     routers = [module.router for module in (*RESOURCES, health, metrics, documentation, problem_pages)]
-    for router in (*routers, make_router(__version__, settings.page_scripts)):
+    for router in (*routers, make_router(__version__, settings.page_scripts, address)):
         app.include_router(router)
         app.state.routes += router.routes
     contract.describe(app)

@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 
+from steradian.api.addresses import link
 from steradian.api.choices import BatchStates, OfScan
 from steradian.api.dependencies import Before, Limit, OptionalKey, ServicesNeeded, Who, link_next, replay
 from steradian.api.identifiers import BATCH_ID
@@ -21,7 +22,7 @@ from steradian.api.reconstructions import JobWish, note_reconstruction
 from steradian.api.reports import ReportView
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
-from steradian.api.views import BASE, Listing
+from steradian.api.views import Listing
 from steradian.errors import Conflict, InvalidInput
 from steradian.jobs.ledger import to_status
 from steradian.jobs.model import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobStatus
@@ -135,7 +136,7 @@ class BatchView(BaseModel):
         counts = Counter(str(jobs[member.id].state) for member in members)
         if forgotten := math.prod(len(values) for values in row.vary.values()) - len(members):
             counts["forgotten"] = forgotten
-        here = f"{BASE}/batches/{row.id}"
+        here = link(f"/batches/{row.id}")
         return cls(
             id=row.id,
             scan_id=row.scan_id,
@@ -145,7 +146,7 @@ class BatchView(BaseModel):
             counts=dict(counts),
             jobs=[_member(row, member, jobs[member.id]) for member in members],
             created=row.created,
-            links={"self": here, "scan": f"{BASE}/scans/{row.scan_id}"},
+            links={"self": here, "scan": link(f"/scans/{row.scan_id}")},
         )
 
 

@@ -67,6 +67,9 @@ class ChangeConditions:
     def revision(self, identifier: str) -> int | None:
         """Return the revision that the client wants to change; ``None`` when any will do.
 
+        A weak tag names it as well: a proxy that compresses makes a weak one of ours, and the revision in it is that of
+        the resource, whatever the bytes were.
+
         Raises
         ------
         Outdated
@@ -77,7 +80,7 @@ class ChangeConditions:
         tags = parse_etags(self._match)
         if tags.star_tag:
             return None
-        for tag in filter(None, tags):  # an empty one is read as none
+        for tag in filter(None, tags.as_set(include_weak=True)):  # an empty one is read as none
             found = re.fullmatch(rf"{re.escape(identifier)}-([0-9]{{1,18}})(-[0-9a-f]+)?", tag)
             if found:
                 return int(found[1])

@@ -13,6 +13,8 @@ from typing import Any
 import uvicorn
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
+from steradian.api.peers import Peer
+
 HEAD_BYTES = 64 * 2**10
 """Largest request line with headers (bytes)."""
 RESERVED_FILES = 128
@@ -75,11 +77,13 @@ class GuardedConnection(HttpToolsProtocol):
         self._door = self.config.door
         self._head_bytes = 0
         self._in_head = True
+        self._peer: Peer | None = None
         self._timer: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Take the connection, or refuse it when there are too many."""
         super().connection_made(transport)
+        self._peer = Peer(self.client, self.server)
         if self._door.enter(self):
             self._await_client()
         else:
@@ -104,6 +108,7 @@ class GuardedConnection(HttpToolsProtocol):
     def on_message_begin(self) -> None:
         """Begin to wait for the head of a request."""
         super().on_message_begin()
+        self.scope["state"]["peer"] = self._peer
         self._in_head = True
         self._await_client()
 

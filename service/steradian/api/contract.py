@@ -12,6 +12,7 @@ from fastapi import FastAPI
 from fastapi.routing import APIRoute
 
 from steradian.api import cookies
+from steradian.api.addresses import prefix
 from steradian.api.arrays import NPY, RAW
 from steradian.api.links import add_links
 from steradian.api.problems import RESPONSES, Problem
@@ -61,7 +62,7 @@ CONFLICTS: Final = frozenset(
         *("batch_create", "batch_delete", "batch_desired_state_set"),
         *("emergency_stop_release", "scanner_lease_return", "scanner_lease_take", "scanner_retire"),
         *("job_change", "job_create", "job_delete", "job_desired_state_set", "job_file_read"),
-        *("mask_delete", "plan_delete", "upload_delete"),
+        *("mask_delete", "plan_delete", "upload_append", "upload_delete"),
         *("reconstruction_change", "reconstruction_create", "reconstruction_delete"),
         *("reconstruction_desired_state_set", "reconstruction_mip_read", "reconstruction_quality_create"),
         *("reconstruction_revision_read", "reconstruction_volume_read", "reconstruction_zarr_read"),
@@ -82,13 +83,16 @@ HEADERS: Final[dict[str, tuple[str, str]]] = {
     "Idempotency-Replayed": ("true when it is the answer to an earlier request with this key", "true"),
     "Link": ("Where the next page is, as rel=next; missing on the last one", '</api/v1/scans?before=7>; rel="next"'),
     "Location": ("Address of what was made", "/api/v1/scans/s01jz0000000000000000000000"),
-    "Preference-Applied": ("How long it may have waited", "wait=60"),
+    "Preference-Applied": ("How long it may have waited", "wait=50"),
     "Repr-Digest": (
         "Checksum of the whole file, where Want-Repr-Digest asked for it",
         "sha-256=:47DEQpj8HBSa+/TImW+5JA==:",
     ),
     "Retry-After": ("Seconds after which it may be tried again", "1"),
     "Set-Cookie": ("The session's cookie", f"{cookies.NAME}=…; HttpOnly; Path=/api/v1; SameSite=strict"),
+    "Tus-Resumable": ("Version of the way in which uploads resume", "1.0.0"),
+    "Upload-Length": ("Bytes of the whole file", "1000"),
+    "Upload-Offset": ("Bytes of it that have come", "0"),
     "Vary": ("Headers of the request that choose the representation", "Accept"),
     "WWW-Authenticate": ("How to prove oneself", 'Bearer realm="steradian"'),
     "X-Axes": ("Names of the array's axes", "x,y,z"),
@@ -119,7 +123,8 @@ def describe(app: FastAPI) -> None:
     def openapi() -> dict[str, Any]:
         if app.openapi_schema is None:
             complete(plain())
-        return plain()
+        below = prefix()
+        return plain() | ({"servers": [{"url": below, "description": "This service"}]} if below else {})
 
     app.openapi = openapi  # type: ignore[method-assign]
 
@@ -213,6 +218,10 @@ def _headers(operation: dict[str, Any], method: str, status: str, sent: set[str]
         and operation["operationId"] != "ticket_create"
     ):
         yield "Location"
+    if operation["operationId"] in ("upload_append", "upload_create", "upload_read"):
+        yield from ("Tus-Resumable", "Upload-Length", "Upload-Offset")
+    if operation["operationId"] == "upload_append":
+        yield "Repr-Digest"
     if "before" in sent:
         yield "Link"
     if "Range" in sent:

@@ -10,16 +10,17 @@ from __future__ import annotations
 import hmac
 from typing import Final
 
-from fastapi import Response
+from fastapi import Request, Response
 from starlette.datastructures import Headers
 from starlette.requests import cookie_parser
 
+from steradian.api.addresses import BASE, address, prefix
+from steradian.api.forwarding import is_forwarded
 from steradian.security.keys import Forbidden
 from steradian.security.sessions import LIFETIME, SeenSession
 
 NAME: Final = "steradian_session"
 TOKEN: Final = "X-CSRF-Token"  # noqa: S105 - the header's name
-PATH: Final = "/api/v1"
 
 
 class CrossSite(Forbidden):
@@ -33,23 +34,25 @@ def secret_in(headers: Headers) -> str | None:
     return cookie_parser("; ".join(headers.getlist("cookie"))).get(NAME) or None
 
 
-def set_cookie(response: Response, secret: str, headers: Headers, scheme: str) -> None:
+def set_cookie(response: Response, secret: str, request: Request) -> None:
     """Give a browser the cookie: for this site only, for no script, and for no plain link where there is TLS."""
     response.set_cookie(
         NAME,
         secret,
         max_age=int(LIFETIME.total_seconds()),
-        path=PATH,
-        secure=_is_secure(headers, scheme),
+        path=_path(request),
+        secure=_is_secure(request),
         httponly=True,
         samesite="strict",
     )
 
 
-def take_cookie(response: Response, headers: Headers, scheme: str) -> None:
+def take_cookie(response: Response, request: Request) -> None:
     """Have a browser forget it."""
-    secure = _is_secure(headers, scheme)
-    response.delete_cookie(NAME, path=PATH, secure=secure, httponly=True, samesite="strict")
+    where = _path(request)
+    response.set_cookie(
+        NAME, "", max_age=0, expires=0, path=where, secure=_is_secure(request), httponly=True, samesite="strict"
+    )
 
 
 def check_page(seen: SeenSession, headers: Headers, *, changes: bool) -> None:
@@ -76,7 +79,7 @@ def check_page(seen: SeenSession, headers: Headers, *, changes: bool) -> None:
     if origin is None and site is None:
         raise CrossSite("a request with a session's cookie must say where it comes from: Origin or Sec-Fetch-Site")
     if not hmac.compare_digest(headers.get(TOKEN, "").encode(), seen.csrf_token.encode()):
-        raise CrossSite(f"a request with a session's cookie must bring {TOKEN} as GET {PATH}/session tells it")
+        raise CrossSite(f"a request with a session's cookie must bring {TOKEN} as GET {address(BASE)}/session tells it")
 
 
 def _hosts(headers: Headers) -> set[str]:
@@ -84,5 +87,13 @@ def _hosts(headers: Headers) -> set[str]:
     return {host for host in (*headers.getlist("host"), *headers.getlist("x-forwarded-host")) if host}
 
 
-def _is_secure(headers: Headers, scheme: str) -> bool:
-    return scheme == "https" or headers.get("x-forwarded-proto", "").strip().lower() == "https"
+def _is_secure(request: Request) -> bool:
+    return request.url.scheme == "https" or request.headers.get("x-forwarded-proto", "").strip().lower() == "https"
+
+
+def _path(request: Request) -> str | None:
+    """Below which path the cookie is sent; ``None`` leaves it to the browser, which takes that of the session.
+
+    So a browser can sign in below a path of which a proxy says nothing.
+    """
+    return None if is_forwarded(request.scope) and not prefix() else address(BASE)

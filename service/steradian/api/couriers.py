@@ -11,6 +11,7 @@ from typing import Final
 
 from ulid import ULID
 
+from steradian.api.addresses import link
 from steradian.api.emergency import until
 from steradian.api.nodes import ERRAND, Nodes, NodeUnavailable, Question
 from steradian.api.scanner_views import EmergencyAnswer, EmergencyView
@@ -124,5 +125,5 @@ def _unconfirmed(errand: _Errand) -> EmergencyAnswer:
         seconds=None,
         recorded=errand.recorded is not None,
     )
-    here = f"{BASE}/scanners/{errand.scanner_id}"
+    here = link(f"/scanners/{errand.scanner_id}")
     return EmergencyAnswer(id=errand.scanner_id, emergency_stop=shown, links={"scanner": here})

@@ -4,24 +4,30 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
+import json
 import re
-from collections.abc import Callable
-from contextlib import aclosing, suppress
+from collections.abc import Callable, Iterator
+from contextlib import aclosing, contextmanager, suppress
 from typing import Annotated, Any, Final, TypeAlias, TypeVar
 from urllib.parse import urlencode
 
 from fastapi import Depends, Header, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
+from steradian.api.addresses import BASE, address, prefix
 from steradian.api.feed import Feed
+from steradian.api.forwarding import is_forwarded
 from steradian.api.services import Services
-from steradian.errors import InvalidInput
+from steradian.errors import InvalidInput, NotFound
 from steradian.security.keys import Principal
 from steradian.storage.idempotency import Answer, Key
 
-MAX_WAIT = 120.0
-"""Longest that a request is held (s); the client asks again."""
-_WAIT_HELP = f"'wait=SECONDS' (RFC 7240) holds the answer until the work is over, {MAX_WAIT:g} s at most"
+MAX_WAIT, MAX_WAIT_FORWARDED = 120.0, 50.0
+"""Longest that a request is held (s), and one that came through a proxy, which gives up after 60 s; it asks again."""
+_WAIT_HELP = (
+    f"'wait=SECONDS' (RFC 7240) holds the answer until the work is over, {MAX_WAIT:g} s at most and"
+    f" {MAX_WAIT_FORWARDED:g} s through a proxy: see Preference-Applied"
+)
 
 MAX_KEY: Final = 200
 _KEY: Final = re.compile(r"^[\x21-\x7e]+$")
@@ -37,6 +43,11 @@ async def _services(request: Request) -> Services:
 async def _who(request: Request) -> Principal:
     principal: Principal = request.state.principal
     return principal
+
+
+def longest_wait(request: Request) -> float:
+    """Tell for how long an answer may be held (s)."""
+    return MAX_WAIT_FORWARDED if is_forwarded(request.scope) else MAX_WAIT
 
 
 class Patience:
@@ -73,7 +84,7 @@ async def _wait(
     for preference in ",".join(request.headers.getlist("prefer")).split(","):
         found = re.fullmatch(r"\s*wait\s*=\s*\"?([0-9]{1,9})\"?\s*", preference)
         if found:
-            return Patience(request, min(float(found[1]), MAX_WAIT))
+            return Patience(request, min(float(found[1]), longest_wait(request)))
     return Patience(request, 0.0)
 
 
@@ -126,10 +137,26 @@ def link_next(response: Response, request: Request, limit: int, cursor: int | No
     if cursor is not None:
         chosen = [pair for pair in request.query_params.multi_items() if pair[0] not in {"limit", "before"}]
         query = urlencode([("limit", limit), ("before", cursor), *chosen])
-        response.headers["Link"] = f'<{request.url.path}?{query}>; rel="next"'
+        response.headers["Link"] = f'<{address(request.url.path)}?{query}>; rel="next"'
+
+
+@contextmanager
+def deleted_since(answer: Answer) -> Iterator[None]:
+    """Leave a repeated answer as it was where what it made has been deleted; nothing can be waited for then."""
+    try:
+        yield
+    except NotFound:
+        if not answer.replayed:
+            raise
 
 
 def replay(answer: Answer) -> Response:
     """Send an answer that was kept, or is kept from now on."""
-    headers = {"Location": answer.location} | ({"Idempotency-Replayed": "true"} if answer.replayed else {})
-    return Response(answer.body, answer.status, headers, media_type="application/json")
+    before = answer.location.rpartition(f"{BASE}/")[0]  # below which path it was asked first
+    location, body = answer.location, answer.body
+    if answer.replayed and before != prefix():
+        shown = json.loads(body)
+        shown["links"] = {name: address(at.removeprefix(before)) for name, at in shown["links"].items()}
+        location, body = address(location.removeprefix(before)), json.dumps(shown, ensure_ascii=False)
+    headers = {"Location": location} | ({"Idempotency-Replayed": "true"} if answer.replayed else {})
+    return Response(body, answer.status, headers, media_type="application/json")

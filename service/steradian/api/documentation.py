@@ -17,15 +17,15 @@ router = APIRouter(include_in_schema=False)
 PAGE_POLICY: Final = f"{POLICY}; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'"
 """What the page may do: run its two scripts, ask this service, and show what it has or draws itself."""
 _START: Final = """window.addEventListener("load", () => SwaggerUIBundle({
-  url: "/openapi.json", dom_id: "#docs", deepLinking: true, docExpansion: "none", filter: true,
+  url: "openapi.json", dom_id: "#docs", deepLinking: true, docExpansion: "none", filter: true,
   displayRequestDuration: true, tryItOutEnabled: true, validatorUrl: null, defaultModelsExpandDepth: 0,
 }));
 """
 """Begins the page; a key that is entered there is kept as long as the page is open, nowhere else."""
 _PAGE: Final = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Steradian API</title>
-<link rel="icon" href="/docs/favicon.png"><link rel="stylesheet" href="/docs/swagger-ui.css">
-<script src="/docs/swagger-ui-bundle.js"></script><script src="/docs/start.js"></script></head>
-<body><div id="docs"></div><noscript>For machines: <a href="/openapi.json">openapi.json</a></noscript></body></html>
+<link rel="icon" href="docs/favicon.png"><link rel="stylesheet" href="docs/swagger-ui.css">
+<script src="docs/swagger-ui-bundle.js"></script><script src="docs/start.js"></script></head>
+<body><div id="docs"></div><noscript>For machines: <a href="openapi.json">openapi.json</a></noscript></body></html>
 """
 _FILES: Final = {"swagger-ui-bundle.js": "text/javascript", "swagger-ui.css": "text/css", "favicon.png": "image/png"}
 

@@ -17,11 +17,11 @@ from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 from starlette.types import Receive, Scope, Send
 
+from steradian.api.addresses import link
 from steradian.api.dependencies import ServicesNeeded, Who
 from steradian.api.feed import Event, Feed, Progress
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
-from steradian.api.views import BASE
 from steradian.security.keys import TICKET_SECONDS, Principal
 from steradian.storage.events import Bounds
 
@@ -32,7 +32,7 @@ RETRY_MS = 1000
 SIGN_OF_LIFE = 15.0
 """Seconds of silence after which a listener is told that the service is there."""
 _STREAM = {"text/event-stream": {"schema": {"type": "string", "description": "Server-sent events"}}}
-_SNAPSHOT = {name: f"{BASE}/{name}" for name in ("scans", "reconstructions", "jobs", "batches", "scanners")}
+_SNAPSHOT = ("scans", "reconstructions", "jobs", "batches", "scanners")
 
 
 class TicketView(BaseModel):
@@ -163,7 +163,8 @@ async def follow_events(
 async def _frames(services: Services, who: Principal, feed: Feed, wanted: Filter) -> AsyncGenerator[bytes, None]:
     bounds = await feed.bounds()
     cursor, problem = _begin(bounds, wanted.last_event_id)
-    about = {} if problem is None else {"reason": problem, "snapshot": _SNAPSHOT}
+    snapshot = {name: link(f"/{name}") for name in _SNAPSHOT}
+    about = {} if problem is None else {"reason": problem, "snapshot": snapshot}
     name, place = "ready" if problem is None else "reset", f"{bounds.epoch}.{cursor}"
     yield format_sse_event(event=name, id=place, data_str=json.dumps(about), retry=RETRY_MS)
     told: dict[str, Progress] = {}

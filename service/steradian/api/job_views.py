@@ -7,9 +7,10 @@ from typing import Any, Self
 
 from pydantic import BaseModel, Field
 
+from steradian.api.addresses import link
 from steradian.api.queue_views import QueueView, RequirementsView
 from steradian.api.reports import HistoryView, Result, result_of
-from steradian.api.views import BASE, ErrorView, ProgressView, RequestId
+from steradian.api.views import ErrorView, ProgressView, RequestId
 from steradian.jobs.forecast import Forecast
 from steradian.jobs.forms import asked
 from steradian.jobs.kinds import resource_of
@@ -45,7 +46,7 @@ class JobView(BaseModel):
     @classmethod
     def of(cls, job: JobStatus, queue: Forecast | None = None) -> Self:
         """Show a job."""
-        here = f"{BASE}/jobs/{job.id}"
+        here = link(f"/jobs/{job.id}")
         result = {name: value for name, value in job.result.items() if name != "files"}
         return cls(
             id=job.id,
@@ -82,10 +83,10 @@ class JobView(BaseModel):
 def _links(here: str, job: JobStatus) -> dict[str, str]:
     links = {f"file:{name}": f"{here}/files/{name}" for name in job.result.get("files", [])}
     if resource_of(job.kind) == "reconstruction":
-        links["reconstruction"] = f"{BASE}/reconstructions/{job.id}"
+        links["reconstruction"] = link(f"/reconstructions/{job.id}")
     through, made = job.payload.get("through") or {}, job.result if job.kind == "import" else {}
     named = {**job.payload, **through, **made}
     for name, noun in (("scan_id", "scans"), ("reconstruction_id", "reconstructions"), ("mask_id", "masks")):
         if identifier := named.get(name):
-            links.setdefault(name.removesuffix("_id"), f"{BASE}/{noun}/{identifier}")
+            links.setdefault(name.removesuffix("_id"), link(f"/{noun}/{identifier}"))
     return links

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
@@ -12,7 +13,17 @@ from starlette.concurrency import run_in_threadpool
 
 from steradian.api.choices import JobKind, JobStates, OfBatch, OfScan
 from steradian.api.conditions import ChangeConditionsNeeded, ConditionsNeeded, etag_of, etag_of_file
-from steradian.api.dependencies import Before, Limit, OptionalKey, ServicesNeeded, Wait, Who, link_next, replay
+from steradian.api.dependencies import (
+    Before,
+    Limit,
+    OptionalKey,
+    ServicesNeeded,
+    Wait,
+    Who,
+    deleted_since,
+    link_next,
+    replay,
+)
 from steradian.api.files import RANGED, RangedFile, find, log_as_text
 from steradian.api.identifiers import FILE_NAME, JOB_ID
 from steradian.api.job_checks import check_work
@@ -84,10 +95,13 @@ async def queue_job(
         measured = await run_in_threadpool(services.measure)
         answer = await run_in_threadpool(services.answers.once, key, make)
     identifier = answer.location.rpartition("/")[2]
-    if not wait.seconds or answer.replayed:
+    if not wait.seconds:
         return replay(answer)
-    view = await _view(services, identifier, wait)
-    return replay(Answer(201 if view.is_over else 202, answer.location, view.model_dump_json()))
+    with deleted_since(answer):
+        view = await _view(services, identifier, wait)
+        status = 201 if view.is_over else 202
+        answer = replace(answer, status=status, location=view.links["self"], body=view.model_dump_json())
+    return replay(answer)
 
 
 @router.get("", summary="Jobs of every kind, newest first")

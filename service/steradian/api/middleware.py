@@ -22,6 +22,7 @@ from steradian.settings import Settings
 
 _log = logging.getLogger(__name__)
 UPLOADS, STREAMS = "/api/v1/uploads", "/api/v1/events"
+_UPLOAD = re.compile(rf"{UPLOADS}(/[^/]+)?")
 MAX_STREAMS, AT_ONCE = 200, 4
 LISTS = frozenset(
     f"/api/v1/{name}"
@@ -163,7 +164,7 @@ class StreamsInTurn:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve."""
-        if scope["type"] != "http" or scope["path"] != STREAMS:
+        if scope["type"] != "http" or not scope["path"].endswith(STREAMS):  # below any path
             return await self.app(scope, receive, send)
         await self._turns.acquire()
         has_turn = True
@@ -215,7 +216,7 @@ class BodyLimit:
     def _limit(self, path: str) -> int:
         if EMERGENCY_STOP.fullmatch(path):
             return min(self._json, STOP_BYTES)
-        return self._uploads if path == UPLOADS else self._lists if path in LISTS else self._json
+        return self._uploads if _UPLOAD.fullmatch(path) else self._lists if path in LISTS else self._json
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve."""

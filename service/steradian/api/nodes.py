@@ -24,6 +24,7 @@ from fastapi import Request, Response
 from starlette.datastructures import Headers
 from starlette.responses import StreamingResponse
 
+from steradian.api.addresses import HEADER, prefix
 from steradian.errors import SteradianError
 from steradian.security.keys import Principal, Scope, Unauthorized
 from steradian.settings import Settings
@@ -77,6 +78,8 @@ class Question:
         query = request.scope["query_string"].decode("latin-1")
         target = request.scope["raw_path"].decode("latin-1") + (f"?{query}" if query else "")
         headers = [(name, value) for name, value in request.headers.items() if name in PASSED_ON]
+        if below := prefix():
+            headers.append((HEADER, below))
         headers.append(("x-request-id", str(request.scope["state"]["request_id"])))
         return cls(request.method, target, request.state.principal, await request.body(), tuple(headers))
 

@@ -106,7 +106,7 @@ PROBLEMS: Final[Mapping[str, ProblemKind]] = MappingProxyType(
             409,
             "It does not exist yet",
             "What was asked for will exist when a job or scan is over that still waits or runs.",
-            "Ask again after Retry-After, or send Prefer: wait=60, or follow /events.",
+            "Ask again after Retry-After, or send Prefer: wait=50, or follow /events.",
             retryable=True,
         ),
         "lease-held": ProblemKind(

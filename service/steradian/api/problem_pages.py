@@ -9,6 +9,7 @@ from typing import Any
 from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse, JSONResponse, Response
 
+from steradian.api.addresses import address
 from steradian.api.arrays import JSON, negotiate
 from steradian.api.problem_kinds import PROBLEMS, ROOT, address_of
 from steradian.errors import NotFound
@@ -30,13 +31,13 @@ def read_problem(request: Request, code: str) -> Response:
     """Show one kind to a person as a page, to a program as JSON; raises :class:`NotFound`."""
     if code not in PROBLEMS:
         raise NotFound("kind of problem", code)
-    kind, more = PROBLEMS[code], f'<p><a href="{ROOT}">Other problems</a></p>'
+    kind, more = PROBLEMS[code], f'<p><a href="{address(ROOT)}">Other problems</a></p>'
     body = f"<p>{escape(kind.meaning)}</p><p>What to do: {escape(kind.remedy)}</p><p>{kind.status} {code}</p>{more}"
     return _shown(request, _told(code), kind.title, body)
 
 
 def _told(code: str) -> dict[str, Any]:
-    return {"type": address_of(code), "code": code} | asdict(PROBLEMS[code])
+    return {"type": address(address_of(code)), "code": code} | asdict(PROBLEMS[code])
 
 
 def _shown(request: Request, told: dict[str, Any], title: str, body: str) -> Response:

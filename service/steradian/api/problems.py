@@ -24,6 +24,7 @@ from starlette.requests import ClientDisconnect
 from starlette.routing import Match
 from starlette.types import Scope
 
+from steradian.api.addresses import address, link
 from steradian.api.conditions import NotModified
 from steradian.api.findings import Finding, finding_of, findings_of
 from steradian.api.headers import NOT_KEPT, SAFE
@@ -132,11 +133,11 @@ def problem(
     """Build the answer to a request; ``more`` are further members of :class:`Problem`."""
     kind, request_id = PROBLEMS[code], request_id_of(scope)
     body = Problem(
-        type=address_of(code),
+        type=address(address_of(code)),
         title=kind.title,
         status=kind.status,
         detail=detail,
-        instance=quote(scope["path"]),  # the query may hold a ticket
+        instance=address(quote(scope["path"])),  # the query may hold a ticket
         code=code,
         request_id=request_id,
         retryable=kind.retryable,
@@ -171,7 +172,7 @@ async def _ours(request: Request, error: Exception) -> JSONResponse:
             "promised_bytes": error.promised,
         }
     elif isinstance(error, HasDependents):
-        more = {"dependents": [f"/api/v1/{_NOUNS[one.kind]}/{one.id}" for one in error.dependents[:MOST_NAMED]]}
+        more = {"dependents": [link(f"/{_NOUNS[one.kind]}/{one.id}") for one in error.dependents[:MOST_NAMED]]}
     return problem(request.scope, error.code, str(error), errors=errors, headers=headers, **more)
 
 
@@ -193,10 +194,10 @@ async def _refused(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)  # noqa: S101
     detail, headers = str(error.detail), dict(error.headers or {})
     if error.status_code == 404:
-        detail = f"there is no {request.method} {request.url.path}; the API begins at /api/v1"
+        detail = f"there is no {request.method} {address(request.url.path)}; the API begins at {link('')}"
     elif error.status_code == 405:
         headers["Allow"] = ", ".join(sorted(_methods(request)))
-        detail = f"{request.url.path} knows no {request.method}; allowed: {headers['Allow']}"
+        detail = f"{address(request.url.path)} knows no {request.method}; allowed: {headers['Allow']}"
     return problem(request.scope, CODE_OF.get(error.status_code, "bad-request"), detail, headers=headers)
 
 

@@ -8,6 +8,7 @@ from fastapi import APIRouter, Response
 from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel, ConfigDict, Field
 
+from steradian.api.addresses import link
 from steradian.api.dependencies import OptionalKey, ServicesNeeded, Wait, Who
 from steradian.api.identifiers import RECONSTRUCTION_ID
 from steradian.api.job_views import JobView
@@ -79,8 +80,8 @@ def list_reconstruction_quality(services: ServicesNeeded, reconstruction_id: REC
                 state=row.state,
                 figures=_figures(row.result),
                 links={
-                    "job": f"{BASE}/jobs/{row.id}",
-                    "reference": f"{BASE}/reconstructions/{row.payload['reference_id']}",
+                    "job": link(f"/jobs/{row.id}"),
+                    "reference": link(f"/reconstructions/{row.payload['reference_id']}"),
                 },
             )
             for row in page.rows

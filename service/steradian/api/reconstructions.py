@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Literal, Self
 
 from fastapi import APIRouter, Request, Response
@@ -11,7 +12,17 @@ from starlette.concurrency import run_in_threadpool
 
 from steradian.api.choices import JobStates, OfBatch, OfScan, ThroughMask, VolumeKind
 from steradian.api.conditions import ChangeConditionsNeeded, ConditionsNeeded, etag_of
-from steradian.api.dependencies import Before, Limit, OptionalKey, ServicesNeeded, Wait, Who, link_next, replay
+from steradian.api.dependencies import (
+    Before,
+    Limit,
+    OptionalKey,
+    ServicesNeeded,
+    Wait,
+    Who,
+    deleted_since,
+    link_next,
+    replay,
+)
 from steradian.api.identifiers import RECONSTRUCTION_ID
 from steradian.api.job_checks import Cost, check_reconstruction, cost_of
 from steradian.api.reports import AttemptView
@@ -88,11 +99,13 @@ async def create_reconstruction(
         measured = await run_in_threadpool(services.measure)
         answer = await run_in_threadpool(services.answers.once, key, make)
     identifier = answer.location.rpartition("/")[2]
-    if not wait.seconds or answer.replayed:
+    if not wait.seconds:
         return replay(answer)
-    row, job = await look(services, identifier, wait)
-    body = ReconstructionView.of(row, job).model_dump_json()
-    return replay(Answer(201 if job.is_over else 202, answer.location, body))
+    with deleted_since(answer):
+        row, job = await look(services, identifier, wait)
+        view, status = ReconstructionView.of(row, job), 201 if job.is_over else 202
+        answer = replace(answer, status=status, location=view.links["self"], body=view.model_dump_json())
+    return replay(answer)
 
 
 @router.get("", summary="Reconstructions, newest first")

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import Literal
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Request
 from pydantic import BaseModel, Field
 
 from steradian import __version__
+from steradian.api.addresses import address, link
 from steradian.api.arrays import CSV, JSON, NPY, RAW
-from steradian.api.dependencies import MAX_WAIT, ServicesNeeded
+from steradian.api.dependencies import ServicesNeeded, longest_wait
 from steradian.api.problem_kinds import ROOT
 from steradian.api.security import V1, GuardedRoute
-from steradian.api.views import BASE
 from steradian.jobs.requests import SUFFIXES
 
 router = APIRouter(prefix=V1, tags=["service"], route_class=GuardedRoute)
@@ -45,7 +45,7 @@ _FORMATS = {
 
 @router.get("", summary="The service, its mode, limits and links")
 @router.get("/", include_in_schema=False)
-def read_root(services: ServicesNeeded) -> RootView:
+def read_root(services: ServicesNeeded, request: Request) -> RootView:
     """Tell what this is."""
     settings = services.settings
     return RootView(
@@ -58,22 +58,22 @@ def read_root(services: ServicesNeeded) -> RootView:
             "volume_bytes": settings.max_volume_bytes,
             "disk_reserve_bytes": settings.disk_reserve_bytes,
             "disk_available_bytes": services.available,
-            "wait_seconds": MAX_WAIT,
+            "wait_seconds": longest_wait(request),
         },
         formats=_FORMATS,
         links={
             **{
-                name: f"{BASE}/{name}"
+                name: link(f"/{name}")
                 for name in ("masks", "plans", "scanners", "scans", "reconstructions", "batches", "jobs")
             },
-            "storage": f"{BASE}/storage",
-            "session": f"{BASE}/session",
-            "events": f"{BASE}/events",
-            "openapi": "/openapi.json",
-            "docs": "/docs",
-            "problems": ROOT,
-            "metrics": "/metrics",
-            "health": "/healthz",
-            "ready": "/readyz",
+            "storage": link("/storage"),
+            "session": link("/session"),
+            "events": link("/events"),
+            "openapi": address("/openapi.json"),
+            "docs": address("/docs"),
+            "problems": address(ROOT),
+            "metrics": address("/metrics"),
+            "health": address("/healthz"),
+            "ready": address("/readyz"),
         },
     )

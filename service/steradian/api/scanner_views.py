@@ -7,7 +7,7 @@ from typing import Any, Literal, Self, cast
 
 from pydantic import BaseModel, Field
 
-from steradian.api.views import BASE
+from steradian.api.addresses import link
 from steradian.storage.emergency import Deed, Press
 from steradian.storage.scanner_status import (
     CURRENT_ELSEWHERE,
@@ -156,7 +156,7 @@ class ScannerView(BaseModel):
         stop
             The stop that stands.
         """
-        here = f"{BASE}/scanners/{row.id}"
+        here = link(f"/scanners/{row.id}")
         lease = None
         if held and row.lease_ends is not None:
             about: dict[str, Any] = {"holder": row.holder, "principal": row.held_by, "note": row.note}

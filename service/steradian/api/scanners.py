@@ -7,6 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Body, Header, Query, Request, Response
 from pydantic import ConfigDict, Field
 
+from steradian.api.addresses import link
 from steradian.api.conditions import ConditionsNeeded, etag_of
 from steradian.api.dependencies import ServicesNeeded, Who
 from steradian.api.identifiers import SCANNER_ID
@@ -150,7 +151,7 @@ async def press_one(
     errand = request.headers.get(ERRAND) if came_from_a_node(request) else None
     press, deed = await desk.press(who.name, reason, errand)
     shown = EmergencyView.of(press, deed, recorded=desk.is_recorded(press))
-    here = f"{V1}/scanners/{scanner_id}"
+    here = link(f"/scanners/{scanner_id}")
     return EmergencyAnswer(id=scanner_id, emergency_stop=shown, links={"scanner": here})
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Request, Response
@@ -11,7 +12,17 @@ from starlette.concurrency import run_in_threadpool
 
 from steradian.api.choices import Labels, OfMask, OfPlan, ScanStates, pairs_of
 from steradian.api.conditions import ChangeConditionsNeeded, ConditionsNeeded, etag_of
-from steradian.api.dependencies import Before, Limit, RequiredKey, ServicesNeeded, Wait, Who, link_next, replay
+from steradian.api.dependencies import (
+    Before,
+    Limit,
+    RequiredKey,
+    ServicesNeeded,
+    Wait,
+    Who,
+    deleted_since,
+    link_next,
+    replay,
+)
 from steradian.api.identifiers import SCAN_ID
 from steradian.api.scanners import Lease
 from steradian.api.security import V1, GuardedRoute
@@ -105,12 +116,13 @@ async def create_scan(
         scanner = await run_in_threadpool(_scanner_for, services, scanner_id)
         measured = await run_in_threadpool(services.measure)
         answer = await run_in_threadpool(services.answers.once, key, make)
-    response = replay(answer)
-    if wait.seconds and not answer.replayed:
-        identifier = answer.location.rpartition("/")[2]
-        row = await wait.until(lambda: services.scans.get(identifier), is_settled)
-        response = replay(Answer(201, answer.location, ScanView.of(row).model_dump_json()))
-    return response
+    if not wait.seconds:
+        return replay(answer)
+    identifier = answer.location.rpartition("/")[2]
+    with deleted_since(answer):
+        view = ScanView.of(await wait.until(lambda: services.scans.get(identifier), is_settled))
+        answer = replace(answer, location=view.links["self"], body=view.model_dump_json())
+    return replay(answer)
 
 
 @router.get("", summary="Scans, newest first")

@@ -22,6 +22,8 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from steradian.api.bodies import JsonRequest
 from steradian.api.choices import refuse_unknown
 from steradian.api.cookies import check_page, secret_in
+from steradian.api.cors import is_read_of
+from steradian.api.forwarding import is_forwarded, stranger
 from steradian.api.nodes import Elsewhere, principal_of
 from steradian.api.problems import NO_DATABASE, database_problem, problem
 from steradian.api.stop_callers import bearer_of_ticket, is_stop
@@ -97,6 +99,7 @@ SCOPES: Final[dict[tuple[str, str], Need | None]] = {
     ("POST", f"{V1}/uploads"): Need.RECONSTRUCT,
     ("GET", f"{V1}/uploads/{{upload_id}}"): Need.READ,
     ("POST", f"{V1}/uploads/{{upload_id}}/preview"): Need.RECONSTRUCT,
+    ("PATCH", f"{V1}/uploads/{{upload_id}}"): Need.RECONSTRUCT,
     ("DELETE", f"{V1}/uploads/{{upload_id}}"): Need.RECONSTRUCT,
     ("POST", f"{V1}/jobs"): Need.RECONSTRUCT,
     ("GET", f"{V1}/jobs"): Need.READ,
@@ -119,8 +122,6 @@ SCOPES: Final[dict[tuple[str, str], Need | None]] = {
 GUARDED: Final = (V1, "/metrics")
 """Paths below which nothing is answered without a key; the rest (health, documentation, pages) holds no data."""
 UNSAFE: Final = frozenset({"POST", "PUT", "PATCH", "DELETE"})
-FORWARDING: Final = ("forwarded", "via", "x-real-ip")
-"""Headers that a proxy adds, beside all that begin with ``X-Forwarded-``."""
 LOCAL: Final = Principal("local", frozenset({Need.ADMIN}))
 AT_ONCE: Final = 10.0
 """Seconds' worth of requests that may come at once."""
@@ -139,8 +140,9 @@ class Authenticate:
     """Finds out who asks; refuses callers without a valid key where one is needed, before anything is read.
 
     Without keys only this machine can connect, but others could use it to: a proxy on it, or a page in its browser.
-    What was forwarded needs a key; requests that are addressed to another host's name, and those that a page of
-    another origin makes by itself, are refused.
+    What was forwarded needs a key, and so does what a process of another user asks, but for the emergency stop;
+    requests that are addressed to another host's name, and those that a page of another origin makes by itself, are
+    refused.
     """
 
     def __init__(self, app: ASGIApp, keeper: _Keeper) -> None:
@@ -200,9 +202,11 @@ class Authenticate:
             return seen.principal
         if self._settings.needs_key:
             raise Unauthorized("a key is needed: Authorization: Bearer …")
-        if _is_forwarded(headers):
+        if is_forwarded(scope):
             raise Unauthorized("the request came through a proxy, so a key is needed: Authorization: Bearer …")
-        self._check_origin(scope["method"], headers)
+        if not is_stop(scope) and (why := stranger(scope)) is not None:
+            raise Unauthorized(f"{why}, so a key is needed: Authorization: Bearer …")
+        self._check_origin(scope, headers)
         return LOCAL
 
     async def _prove(self, scope: Scope, check: Callable[[str], Principal], secret: str) -> Principal:
@@ -228,7 +232,8 @@ class Authenticate:
             return await run_in_threadpool(self._sessions.check, secret)
         return None
 
-    def _check_origin(self, method: str, headers: Headers) -> None:
+    def _check_origin(self, scope: Scope, headers: Headers) -> None:
+        method = scope["method"]
         hosts = headers.getlist("host")
         host = hosts[0] if len(hosts) == 1 else ""
         name = _name(f"//{host}")
@@ -237,13 +242,11 @@ class Authenticate:
         origin = headers.get("origin")
         if method in UNSAFE and origin is not None and origin.partition("://")[2] != host:
             raise Forbidden(f"a page of {origin!r} may not change anything here without a key")
+        if is_read_of(scope, headers, self._settings.origins):
+            return
         followed = method not in UNSAFE and headers.get("sec-fetch-mode") == "navigate"
         if headers.get("sec-fetch-site", "none") not in {"same-origin", "none"} and not followed:
             raise Forbidden("a page of another origin may do nothing here without a key")
-
-
-def _is_forwarded(headers: Headers) -> bool:
-    return any(name in FORWARDING or name.startswith("x-forwarded-") for name in headers)
 
 
 def _name(address: str) -> str:

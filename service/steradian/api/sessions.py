@@ -8,6 +8,7 @@ from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
+from steradian.api.addresses import link
 from steradian.api.cookies import TOKEN, secret_in, set_cookie, take_cookie
 from steradian.api.dependencies import ServicesNeeded, Who
 from steradian.api.security import LOCAL, V1, GuardedRoute
@@ -55,8 +56,8 @@ async def create_session(services: ServicesNeeded, request: Request, response: R
     """
     principal = Principal(who.name, who.scopes) if hasattr(request.state, "session") else who
     secret = await run_in_threadpool(services.sessions.open, principal)
-    set_cookie(response, secret, request.headers, request.url.scheme)
-    response.headers["Location"] = f"{V1}/session"
+    set_cookie(response, secret, request)
+    response.headers["Location"] = link("/session")
     return SessionView.of(who, await run_in_threadpool(services.sessions.check, secret), services.stop_tickets)
 
 
@@ -71,4 +72,4 @@ async def delete_session(services: ServicesNeeded, request: Request, response: R
     """End the session of the cookie, if there is one; the key goes on."""
     if secret := secret_in(request.headers):
         await run_in_threadpool(services.sessions.end, secret)
-    take_cookie(response, request.headers, request.url.scheme)
+    take_cookie(response, request)

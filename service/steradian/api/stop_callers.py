@@ -9,7 +9,8 @@ from typing import Final
 from starlette.datastructures import Headers
 from starlette.types import Scope
 
-from steradian.api.cookies import PATH, check_page, secret_in
+from steradian.api.addresses import BASE as PATH
+from steradian.api.cookies import check_page, secret_in
 from steradian.security.keys import Forbidden, KeyStore, Principal, Unauthorized
 from steradian.security.sessions import SessionStore
 from steradian.security.stop_tickets import StopTickets

@@ -19,6 +19,7 @@ from starlette.datastructures import Headers
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from steradian.api.addresses import prefix
 from steradian.api.problems import NO_DATABASE, database_problem
 from steradian.storage.stamps import Stamp
 
@@ -145,4 +146,4 @@ def _key(scope: Scope) -> Hashable:
     if any(name in headers for name in _OWN):
         return None
     principal = scope["state"].get("principal")
-    return scope["path"], scope["query_string"], principal, *(headers.get(name) for name in _SAME)
+    return prefix(), scope["path"], scope["query_string"], principal, *(headers.get(name) for name in _SAME)

@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import os
 import tempfile
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, BinaryIO, Self
+from typing import Annotated, Any, BinaryIO, Self, TypeAlias
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Header, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 from starlette.concurrency import run_in_threadpool
 
+from steradian.api.addresses import link
 from steradian.api.arrays import JSON
 from steradian.api.dependencies import ServicesNeeded
 from steradian.api.identifiers import UPLOAD_ID
+from steradian.api.parts import Part
 from steradian.api.security import V1, GuardedRoute
 from steradian.api.services import Services
-from steradian.api.views import BASE
 from steradian.errors import InvalidInput, NotFound
 from steradian.jobs.requests import Identifier, check_described
 from steradian.storage import deletion
@@ -30,6 +33,16 @@ router = APIRouter(prefix=f"{V1}/uploads", tags=["jobs"], route_class=GuardedRou
 _BINARY = {
     "application/octet-stream": {"schema": {"type": "string", "format": "binary", "minLength": 1}, "examples": {}}
 }
+
+
+_PIECES = {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}, "examples": {}}}
+TUS, TUS_VERSION = "Tus-Resumable", "1.0.0"
+Length: TypeAlias = Annotated[
+    int | None, Header(alias="Upload-Length", ge=1, description="Bytes of a file that is sent by PATCH", examples=[100])
+]
+Offset: TypeAlias = Annotated[
+    int, Header(alias="Upload-Offset", ge=0, description="Bytes that have come; the body goes on there", examples=[0])
+]
 
 
 class UploadPreviewRequest(Value):
@@ -83,7 +96,8 @@ class UploadView(BaseModel):
     """A file that waits to be imported."""
 
     id: str
-    bytes: int
+    bytes: int = Field(description="That have come")
+    length: int | None = Field(default=None, description="Of the whole file, where the rest has still to come (bytes)")
     sha256: str | None = Field(default=None, description="Of the whole file, when it has just come")
     links: dict[str, str] = Field(examples=[{"self": "/api/v1/…"}])
 
@@ -94,20 +108,24 @@ class UploadView(BaseModel):
     summary="Send a file to be imported",
     openapi_extra={"requestBody": {"required": True, "content": _BINARY}},
 )
-async def create_upload(services: ServicesNeeded, request: Request, response: Response) -> UploadView:
+async def create_upload(
+    services: ServicesNeeded, request: Request, response: Response, length: Length = None
+) -> UploadView:
     """Keep the body as a file: IPASC, k-Wave or MATLAB HDF5, npy, npz, CSV, .sgl, or a scan of this program.
 
-    Then POST /jobs with kind ``import``. A file that nobody imports is deleted after a day.
+    Then POST /jobs with kind ``import``. A file that nobody imports is deleted after a day. With Upload-Length the body
+    is empty, and the bytes follow by PATCH; what broke off is gone on with where HEAD says that it ends (tus 1.0).
     """
     identifier = new_id("u")
+    here = link(f"/uploads/{identifier}")
+    response.headers["Location"] = here
     draft = services.data.uploads / f"{identifier}.part"
     digest, size = hashlib.sha256(), 0
-    measured, taken = await run_in_threadpool(lambda: (services.measure(), _promised(services)))
-
-    def require(count: int) -> None:
-        what = f"the upload, of which {size / 1e6:.1f} MB have come," if size else "the upload"
-        used = measured.used + services.arrivals.came - measured.came
-        services.disk.require(count, what, taken + services.arrivals.awaited, used)
+    require = await run_in_threadpool(_room, services, lambda: size)
+    if length is not None:
+        await run_in_threadpool(_begin, services, identifier, length, require)
+        response.headers.update(_progress(0, length))
+        return UploadView(id=identifier, bytes=0, length=length, links={"self": here})
 
     def keep(file: BinaryIO, piece: bytes) -> None:
         take(len(piece))
@@ -126,18 +144,57 @@ async def create_upload(services: ServicesNeeded, request: Request, response: Re
             await run_in_threadpool(services.arrays.keep, upload_name(identifier), draft)
     finally:
         await run_in_threadpool(draft.unlink, missing_ok=True)
-    here = f"{BASE}/uploads/{identifier}"
-    response.headers["Location"] = here
     return UploadView(id=identifier, bytes=size, sha256=digest.hexdigest(), links={"self": here})
 
 
 @router.get("/{upload_id}", summary="One upload")
-def read_upload(services: ServicesNeeded, upload_id: UPLOAD_ID) -> UploadView:
-    """Tell whether a file is still there, and its size."""
+def read_upload(services: ServicesNeeded, response: Response, upload_id: UPLOAD_ID) -> UploadView:
+    """Tell whether a file is still there, and its size; Upload-Offset is how much of it has come."""
+    about: dict[str, Any] = {"id": upload_id, "links": {"self": link(f"/uploads/{upload_id}")}}
     found = services.arrays.stat(upload_name(upload_id)) if _is_name(upload_id) else None
-    if found is None:
-        raise NotFound("upload", upload_id)
-    return UploadView(id=upload_id, bytes=found.size, links={"self": f"{BASE}/uploads/{upload_id}"})
+    if found is not None:
+        response.headers.update(_progress(found.size, found.size))
+        return UploadView(bytes=found.size, **about)
+    part = Part.find(services.data.uploads, upload_id)
+    come = part.offset
+    response.headers.update(_progress(come, part.length))
+    return UploadView(bytes=come, length=part.length, **about)
+
+
+@router.patch(
+    "/{upload_id}",
+    status_code=204,
+    summary="Send more of an upload",
+    openapi_extra={"requestBody": {"required": True, "content": _PIECES}},
+)
+async def append_upload(services: ServicesNeeded, request: Request, upload_id: UPLOAD_ID, offset: Offset) -> Response:
+    """Add the body to an upload that was begun with Upload-Length, whatever of it comes before it breaks off.
+
+    With the last byte it is a whole upload; Repr-Digest then has its SHA-256. Nothing comes for a day: it is deleted.
+    """
+    part = await run_in_threadpool(Part.find, services.data.uploads, upload_id)
+    size = offset
+    require = await run_in_threadpool(_room, services, lambda: size)
+
+    def keep(file: BinaryIO, piece: bytes) -> None:
+        if size + len(piece) > part.length:
+            raise InvalidInput("body", f"more than {part.length - offset} bytes", f"the rest of {part.length} bytes")
+        take(len(piece))
+        file.write(piece)
+        file.flush()
+
+    with services.arrivals.upload(int(request.headers.get("content-length", 0)), require) as take:
+        with part.open(offset) as file:
+            async for piece in request.stream():
+                await run_in_threadpool(keep, file, piece)
+                size += len(piece)
+            if size == part.length:
+                digest = await run_in_threadpool(part.digest)
+                await run_in_threadpool(services.arrays.keep, upload_name(upload_id), part.path)
+                await run_in_threadpool(part.path.unlink, missing_ok=True)
+                told = {"Repr-Digest": f"sha-256=:{base64.b64encode(digest).decode()}:"}
+                return Response(status_code=204, headers=_progress(size, part.length) | told)
+    return Response(status_code=204, headers=_progress(size, part.length))
 
 
 @router.post("/{upload_id}/preview", summary="What would be understood of an upload", response_model=UploadPreviewView)
@@ -156,6 +213,8 @@ def delete_upload(services: ServicesNeeded, upload_id: UPLOAD_ID) -> Response:
     """Delete the file; nothing happens when there is none. One that an import has still to read stays."""
     with suppress(NotFound):
         deletion.delete_upload(services.database, services.arrays, upload_id)
+    with suppress(NotFound):
+        Part.find(services.data.uploads, upload_id).path.unlink(missing_ok=True)
     return Response(status_code=204)
 
 
@@ -170,6 +229,30 @@ def _look(description: dict[str, Any] | None, *uploads: Path) -> bytes:
         except InvalidInput as error:
             raise InvalidInput(f"description.{error.field}", error.value, error.allowed) from error
     return UploadPreviewView.model_validate(found, from_attributes=True).model_dump_json().encode()
+
+
+def _room(services: Services, come: Callable[[], int]) -> Callable[[int], None]:
+    """Look at the disk; the function that is returned refuses what has no room beside what else comes."""
+    measured, taken = services.measure(), _promised(services)
+
+    def require(count: int) -> None:
+        what = f"the upload, of which {come() / 1e6:.1f} MB have come," if come() else "the upload"
+        used = measured.used + services.arrivals.came - measured.came
+        services.disk.require(count, what, taken + services.arrivals.awaited, used)
+
+    return require
+
+
+def _begin(services: Services, identifier: str, length: int, require: Callable[[int], None]) -> None:
+    largest = services.settings.max_import_bytes
+    if length > largest:
+        raise InvalidInput("Upload-Length", length, f"1 to {largest} (bytes)")
+    require(length)
+    Part.begin(services.data.uploads, identifier, length)
+
+
+def _progress(come: int, length: int) -> dict[str, str]:
+    return {"Upload-Offset": str(come), "Upload-Length": str(length), TUS: TUS_VERSION}
 
 
 def _promised(services: Services) -> int:

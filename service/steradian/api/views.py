@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Generic, Self, TypeAlias, Type
 
 from pydantic import BaseModel, Field
 
+from steradian.api.addresses import BASE as BASE
+from steradian.api.addresses import link
 from steradian.api.queue_views import QueueView, RequirementsView
 from steradian.api.reports import HistoryView, PreviewView, ReportView, SummaryView
 from steradian.jobs.forecast import Forecast
@@ -20,7 +22,6 @@ if TYPE_CHECKING:
     from steradian.masks import Mask
     from steradian.masks.promises import Promises
 
-BASE = "/api/v1"
 Item = TypeVar("Item")
 RequestId: TypeAlias = Annotated[
     str | None, Field(description="X-Request-ID of the request that asked for it; null: not known")
@@ -66,7 +67,7 @@ class MaskView(BaseModel):
     @classmethod
     def of(cls, row: MaskRow) -> Self:
         """Show a row."""
-        here = f"{BASE}/masks/{row.id}"
+        here = link(f"/masks/{row.id}")
         return cls(
             id=row.id,
             arrangement=row.arrangement,
@@ -149,7 +150,7 @@ class PlanView(BaseModel):
     def of(cls, row: PlanRow) -> Self:
         """Show a row."""
         preview = PreviewView.model_validate(row.preview)
-        links = {"self": f"{BASE}/plans/{row.id}", "mask": f"{BASE}/masks/{row.mask_id}"}
+        links = {"self": link(f"/plans/{row.id}"), "mask": link(f"/masks/{row.mask_id}")}
         return cls(id=row.id, mask_id=row.mask_id, created=row.created, links=links, preview=preview, **row.parameters)
 
 
@@ -180,7 +181,7 @@ class ScanView(BaseModel):
     @classmethod
     def of(cls, row: ScanRow) -> Self:
         """Show a row."""
-        here = f"{BASE}/scans/{row.id}"
+        here = link(f"/scans/{row.id}")
         parts = {name: f"{here}/{name}" for name in ("file", "shots", "alines", "coverage")}
         return cls(
             id=row.id,
@@ -202,7 +203,7 @@ class ScanView(BaseModel):
             started=row.started,
             ended=row.ended,
             history=[HistoryView.model_validate(change) for change in row.history],
-            links={"self": here, "plan": f"{BASE}/plans/{row.plan_id}", **parts},
+            links={"self": here, "plan": link(f"/plans/{row.plan_id}"), **parts},
         )
 
 
@@ -238,15 +239,15 @@ class ReconstructionView(BaseModel):
     @classmethod
     def of(cls, row: ReconstructionRow, job: JobStatus, queue: Forecast | None = None) -> Self:
         """Show a row and its job."""
-        here = f"{BASE}/reconstructions/{row.id}"
-        job_at = f"{BASE}/jobs/{row.id}"
+        here = link(f"/reconstructions/{row.id}")
+        job_at = link(f"/jobs/{row.id}")
         mips = {f"mip_{axis}": f"{here}/mip?axis={axis}" for axis in ("x", "y", "z", "depth")}
         parts = {name: f"{here}/{name}" for name in ("volume", "quality")}
         parts["ome_zarr"] = f"{here}/volume.ome.zarr"
         parts |= {"job": job_at} | {name: f"{job_at}/{name}" for name in ("log", "attempts", "desired-state")}
         if job.kind == LIVE:
             parts["revision"] = f"{here}/revision"
-        links = {"self": here, "scan": f"{BASE}/scans/{row.scan_id}", **parts}
+        links = {"self": here, "scan": link(f"/scans/{row.scan_id}"), **parts}
         return cls(
             id=row.id,
             kind=job.kind,

@@ -28,6 +28,10 @@ Watch = Annotated[
         help="Hold the scanner's port between scans and show laser, shutter, interlock and key. [default: yes]",
     ),
 ]
+RootPath = Annotated[
+    str | None,
+    typer.Option(help="Path below which a proxy serves this service, like /steradian. [default: none]"),
+]
 Own = Annotated[Path | None, typer.Option(help="Folder of this node alone. [default: data]")]
 
 
@@ -39,6 +43,7 @@ def serve(
     scanner: Scanner = None,
     simulator_speed: Speed = None,
     scanner_watch: Watch = None,
+    root_path: RootPath = None,
 ) -> None:
     """Serve the HTTP API, run scans and reconstruct, until Ctrl-C ends every process.
 
@@ -48,17 +53,17 @@ def serve(
 
     An address that others can reach needs a key: see `steradian key create`.
     """
-    where = {"host": host, "port": port, "workers": workers, "scanner": scanner}
+    where = {"host": host, "port": port, "root_path": root_path, "workers": workers, "scanner": scanner}
     _run(data, role="service", simulator_speed=simulator_speed, scanner_watch=scanner_watch, **where)
 
 
-def api(host: Host = None, port: Port = None, data: Own = None) -> None:
+def api(host: Host = None, port: Port = None, data: Own = None, root_path: RootPath = None) -> None:
     """Serve the HTTP API as one of several nodes, behind any proxy, until Ctrl-C.
 
     All nodes share STERADIAN_DATABASE_URL, STERADIAN_STORE and STERADIAN_NODE_SECRET and nothing else. Scanners have
     nodes of their own (`steradian acquisition`); reconstructions are done by `steradian worker`.
     """
-    _run(data, role="api", host=host, port=port)
+    _run(data, role="api", host=host, port=port, root_path=root_path)
 
 
 def acquisition(

@@ -44,7 +44,7 @@ KINDS: Final = {
 _STATIC: Final = Path(__file__).parent / "static"
 
 
-def make_router(version: str, lab: Path | None = None) -> APIRouter:
+def make_router(version: str, lab: Path | None = None, outside: Callable[[str], str] = str) -> APIRouter:
     """Make the routes of the pages.
 
     Parameters
@@ -53,24 +53,29 @@ def make_router(version: str, lab: Path | None = None) -> APIRouter:
         Of the software, as the pages tell it.
     lab
         Folder of a laboratory's own scripts: each page runs those directly in it, in the order of their names.
+    outside
+        Makes an address of this service one that the client can write, below a proxy's path, for what is no page:
+        a page's own addresses are relative, so that it works below any path, known or not.
     """
     router = APIRouter(include_in_schema=False)
     templates = Environment(loader=PackageLoader(__package__), autoescape=True, undefined=StrictUndefined)
 
-    def shell(template: str) -> HTMLResponse:
+    def shell(template: str, root: str) -> HTMLResponse:
         own = sorted(path.name for path in lab.glob("*.js")) if lab is not None else []
-        text = templates.get_template(f"{template}.html").render(page=template, version=version, lab=own)
+        text = templates.get_template(f"{template}.html").render(page=template, version=version, lab=own, root=root)
         return HTMLResponse(text, headers={"Content-Security-Policy": POLICY})
 
     @router.get("/")
     def read_start(request: Request) -> Response:
         """Show the page to a browser; tell anybody else where things are."""
         if parse_accept_header(request.headers.get("accept")).quality("text/html"):
-            return shell("start")
-        return JSONResponse({"name": "steradian", "docs": "/docs", "openapi": "/openapi.json", "api": "/api/v1"})
+            return shell("start", "./")
+        found = {"docs": "/docs", "openapi": "/openapi.json", "api": "/api/v1"}
+        return JSONResponse({"name": "steradian"} | {name: outside(path) for name, path in found.items()})
 
     for address, template in PAGES.items():
-        router.add_api_route(address, _showing(shell, template), response_class=HTMLResponse, name=f"show_{template}")
+        show = _showing(shell, template, "../" * (address.count("/") - 1) or "./")
+        router.add_api_route(address, show, response_class=HTMLResponse, name=f"show_{template}")
 
     @router.get("/static/bokeh/{name}")
     def read_bokeh_file(request: Request, name: str) -> Response:
@@ -94,9 +99,9 @@ def make_router(version: str, lab: Path | None = None) -> APIRouter:
     return router
 
 
-def _showing(shell: Callable[[str], HTMLResponse], template: str) -> Callable[[], HTMLResponse]:
+def _showing(shell: Callable[[str, str], HTMLResponse], template: str, root: str) -> Callable[[], HTMLResponse]:
     def show() -> HTMLResponse:
-        return shell(template)
+        return shell(template, root)
 
     return show
 

@@ -115,7 +115,10 @@ def by_a_foreign_page():
     for kind in ("text/plain", "application/x-www-form-urlencoded", "multipart/form-data; boundary=x"):
         simple = {"Content-Type": kind}
         yield row(f"a form's {kind}", "POST", "/masks", 415, "unsupported-media-type", simple, content=GRID + "}")
-    for header in ("Forwarded", "X-Forwarded-For", "X-Forwarded-Host", "X-Forwarded-Proto", "Via", "X-Real-IP"):
+    for header in (
+        *("Forwarded", "X-Forwarded-For", "X-Forwarded-Host", "X-Forwarded-Proto", "X-Forwarded-Prefix", "Via"),
+        *("X-Real-IP", "X-Client-IP", "True-Client-IP", "X-Original-For", "X-Envoy-External-Address", "CF-Ray"),
+    ):
         for method, path in (("GET", "/scans"), ("POST", "/masks"), ("GET", "/metrics")):
             proxied = {header: "for=127.0.0.1"}
             yield row(f"{method} {path} through a proxy that says {header}", method, path, 401, "unauthorized", proxied)

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import base64
 import builtins
+import re
 import tempfile
+import time
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from steradian_client import routes
 from steradian_client.downloads import Report as BytesReport
 from steradian_client.downloads import download
-from steradian_client.errors import Damaged
+from steradian_client.errors import Conflict, Damaged, InvalidInput, NotFound, ServiceError, Unreachable
 from steradian_client.models import Job, Scan, Upload, UploadPreview
 from steradian_client.resources.base import Working, given, id_of
-from steradian_client.session import Session
+from steradian_client.session import FIRST_PAUSE, LONGEST_PAUSE, PASSING, Session
 from steradian_client.transport import Sending
 from steradian_client.waiting import Report
 from steradian_client.worlds import Resource, World, operation
@@ -23,12 +27,17 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 
+RESUMED_FROM: Final = 2**20
+"""Bytes from which on a file is sent so that it can be gone on with where it broke off."""
+TUS: Final = {"Tus-Resumable": "1.0.0"}
+
+
 class Uploads(Resource[World]):
     """Files that wait to be imported."""
 
     @operation
     async def create(self, file: Path | str, *, progress: BytesReport | None = None) -> Upload:
-        """Send a file, piece by piece; it is kept for a day.
+        """Send a file, piece by piece, from where it broke off if it does; it is kept for a day.
 
         Raises
         ------
@@ -218,9 +227,58 @@ class Exports(Working[World, Job]):
 
 async def _upload(session: Session, file: Path, progress: BytesReport | None) -> Upload:
     sending = await session.transport.call(lambda: Sending(file, progress))
+    if sending.size >= RESUMED_FROM and (begun := await _begin(session, sending.size)) is not None:
+        with suppress(NotFound):  # it has been deleted meanwhile, or another node has it: all is sent anew
+            return await _send_pieces(session, sending, begun)
+        sending.start = 0
     headers = {"Content-Type": "application/octet-stream"}
     answer = await session.exchange(routes.CREATE_UPLOAD, file=sending, headers=headers)
     upload = Upload.model_validate_json(answer.content)
-    if (upload.bytes, upload.sha256) != (sending.size, sending.sha256):
-        raise Damaged(f"{file.name} has {sending.size} bytes, SHA-256 {sending.sha256}; {upload} was received")
+    _check(sending, upload.bytes, upload.sha256 or "")
     return upload
+
+
+async def _begin(session: Session, size: int) -> str | None:
+    """Announce a file; returns the upload's identifier, or ``None`` for a service that knows whole bodies only."""
+    try:
+        answer = await session.exchange(routes.CREATE_UPLOAD, headers={"Upload-Length": str(size), **TUS})
+    except InvalidInput as error:
+        if any("body" in str(one.get("pointer")) for one in error.errors):
+            return None
+        raise
+    return Upload.model_validate_json(answer.content).id
+
+
+async def _send_pieces(session: Session, sending: Sending, identifier: str) -> Upload:
+    """Send a file, and what is missing of it as often as that breaks off, while something of it arrives."""
+    where, begun, pause = {"id": identifier}, time.monotonic(), FIRST_PAUSE
+    received = None  # its checksum, unless the last answer is lost
+    while True:
+        headers = {"Content-Type": "application/offset+octet-stream", "Upload-Offset": str(sending.start), **TUS}
+        try:
+            answer = await session.exchange(routes.APPEND_UPLOAD, where, file=sending, headers=headers)
+            received = _sha256(answer.headers.get("Repr-Digest", ""))
+            _check(sending, int(answer.headers["Upload-Offset"]), received)
+        except (Unreachable, ServiceError) as error:
+            passes = isinstance(error, Unreachable | Conflict) or error.status in PASSING
+            if not passes or time.monotonic() - begun > session.patience:
+                raise
+            await session.transport.sleep(pause)
+            pause = min(2 * pause, LONGEST_PAUSE)
+        upload = await session.ask(Upload, routes.READ_UPLOAD, where)
+        if upload.length is None:
+            return upload.model_copy(update={"sha256": received})
+        if upload.bytes > sending.start:
+            sending.start, begun, pause = upload.bytes, time.monotonic(), FIRST_PAUSE
+
+
+def _check(sending: Sending, size: int, sha256: str) -> None:
+    if (size, sha256) != (sending.size, sending.sha256):
+        was = f"{sending.path.name} has {sending.size} bytes, SHA-256 {sending.sha256}"
+        raise Damaged(f"{was}; {size} bytes with SHA-256 {sha256 or 'unknown'} were received")
+
+
+def _sha256(digest: str) -> str:
+    """Read the checksum in the header ``Repr-Digest``; empty when there is none."""
+    found = re.search(r"sha-256=:([A-Za-z0-9+/=]+):", digest)
+    return base64.b64decode(found[1]).hex() if found else ""

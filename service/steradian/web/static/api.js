@@ -1,10 +1,13 @@
 // @ts-check
 // The HTTP API as the page's only back end: JSON in and out, problems as errors, a key where one is needed.
 import { authorize, signIn, startSession } from "./session.js";
+import { at } from "./where.js";
 
-export const BASE = "/api/v1";
+export const BASE = at("/api/v1");
 const AT_ONCE = 3; // of six connections that a browser opens: one is the event stream's, two are for looks, which give way to the stop
 const HURRIED = { priority: /** @type {const} */ ("high") };
+
+const PROXY_REFUSES = "A proxy in front of the service takes no body as large as this one, and the service never saw it. Its limit is client_max_body_size in nginx, request_body max_size in Caddy, LimitRequestBody in Apache.";
 
 /** @typedef {{pointer: string, allowed: string, detail: string, place: string}} Finding */
 /** @typedef {{signal?: AbortSignal, headers?: Record<string, string>, accept?: string, urgent?: boolean, asks?: boolean}} How  asks: false where nobody is asked to sign in */
@@ -13,6 +16,7 @@ const HURRIED = { priority: /** @type {const} */ ("high") };
 export class Problem extends Error {
   /** @param {number} status @param {any} body @param {Response | null} [answer] */
   constructor(status, body, answer) {
+    if (status === 413 && !body?.code) body = { title: "A proxy refused the size", detail: PROXY_REFUSES };
     super(body?.detail || body?.title || `the service answered ${status}`);
     this.name = "Problem";
     this.status = status;
@@ -88,7 +92,8 @@ export async function ask(method, path, body, how = {}) {
  * @returns {Promise<Response>}
  */
 async function exchange(method, path, body, how) {
-  const address = path.startsWith("/api/") || path.startsWith("/openapi") ? path : BASE + path;
+  const isWhole = path.startsWith("/api/") || path.startsWith("/openapi") || path.startsWith(`${BASE}/`);
+  const address = isWhole ? at(path) : BASE + path;
   const way = method === "GET" && !how.urgent ? new AbortController() : null;
   if (how.urgent) hurry();
   else await turn(how.signal);

@@ -3,6 +3,7 @@
 import { h, replace } from "./dom.js";
 import { colour, onTheme } from "./theme.js";
 import { shades } from "./shades.js";
+import { at } from "./where.js";
 
 /** @type {Promise<any> | null} */
 let loaded = null;
@@ -20,7 +21,7 @@ export function bokeh() {
 function load(name) {
   return new Promise((done, fail) => {
     const script = document.createElement("script");
-    script.src = `/static/bokeh/${name}`;
+    script.src = at(`/static/bokeh/${name}`);
     script.onload = () => done();
     script.onerror = () => fail(new Error(`${name} could not be loaded`));
     document.head.append(script);

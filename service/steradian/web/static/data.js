@@ -5,6 +5,7 @@ import { byId, h, replace, settled } from "./dom.js";
 import { words } from "./states.js";
 import { Understood } from "./understood.js";
 import { bytes, identifierOf } from "./units.js";
+import { at } from "./where.js";
 
 const COMPANION = /\.(csv|npy|h5|hdf5)$/i;
 const FIELDS = /** @type {[string, string, string, string][]} */ ([
@@ -236,7 +237,7 @@ function done(id) {
     start.disabled = true;
     try {
       const made = await api.post("/reconstructions", { scan_id: id }, { headers: onceOnly() });
-      location.assign(`/reconstructions/${made.id}`);
+      location.assign(at(`/reconstructions/${made.id}`));
     } catch (error) {
       replace(wrong, ...words(error));
       start.disabled = false;

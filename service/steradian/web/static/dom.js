@@ -1,5 +1,6 @@
 // @ts-check
 // Elements from values. Text goes in as text, never as markup: a label may hold whatever somebody typed.
+import { at } from "./where.js";
 
 /** @typedef {Node | string | number | false | null | undefined} Child */
 /** @typedef {Record<string, any>} Props */
@@ -8,7 +9,8 @@
  * Make an element.
  *
  * `class` and attributes are set as such, `on…` functions listen, `dataset` and `style` take objects, `value`,
- * `checked` and `disabled` are properties; what is null, undefined or false is left out.
+ * `checked` and `disabled` are properties; what is null, undefined or false is left out. An `href` is an address of
+ * this service, as {@link at} takes it.
  * @template {keyof HTMLElementTagNameMap} T
  * @param {T} tag
  * @param {Props | null} [props]
@@ -46,7 +48,7 @@ function fill(element, props, children) {
     else if (name === "dataset") Object.assign(element.dataset, value);
     else if (name === "style") for (const [key, one] of Object.entries(value)) element.style.setProperty(key, String(one));
     else if (PROPERTIES.has(name)) /** @type {any} */ (element)[name] = value;
-    else element.setAttribute(name, value === true ? "" : String(value));
+    else element.setAttribute(name, value === true ? "" : name === "href" ? at(String(value)) : String(value));
   }
   put(element, ...children);
   return element;

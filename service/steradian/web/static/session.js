@@ -3,8 +3,9 @@
 // and a cookie that no script can read takes its place.
 import { h, openDialog } from "./dom.js";
 import { clock } from "./units.js";
+import { at } from "./where.js";
 
-const SESSION = "/api/v1/session";
+const SESSION = at("/api/v1/session");
 /** @type {string | null} */
 let token = null;
 /** @type {Promise<boolean> | null} */

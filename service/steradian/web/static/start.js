@@ -3,6 +3,7 @@
 import { api } from "./api.js";
 import { byId } from "./dom.js";
 import { failed, loading } from "./states.js";
+import { at } from "./where.js";
 
 async function lead() {
   const panel = byId("start");
@@ -10,7 +11,7 @@ async function lead() {
   try {
     const running = (await api.get("/scans?state=running&limit=1")).items[0];
     const any = running ?? (await api.get("/scans?limit=1")).items[0];
-    location.replace(running ? `/scans/${running.id}` : any ? "/scans" : "/design");
+    location.replace(at(running ? `/scans/${running.id}` : any ? "/scans" : "/design"));
   } catch (error) {
     failed(panel, error, lead);
   }

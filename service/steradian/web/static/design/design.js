@@ -12,6 +12,7 @@ import { Form } from "./form.js";
 import { anglePanel, orientationPanel, spreadPanel, timePanel } from "./panels.js";
 import { pinning } from "./pins.js";
 import { DesignPlane } from "./view.js";
+import { at } from "../where.js";
 
 /** @typedef {import("./form.js").Remark} Remark */
 
@@ -145,7 +146,7 @@ async function scanThis() {
     const made = await startScan({ plan_id: plan.id, ...on, labels: design.label.trim() ? { sample: design.label.trim() } : {} });
     const follow = { scan_id: made.id, follow: true, interval: 1 };
     if (watch.checked) await api.post("/reconstructions", follow, { headers: onceOnly() }).catch(() => null); // its page offers it again; here would be a second scan
-    location.assign(`/scans/${made.id}`);
+    location.assign(at(`/scans/${made.id}`));
   } catch (error) {
     replace(said, ...words(error));
     scan.disabled = false;

@@ -6,6 +6,7 @@ import { failed, loading, words } from "../states.js";
 import { clock, count } from "../units.js";
 import { ParameterForm } from "./form.js";
 import { groupsOf } from "./schema.js";
+import { at } from "../where.js";
 
 /**
  * Show the form in a panel.
@@ -45,7 +46,7 @@ function fill(panel, groups, origin, scans, wanted, done) {
   scan.addEventListener("change", chosen);
   chosen();
   const button = h("button", { class: "primary", disabled: !usable.length }, "Reconstruct");
-  const close = h("button", { type: "button", onclick: () => { panel.hidden = true; history.replaceState(null, "", "/reconstructions"); } }, "Close");
+  const close = h("button", { type: "button", onclick: () => { panel.hidden = true; history.replaceState(null, "", at("/reconstructions")); } }, "Close");
   const whole = h("form", { novalidate: true, class: "stack" },
     h("h2", null, origin ? `Again: …${origin.id.slice(-5)}` : "Reconstruct a scan"),
     usable.length ? null : h("p", { class: "note" }, "There is no scan with A-lines yet: make one, or import your own data."),

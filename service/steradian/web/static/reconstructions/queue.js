@@ -11,6 +11,7 @@ import { handle } from "./drag.js";
 import { inOrder, toPlace } from "./order.js";
 import { showSide } from "./side.js";
 import { askedBy, methodOf, namesOfScans, speedOf, stateOf, tookOf } from "./state.js";
+import { at } from "../where.js";
 
 const MOST_SIDE = 4;
 const LOOKED_UP = 12; // jobs not over whose place in the queue is asked for
@@ -164,14 +165,14 @@ function showChosen() {
   const button = /** @type {HTMLAnchorElement} */ (byId("side-by-side"));
   const some = items.map((one) => one.id).filter((id) => chosen.has(id)).slice(0, MOST_SIDE);
   button.textContent = chosen.size > MOST_SIDE ? `Side by side: the first ${MOST_SIDE}` : `Side by side (${chosen.size})`;
-  button.href = `/reconstructions?side=${some.join(",")}`;
+  button.href = at(`/reconstructions?side=${some.join(",")}`);
   button.hidden = some.length < 2;
 }
 
 /** @param {{again: string | null, scan: string | null, set: any}} wanted */
 function ask(wanted) {
   void showForm(asking, wanted, () => {
-    history.replaceState(null, "", "/reconstructions");
+    history.replaceState(null, "", at("/reconstructions"));
     void load();
   });
 }

@@ -7,6 +7,7 @@ import { count, duration, figure, identifierOf } from "../units.js";
 import { startScan } from "./start.js";
 import { leaseOf, WhichScanner } from "./which.js";
 import { keeps, OVER, STATES, WISHES } from "./words.js";
+import { at } from "../where.js";
 
 const NAMES = /** @type {Record<string, string>} */ ({ paused: "Pause", running: "Resume", stopped: "Stop …" });
 const WINDOW = 5000;
@@ -121,7 +122,7 @@ export class Controls {
     this.isAsking = true;
     try {
       const made = await api.post("/reconstructions", { scan_id: this.scan.id, ...more }, { headers: onceOnly() });
-      location.assign(`/reconstructions/${made.id}`);
+      location.assign(at(`/reconstructions/${made.id}`));
     } catch (error) {
       replace(this.said, ...words(error));
       this.isAsking = false;
@@ -160,7 +161,7 @@ export class Controls {
     try {
       const { id, plan_id, labels } = this.scan;
       const made = await startScan({ plan_id, labels, completes: id, ...which.wish });
-      location.assign(`/scans/${made.id}`);
+      location.assign(at(`/scans/${made.id}`));
     } catch (error) {
       replace(this.said, ...words(error));
     }

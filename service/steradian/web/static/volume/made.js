@@ -6,6 +6,7 @@ import { failed } from "../states.js";
 import { clock, count, duration, identifierOf } from "../units.js";
 import { optionsOf, requestOf, shellOf } from "../reconstructions/command.js";
 import { differences, groupsOf, spokenPath, told, valueAt } from "../reconstructions/schema.js";
+import { SERVICE } from "../where.js";
 
 /** @param {any} about the reconstruction, of the API */
 export function made(about) {
@@ -49,10 +50,10 @@ function again(groups, about) {
   const { options, missing } = optionsOf(groups, about.parameters);
   const parts = [];
   if (!about.mask_id && about.frame === null) {
-    parts.push(h("h3", null, "On the command line"), copyable(shellOf(location.origin, about, options), "shell"));
+    parts.push(h("h3", null, "On the command line"), copyable(shellOf(SERVICE, about, options), "shell"));
     if (missing.length) parts.push(h("p", { class: "dim small" }, `It has no option for ${missing.map((field) => field.path.join(".")).join(", ")}; the request below says all.`));
   }
-  return [...parts, h("h3", null, "By one request"), copyable(requestOf(location.origin, about), "request")];
+  return [...parts, h("h3", null, "By one request"), copyable(requestOf(SERVICE, about), "request")];
 }
 
 /** @param {string} text @param {string} name */

@@ -1,0 +1,69 @@
+"""Uploads of which a part has come: files that grow piece by piece, and tell how far they are (tus 1.0, core)."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, Self
+
+from steradian.errors import Conflict, NotFound
+
+PIECE = 2**20
+
+
+@dataclass(frozen=True)
+class Part:
+    """A file ``ID.LENGTH.part`` that is to have so many bytes; deleted when nothing has come for a day."""
+
+    path: Path
+    length: int
+
+    @classmethod
+    def begin(cls, folder: Path, identifier: str, length: int) -> Self:
+        """Make an empty one."""
+        path = folder / f"{identifier}.{length}.part"
+        path.touch(exist_ok=False)
+        return cls(path, length)
+
+    @classmethod
+    def find(cls, folder: Path, identifier: str) -> Self:
+        """Find one; raises :class:`NotFound`."""
+        is_name = identifier.isascii() and identifier.isalnum()
+        for path in folder.glob(f"{identifier}.*.part") if is_name else ():
+            return cls(path, int(path.name.split(".")[1]))
+        raise NotFound("upload", identifier)
+
+    @property
+    def offset(self) -> int:
+        """Bytes that have come; raises :class:`FileNotFoundError`."""
+        return self.path.stat().st_size
+
+    @contextmanager
+    def open(self, offset: int) -> Iterator[BinaryIO]:
+        """Go on writing where it ends.
+
+        Raises
+        ------
+        Conflict
+            When it ends elsewhere, or another request writes it.
+        """
+        with self.path.open("r+b") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                raise Conflict("another request sends this upload; ask again how far it is") from None
+            size = file.seek(0, os.SEEK_END)
+            if size != offset:
+                raise Conflict(f"Upload-Offset is {offset}; allowed: {size}, as many bytes have come")
+            yield file
+
+    def digest(self) -> bytes:
+        """SHA-256 of all of it, which is also written through to the disk."""
+        with self.path.open("rb") as file:
+            os.fsync(file.fileno())
+            return hashlib.file_digest(file, "sha256").digest()
