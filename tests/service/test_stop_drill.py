@@ -1,7 +1,7 @@
 """Emergency stop drill: one service, one real scanner process, and every way in which its laser may be firing.
 
-The truth is the simulator's own log of its shutter. Each drill ends in one of two ways: the shutter was closed soon after
-the press, by the simulator's clock; or the answer says in time that the scanner could not be asked.
+The truth is the simulator's own log of its shutter. Each drill ends in one of two ways: the shutter was closed soon
+after the press, by the simulator's clock; or the answer says in time that the scanner could not be asked.
 """
 
 import signal
