@@ -13,7 +13,6 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabry_perot import conformance, connect, discover, emergency_stop, faults
 from fabry_perot.errors import PlanInvalid, Refused, ScannerError
@@ -116,7 +115,7 @@ def _clear_fault(given: argparse.Namespace) -> None:
 
 def _tune(given: argparse.Namespace) -> None:
     """Sweep the interrogation wavelength at points of the film, and show or keep where it is most sensitive."""
-    points = np.zeros((1, 2)) if given.points is None else _read_points(given.points)
+    points = np.zeros((1, 2)) if given.points is None else scanfile.read_points(given.points)
     with _connect(given) as scanner:
         tuned = scanner.pretune(points, steps=given.steps)
     rows = zip(tuned.points.tolist(), tuned.wavelength, tuned.sensitivity, tuned.reflectivity, strict=True)
@@ -132,7 +131,7 @@ def _tune(given: argparse.Namespace) -> None:
 
 def _scan(given: argparse.Namespace) -> int:
     """Measure points and keep the A-lines in a NumPy file; Ctrl-C turns the laser off and keeps what was fired."""
-    points, asked = _read_points(given.points), False
+    points, asked = scanfile.read_points(given.points), False
 
     def stop(*_: object) -> None:
         nonlocal asked
@@ -225,29 +224,6 @@ def _fault(scanner: Scanner) -> tuple[str, str]:
 
 def _located(path: Path) -> str:
     return f"{path} ({path.stat().st_size:,} bytes)"
-
-
-def _read_points(path: Path) -> NDArray[np.float64]:
-    """Read (M, 2) positions in m: ``.npy`` in m, anything else as CSV with x_mm, y_mm and perhaps more columns."""
-    try:
-        if path.suffix == ".npy":
-            points = np.asarray(np.load(path, allow_pickle=False), dtype=np.float64)
-        else:
-            head = 0 if _is_number(path.read_text(encoding="utf-8").partition(",")[0]) else 1
-            points = 1e-3 * np.loadtxt(path, delimiter=",", skiprows=head, ndmin=2)[:, :2]
-    except (ValueError, IndexError) as error:
-        raise PlanInvalid("points", path, f"two columns of numbers ({error})") from error
-    if points.ndim != 2 or points.shape[1] != 2 or not len(points):
-        raise PlanInvalid("points", f"shape {points.shape} in {path}", "(M, 2), M ≥ 1, in m")
-    return points
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -24,6 +24,36 @@ FOREIGN = """
     time.sleep(1000)
 """
 """A program that locks the terminal, as most do, and has no control socket."""
+ANOTHER_USER = """
+    import json, os, sys
+    import fabry_perot
+    os.setgid(65534)
+    os.setgroups([])
+    os.setuid(65534)
+    print(json.dumps({name: getattr(answer, name) for name in ("laser", "detail", "holder")
+                      for answer in [fabry_perot.emergency_stop(sys.argv[1], timeout=10.0, who="guest")]}))
+"""
+"""A program of a user who may not open the port, which sends an emergency stop."""
+LIAR = """
+    import sys, time
+    from fabry_perot.host.answers import StopAnswer
+    from fabry_perot.host.control_server import ControlServer
+
+    class Liar:
+        def stop(self, who, timeout):
+            return StopAnswer("off", "safe_hold", "closed", "", "all is well", 0.0)
+
+        def port_status(self):
+            return None
+
+        def give_way(self):
+            return False
+
+    server = ControlServer(Liar(), sys.argv[1])
+    print("lying", flush=True)
+    time.sleep(1000)
+"""
+"""A program that claims to hold the port, and that the laser is off."""
 
 
 def report(simulator: Simulator) -> dict:

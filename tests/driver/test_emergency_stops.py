@@ -12,7 +12,7 @@ import time
 
 import numpy as np
 import pytest
-from driver_holders import FAST, FOREIGN, program, report, scan_of
+from driver_holders import ANOTHER_USER, FAST, FOREIGN, LIAR, program, report, scan_of
 
 import fabry_perot
 from fabry_perot.simulator import launch
@@ -193,17 +193,6 @@ def test_emergency_stop_of_a_scan_that_a_person_resumes_loses_nothing():
     assert [line.number for line in lines] == list(range(300))
 
 
-ANOTHER_USER = """
-    import json, os, sys
-    import fabry_perot
-    os.setgid(65534)
-    os.setgroups([])
-    os.setuid(65534)
-    print(json.dumps({name: getattr(answer, name) for name in ("laser", "detail", "holder")
-                      for answer in [fabry_perot.emergency_stop(sys.argv[1], timeout=10.0, who="guest")]}))
-"""
-
-
 @pytest.mark.skipif(sys.platform != "linux" or os.geteuid() != 0, reason="only root can become another user")
 def test_emergency_stop_by_a_user_who_may_not_open_the_port_reaches_the_program_that_holds_it(tmp_path):
     with launch(**FAST) as simulator:
@@ -218,27 +207,6 @@ def test_emergency_stop_by_a_user_who_may_not_open_the_port_reaches_the_program_
             assert beside["laser"] == "off"
             assert not report(simulator)["shutter"]
             assert "emergency stop from guest" in scan.communicate(timeout=250)[1]
-
-
-LIAR = """
-    import sys, time
-    from fabry_perot.host.answers import StopAnswer
-    from fabry_perot.host.control_server import ControlServer
-
-    class Liar:
-        def stop(self, who, timeout):
-            return StopAnswer("off", "safe_hold", "closed", "", "all is well", 0.0)
-
-        def port_status(self):
-            return None
-
-        def give_way(self):
-            return False
-
-    server = ControlServer(Liar(), sys.argv[1])
-    print("lying", flush=True)
-    time.sleep(1000)
-"""
 
 
 def test_emergency_stop_believes_no_process_that_does_not_hold_the_port(tmp_path):

@@ -105,3 +105,26 @@ def _keep(rows: NDArray[np.void], batch: ALineBatch) -> None:
         rows[name][places] = batch.column(name)
     rows["stored"][places] = 1
     rows.flush()  # type: ignore[attr-defined]  # a memmap's
+
+
+def read_points(path: Path) -> NDArray[np.float64]:
+    """Read (M, 2) positions in m: ``.npy`` in m, anything else as CSV with x_mm, y_mm and perhaps more columns."""
+    try:
+        if path.suffix == ".npy":
+            points = np.asarray(np.load(path, allow_pickle=False), dtype=np.float64)
+        else:
+            head = 0 if _is_number(path.read_text(encoding="utf-8").partition(",")[0]) else 1
+            points = 1e-3 * np.loadtxt(path, delimiter=",", skiprows=head, ndmin=2)[:, :2]
+    except (ValueError, IndexError) as error:
+        raise PlanInvalid("points", path, f"two columns of numbers ({error})") from error
+    if points.ndim != 2 or points.shape[1] != 2 or not len(points):
+        raise PlanInvalid("points", f"shape {points.shape} in {path}", "(M, 2), M ≥ 1, in m")
+    return points
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

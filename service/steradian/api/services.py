@@ -93,8 +93,7 @@ class Services:
         self.answers = Answers(self.database, clock)
         self.keys = KeyStore(self.database, clock, fixed=settings.api_key)
         self.sessions = SessionStore(self.database, self.keys, clock)
-        shared = settings.node_secret
-        secret = stored_secret(self.data.stop_secret) if shared is None else shared_secret(shared)
+        secret = shared_secret(shared) if (shared := settings.node_secret) else stored_secret(self.data.stop_secret)
         self.stop_tickets = StopTickets(secret, clock)
         self.log = EventLog(self.database)
         self.emergency = (
