@@ -9,15 +9,15 @@ from typing import Final
 from starlette.datastructures import Headers
 from starlette.types import Scope
 
-from steradian.api.addresses import BASE as PATH
 from steradian.api.cookies import check_page, secret_in
 from steradian.security.keys import Forbidden, KeyStore, Principal, Unauthorized
 from steradian.security.sessions import SessionStore
 from steradian.security.stop_tickets import StopTickets
 
+_V1: Final = "/api/v1"
 STOP_TICKET: Final = "X-Stop-Ticket"
 """Header with which a page presses the stop after its session has ended; see :mod:`steradian.security.stop_tickets`."""
-EMERGENCY_STOP: Final = re.compile(rf"{PATH}/(?:scanners/[^/]+/)?emergency-stop")
+EMERGENCY_STOP: Final = re.compile(rf"{_V1}/(?:scanners/[^/]+/)?emergency-stop")
 """The paths of the stop, which are answered while the database is not: keys are known from the last look at it."""
 
 
@@ -25,7 +25,7 @@ def is_stop(scope: Scope) -> bool:
     """Whether a request presses the stop, or asks whether its caller may."""
     method, path = scope["method"], scope["path"]
     if method in {"GET", "HEAD"}:
-        return bool(path == f"{PATH}/emergency-stop")
+        return bool(path == f"{_V1}/emergency-stop")
     return bool(method == "POST" and EMERGENCY_STOP.fullmatch(path))
 
 

@@ -35,7 +35,7 @@ def error(
 ) -> float:
     """Relative l2 error of F on random (j, l), a third of them at the smallest κ and at the Nyquist modes.
 
-    ``late`` is the time of the first sample, in samples.
+    ``late`` is the time of the first sample, in samples; the truth is then that of the record with zeros in front.
     """
     rng = np.random.default_rng(7)
     traces = rng.standard_normal((len(positions), samples))
@@ -49,8 +49,13 @@ def error(
         "weights": weights,
         "time_zero": late * interval,
     }
+    ahead = max(0, int(np.ceil(late)))
+    if ahead:
+        options["depth_range"] = (0.0, SPEED * interval * (samples + ahead - 1))
     volume = reconstruct(traces, positions, **common, **options)
     assert isinstance(volume, Volume)
+    traces = np.pad(traces, ((0, 0), (ahead, 0)))
+    samples, common["time_zero"] = samples + ahead, (late - ahead) * interval
     count = 150
     j = np.stack([rng.integers(-(n // 2), (n - 1) // 2 + 1, count) for n in modes], axis=-1)
     l = rng.integers(1, (samples + 1) // 2, count)  # noqa: E741
@@ -131,4 +136,4 @@ def test_sensors_beyond_the_period_are_wrapped_when_allowed() -> None:
 def test_time_zero_moves_the_origin_of_time_by_fractions_of_a_sample() -> None:
     positions = scattered(np.random.default_rng(6), 30, (0.01, 0.01))
     assert error((16, 18), 64, positions, (0.01, 0.01), late=0.4125) < 1e-4
-    assert error((16, 18), 64, positions, (0.01, 0.01), late=-10.2125) < 1e-4
+    assert error((16, 18), 64, positions, (0.01, 0.01), late=25.7875) < 1e-4

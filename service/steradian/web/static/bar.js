@@ -8,6 +8,7 @@ import { seen, startLooking, watchAge } from "./seen.js";
 import { keepSession, signedOut, watchSession } from "./session.js";
 import { doubtOfStop, laserOf, startStop, stopWords, watchStop, worksSince } from "./stop.js";
 import { clock, count, duration } from "./units.js";
+import { at } from "./where.js";
 
 export { watchScanner } from "./seen.js";
 
@@ -153,7 +154,7 @@ async function lookAtScan() {
 function showProgress({ id, done, total, eta }) {
   const left = eta === null ? "" : `${duration(eta)} left`;
   renew(byId("running"),
-    h("a", { href: `/scans/${id}` }, scan?.id === id && scan.state === "paused" ? "scan paused" : "scan"),
+    h("a", { href: at(`/scans/${id}`) }, scan?.id === id && scan.state === "paused" ? "scan paused" : "scan"),
     h("progress", { max: total || 1, value: done, "aria-label": "Progress of the scan" }),
     h("span", null, `${count(done)} of ${count(total)}`), h("span", { class: "dim" }, left));
 }
