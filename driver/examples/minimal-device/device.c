@@ -623,7 +623,9 @@ void device_lease(struct device *d, uint64_t echo, uint32_t ttl)
 
 static void stop(struct device *d, const uint8_t *data)
 {
-    step(d, data[0] == 1 ? PAUSE : data[0] == 3 ? EMERGENCY_STOP : LASER_OFF);
+    if (!step(d, data[0] == 1 ? PAUSE : data[0] == 3 ? EMERGENCY_STOP : LASER_OFF) && data[0] != 1
+        && d->state == SAFE_HOLD && d->cause != 5)
+        d->cause = 3, d->status_due = 1; /* a scan that is interrupted does not come back by itself now */
     BUFFER(o);
     put8(&o, data[0]);
     put32(&o, (uint32_t)get(data + 1, 4));

@@ -49,6 +49,11 @@ def silence(peer: Peer, ask: Asking) -> None:
     peer.lease(peer.fresh())
     peer.listen(QUIET)
     peer.need(peer.state is DeviceState.SAFE_HOLD, "SAFE_HOLD until RELEASE, whatever LEASE says")
+    peer.abort(AbortLevel.LASER_OFF)
+    peer.fresh()
+    peer.need(
+        peer.status is not None and peer.status.cause == HoldCause.REQUEST, "hold cause 3 after an ABORT meanwhile"
+    )
 
 
 @scenario("lease", fires=True)

@@ -31,7 +31,7 @@ from fabry_perot.wire.messages import (
     unpack,
     unpack_body,
 )
-from fabry_perot.wire.states import DeviceState, Event
+from fabry_perot.wire.states import DeviceState, Event, HoldCause
 
 LEAST_PAYLOAD = 64
 """Largest payload of a line is never agreed to be less, in bytes."""
@@ -150,9 +150,16 @@ def _abort(device: DeviceBody, frame: Frame) -> None:
         AbortLevel.LASER_OFF: Event.LASER_OFF,
         AbortLevel.EMERGENCY_STOP: Event.EMERGENCY_STOP,
     }
-    device.step(events[level])
+    if not device.step(events[level]) and level is not AbortLevel.PAUSE:
+        _keep_held(device)
     ack = AbortAck(abort.level, abort.number, device.state)
     device.outbox.put(Type.ABORT_ACK, pack(ack), urgent=True)
+
+
+def _keep_held(device: DeviceBody) -> None:
+    """Have a scan that is interrupted for a moment wait for a person: somebody has asked for laser off meanwhile."""
+    if device.state is DeviceState.SAFE_HOLD and device.cause is not HoldCause.INTERLOCK:
+        device.cause, device._status_due = HoldCause.REQUEST, True
 
 
 def _fault_ack(device: DeviceBody, frame: Frame) -> None:
