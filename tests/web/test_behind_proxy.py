@@ -96,6 +96,19 @@ def test_the_whole_story_below_a_path(service, laboratory, open_below):
     service.http.delete("/scanners/scanner-0/emergency-stop")
 
 
+def test_stop_below_a_path_turns_a_firing_laser_off(service, open_below):
+    page = open_below("/data")
+    scan = service.start_scan(service.plan(pulse_rate=1, averages=60))["id"]
+    until(lambda: service.get(f"/scans/{scan}").json()["progress"]["done"] >= 1)
+    expect(page.locator("#scanner")).to_contain_text("laser on")
+    page.get_by_role("button", name="Emergency stop").click()
+    expect(page.locator("#stopped")).to_contain_text("laser off (confirmed by the device")
+    until(lambda: service.get(f"/scans/{scan}").json()["state"] == "aborted")
+    shown = service.get("/scanners/scanner-0").json()
+    assert (shown["emergency_stop"]["laser"], shown["laser"], shown["shutter"]) == ("off", "off", "closed")
+    service.http.delete("/scanners/scanner-0/emergency-stop")
+
+
 def test_the_documents_below_a_path_try_a_request_there(laboratory, chromium):
     key = {"Authorization": f"Bearer {KEY}"}
     context = chromium.new_context(ignore_https_errors=True, extra_http_headers=key)
