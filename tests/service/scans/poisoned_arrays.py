@@ -81,7 +81,7 @@ MATLAB = [
     (lambda path: mat5(path, sensor_data="words"), "sensor_data is a char"),
     (lambda path: mat5(path, sensor_data=np.zeros((96, 128), complex)), "no real numbers"),
     (lambda path: mat5(path, sensor_data=np.zeros((96, 65536))), "200 times"),
-    (lambda path: mat5(path, sensor_data=np.zeros(0)), "shape"),
+    (lambda path: mat5(path, sensor_data=np.zeros(0)), "has no variable 'sensor_data' with numbers in it"),
     (lambda path: mat5(path, sensor_data=np.full((96, 128), np.nan)), "finite"),
     (function_handle, "sensor_data is a function"),
 ]

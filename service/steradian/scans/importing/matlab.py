@@ -62,7 +62,7 @@ def _source(file: h5py.File, said: Description, spare: Any, path: Path, *, by_ma
     wanted = wanted_names(said)
     name = _find(file, wanted)
     if name is None:
-        raise DamagedFile(f"{called} has no variable {wanted[0]!r}")
+        raise DamagedFile(f"{called} has no variable {wanted[0]!r} with numbers in it")
     traces = untrusted.dataset(file, name, most_bytes=untrusted.TRACE_BYTES)
     reversed_axes = by_matlab or name.endswith("/value") or "MATLAB_class" in traces.attrs
     points = _points(file, reversed_axes=reversed_axes)

@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steradian.scans.importing.remarks import remark
 from steradian.scans.importing.tables import Block, Table
 
+FloatArray = NDArray[np.float64]
+AT_ONCE = 1 << 16
+"""Samples that are looked at together."""
 OFFSET = 0.5
 """An offset of all samples, in root mean squares of their variation, that is worth a remark."""
 SHOWN = 5
@@ -23,11 +27,7 @@ def noticed(table: Table) -> Iterator[Block]:
     dead = 0
     for start, block in table.blocks():
         yield start, block
-        with np.errstate(all="ignore"):
-            values = block.astype(np.float64)
-            means = values.mean(axis=1)
-            power = ((values - means[:, None]) ** 2).mean(axis=1)
-            silent = np.flatnonzero(np.ptp(block, axis=1) == 0)
+        means, power, silent = _moments(block)
         live = np.delete(np.arange(len(block)), silent)
         total, varied, count = total + means[live].sum(), varied + power[live].sum(), count + len(live)
         dead, lines = dead + len(silent), lines + len(block)
@@ -41,3 +41,17 @@ def noticed(table: Table) -> Iterator[Block]:
     if 0 < dead < lines:
         named = ", ".join(map(str, constant)) + (", …" if dead > len(constant) else "")
         remark(f"{dead} of {lines} A-lines are constant ({named}): dead channels count as sensors that heard nothing")
+
+
+def _moments(block: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.intp]]:
+    """Return mean and variance of each A-line, and which are constant; a few at a time, as copies take memory."""
+    step = max(1, AT_ONCE // max(1, block.shape[1]))
+    means, power = np.empty(len(block)), np.empty(len(block))
+    silent = np.empty(len(block), bool)
+    with np.errstate(all="ignore"):
+        for first in range(0, len(block), step):
+            some = slice(first, first + step)
+            values = block[some].astype(np.float64)
+            means[some], power[some] = values.mean(axis=1), values.var(axis=1)
+            silent[some] = np.ptp(values, axis=1) == 0
+    return means, power, np.flatnonzero(silent)
