@@ -8,6 +8,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from io import BufferedRandom
 from pathlib import Path
 from typing import BinaryIO, Self
 
@@ -51,8 +52,10 @@ class Part:
         ------
         Conflict
             When it ends elsewhere, or another request writes it.
+        NotFound
+            When it has been deleted.
         """
-        with self.path.open("r+b") as file:
+        with self._opened() as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
@@ -64,6 +67,12 @@ class Part:
 
     def digest(self) -> bytes:
         """SHA-256 of all of it, which is also written through to the disk."""
-        with self.path.open("rb") as file:
+        with self._opened() as file:
             os.fsync(file.fileno())
             return hashlib.file_digest(file, "sha256").digest()
+
+    def _opened(self) -> BufferedRandom:
+        try:
+            return self.path.open("r+b")
+        except FileNotFoundError:
+            raise NotFound("upload", self.path.name.partition(".")[0]) from None

@@ -183,7 +183,7 @@ async def append_upload(services: ServicesNeeded, request: Request, upload_id: U
         file.write(piece)
         file.flush()
 
-    with services.arrivals.upload(int(request.headers.get("content-length", 0)), require) as take:
+    with services.arrivals.upload(int(request.headers.get("content-length", 0)), require, kept=True) as take:
         with part.open(offset) as file:
             async for piece in request.stream():
                 await run_in_threadpool(keep, file, piece)

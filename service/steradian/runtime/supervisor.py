@@ -43,6 +43,8 @@ from steradian.storage.paths import UMASK, DataDirectory
 TICK = 0.1
 FIRST_BACKOFF, LAST_BACKOFF = 0.5, 30.0
 STEADY_AFTER = 30.0
+ESSENTIAL, ESSENTIAL_PARTS = frozenset({"api", "acquisition"}), ("emergency-stop", "run")
+"""Processes without which there is no service, and the folders whose files each of them writes at its start."""
 """Seconds after which a child counts as healthy and its next death is answered at once again."""
 GRACE = 8.0
 """Seconds that the children get to end before they are killed."""
@@ -96,6 +98,10 @@ class Child:
     def has_ended(self) -> bool:
         """Whether it was started and has ended since."""
         return self.process is not None and self.process.poll() is not None
+
+    def ended_at_once(self, now: float) -> bool:
+        """Whether it has ended soon after its start."""
+        return self.has_ended and now - self.started < STEADY_AFTER
 
     def ask_to_end(self) -> None:
         """Send SIGTERM."""
@@ -158,10 +164,11 @@ def serve(
         stack.callback(_end_all, children, GRACE + settings.drain_seconds)
         announced, watch = False, Watch(data, f"{url}/healthz", stop)
         while not stop.is_set():
-            if any(child.has_ended for child in children):
-                require_writable(data)  # else it would be started again for ever
+            now = time.monotonic()
+            if any(child.ended_at_once(now) for child in children if child.name in ESSENTIAL):
+                require_writable(data, ESSENTIAL_PARTS)  # else it would be started again for ever
             for child in children:
-                child.tend(time.monotonic())
+                child.tend(now)
             if not announced and answers(f"{url}/healthz"):
                 announced = True
                 (data.root / "run" / "service.json").write_text(json.dumps({"url": url, "pid": os.getpid()}))

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from typing import Final
 
-from sqlalchemy import func, select, update
+from sqlalchemy import or_, select, update
 from sqlalchemy.orm import Session
 
 from steradian.storage.database import Database
@@ -32,7 +32,7 @@ _log = logging.getLogger(__name__)
 
 def steady() -> float:
     """Tell seconds of a clock that is never put right, and goes on while the computer sleeps where there is such."""
-    number = getattr(time, "CLOCK_BOOTTIME", None)
+    number = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", None))  # the latter for macOS
     return time.monotonic() if number is None else time.clock_gettime(number)
 
 
@@ -71,7 +71,7 @@ class Ages:
             jump = (now - before) - timedelta(seconds=seconds - then)
             way = "ahead" if jump > timedelta(0) else "back"
             return f"the clock jumped {way} by {abs(jump)}, to {_said(now)}" if abs(jump) > JUMP else None
-        newest = newest_record(database)
+        newest = newest_record(database, now)
         if newest is not None and newest - now > JUMP:
             return f"the clock says {_said(now)}, before the newest record of {_said(newest)}"
         if newest is not None and now - newest > UNSEEN:
@@ -79,11 +79,18 @@ class Ages:
         return None
 
 
-def newest_record(database: Database) -> datetime | None:
-    """Tell the latest time that the database holds of jobs, scans and events; ``None`` where it holds none."""
-    columns = (JobRow.created, JobRow.ended, ScanRow.created, EventRow.at)
+def newest_record(database: Database, now: datetime) -> datetime | None:
+    """Tell when the last job, scan or event was made, by what the database says; ``None`` where it holds none.
+
+    The last one is that of the highest number: a time ahead, of a clock that is right again, does not stay the newest.
+    What this start may have made itself, by the present clock, says nothing about it.
+    """
+    made = ((JobRow.created, JobRow.sequence), (ScanRow.created, ScanRow.sequence), (EventRow.at, EventRow.sequence))
     with database.read() as session:
-        times = [session.scalar(select(func.max(column))) for column in columns]
+        times = [
+            session.scalar(select(at).where(or_(at < now - JUMP, at > now + JUMP)).order_by(number.desc()).limit(1))
+            for at, number in made
+        ]
     return max((each for each in times if each is not None), default=None)
 
 
@@ -95,7 +102,7 @@ def redate(session: Session, before: datetime, now: datetime) -> None:
     before
         Ends after it are not looked at.
     """
-    for name, ended in _wrongly_dated(session, before).items():
+    for name, ended in _wrongly_dated(session, before, now).items():
         session.execute(update(JobRow).where(JobRow.id == name).values(ended=now))
         tell_redated(f"job {name}", ended)
 
@@ -105,18 +112,19 @@ def tell_redated(what: str, at: datetime) -> None:
     _log.warning("the date of %s, %s, was told by a wrong clock; its age is counted from now on", what, _said(at))
 
 
-def _wrongly_dated(session: Session, before: datetime) -> dict[str, datetime]:
+def _wrongly_dated(session: Session, before: datetime, now: datetime) -> dict[str, datetime]:
     """Return the jobs that ended before a time, as they say, and cannot have: by identifier, when they say they ended.
 
-    Such an end lies before :data:`EARLIEST`, or before an earlier job was asked for.
+    Such an end lies before :data:`EARLIEST`, or before an earlier job was asked for; one asked for in the future, by a
+    clock that was ahead, shows nothing.
     """
     old = select(JobRow.sequence, JobRow.id, JobRow.ended).where(JobRow.ended < before)
     ends = {row.sequence: (row.id, row.ended) for row in session.execute(old)}
     if not ends:
         return {}
     wrong, latest = {}, EARLIEST
-    asked = select(JobRow.sequence, JobRow.created).where(JobRow.sequence <= max(ends)).order_by(JobRow.sequence)
-    for number, created in session.execute(asked):
+    asked = select(JobRow.sequence, JobRow.created).where(JobRow.sequence <= max(ends), JobRow.created <= now)
+    for number, created in session.execute(asked.order_by(JobRow.sequence)):
         name, ended = ends.get(number, ("", latest))
         if ended < latest:
             wrong[name] = ended

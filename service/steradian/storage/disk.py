@@ -115,7 +115,9 @@ class Arrivals:
         """Bytes that have come of all uploads that were not given up, and that are stated and have not come."""
 
     @contextmanager
-    def upload(self, stated: int, require: Callable[[int], object]) -> Iterator[Callable[[int], None]]:
+    def upload(
+        self, stated: int, require: Callable[[int], object], *, kept: bool = False
+    ) -> Iterator[Callable[[int], None]]:
         """Let an upload in; its bytes are those of nobody else until it is over, and count for good if it succeeds.
 
         Parameters
@@ -124,6 +126,8 @@ class Arrivals:
             Bytes that it says it has; 0 where it does not.
         require
             Refuses a number of bytes, beside what :attr:`came` and is :attr:`awaited`; called one at a time.
+        kept
+            Whether what came of an upload that breaks off stays on the disk.
 
         Yields
         ------
@@ -149,7 +153,7 @@ class Arrivals:
             yield take
         except BaseException:
             with self._lock:
-                self.came -= size
+                self.came -= 0 if kept else size
             raise
         finally:
             with self._lock:

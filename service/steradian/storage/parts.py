@@ -19,15 +19,22 @@ WITHIN: Final = ("emergency-stop", "jobs", "run", "scans", "uploads")
 """Folders of which also what lies in them is looked at."""
 
 
-def require_writable(data: DataDirectory) -> None:
+def require_writable(data: DataDirectory, within: tuple[str, ...] = WITHIN) -> None:
     """Refuse a data folder of which the process cannot write a part; what is missing is made later.
+
+    Parameters
+    ----------
+    data
+        The folder.
+    within
+        Folders of which also what lies in them is looked at.
 
     Raises
     ------
     FolderNotWritable
         For the first such part: its path, its owner and what mends it.
     """
-    for path in _all_parts(data):
+    for path in _all_parts(data, within):
         if (why := _why_not(path)) is not None:
             raise FolderNotWritable(f"{path} {why[0]}; {why[1].format(data=quote(str(data.root.absolute())))}")
 
@@ -74,14 +81,18 @@ def _parts(data: DataDirectory) -> Iterator[Path]:
     yield from (root / name for name in (*FILES, *FOLDERS, *ALSO))
 
 
-def _all_parts(data: DataDirectory) -> Iterator[Path]:
+def _all_parts(data: DataDirectory, within: tuple[str, ...]) -> Iterator[Path]:
     yield from _parts(data)
-    for name in WITHIN:
+    for name in within:
         if os.name != "posix":
             return
         with suppress(OSError), os.scandir(data.root.absolute() / name) as found:
-            # What the process owns may be closed on purpose, as an archived scan is.
-            yield from (Path(each.path) for each in found if not _is_own(Path(each.path)))
+            # What the process owns may be closed on purpose, as an archived scan is; others are a file system's own.
+            yield from (Path(each.path) for each in found if not (_is_foreign(each.name) or _is_own(Path(each.path))))
+
+
+def _is_foreign(name: str) -> bool:
+    return name == "lost+found" or name.startswith((".", "@"))
 
 
 def _is_own(path: Path) -> bool:
@@ -103,7 +114,8 @@ def _why_not(path: Path) -> tuple[str, str] | None:
         return f"cannot be looked at ({error.strerror})", "the folders above it must be open to the service's user"
     is_folder = path.is_dir()
     wanted = os.R_OK | os.W_OK | (os.X_OK if is_folder else 0)
-    effective = os.access in os.supports_effective_ids
+    differs = (os.geteuid(), os.getegid()) != (os.getuid(), os.getgid())
+    effective = differs and os.access in os.supports_effective_ids  # which some filters of system calls refuse
     if os.access(path, wanted, effective_ids=effective):
         return None
     with suppress(OSError):

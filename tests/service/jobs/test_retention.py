@@ -282,6 +282,30 @@ def test_nothing_is_deleted_by_its_age_for_a_day_after_a_start_with_a_clock_year
     assert old.exists()
 
 
+def test_a_record_of_this_start_says_nothing_for_a_clock_that_is_years_ahead(services, caplog):
+    old = job(services, "old", over=True)
+    services.clock.now += timedelta(days=3650)
+    services.scanner.ensure(simulated=True)
+    services.scanner.lease("Ada", 60, None, "local")  # an event by the wrong clock
+    started(services)
+    tidy(services)
+    assert old.exists()
+
+
+def test_jobs_asked_for_while_the_clock_was_ahead_do_not_keep_later_ones_for_ever(services):
+    services.clock.now += timedelta(days=1460)
+    ahead = job(services, "ahead", over=True)
+    services.clock.now -= timedelta(days=1450)
+    later = [job(services, f"later{n}", over=True) for n in range(2)]
+    services.clock.now += timedelta(days=31)
+    job(services, "last", over=True)
+    started(services)
+    tidy(services)
+    services.clock.now += HELD
+    tidy(services)
+    assert [folder.exists() for folder in (ahead, *later)] == [True, False, False]
+
+
 def test_what_ended_while_the_clock_stood_at_1970_has_its_age_counted_anew(services, caplog):
     right, folders = services.clock.now, [job(services, "first", over=True)]
     for name, wrong in (("early", datetime(1970, 1, 1, 1, tzinfo=UTC)), ("behind", right - timedelta(days=100))):
@@ -292,6 +316,7 @@ def test_what_ended_while_the_clock_stood_at_1970_has_its_age_counted_anew(servi
     os.utime(path, (3600, 3600))
     services.clock.now = right + timedelta(days=31)
     job(services, "last", over=True)
+    services.clock.now += timedelta(hours=2)
     started(services)
     tidy(services)
     assert [folder.exists() for folder in folders] == [False, True, True]

@@ -77,6 +77,15 @@ def test_require_writable_with_a_part_of_another_user_names_part_owner_and_remed
 
 
 @pytest.mark.long
+def test_require_writable_with_a_file_systems_own_folder_of_root_accepts_it(kept):
+    for name in ("scans/lost+found", "jobs/@eaDir", "uploads/.snapshot"):
+        folder = kept.folder / name
+        folder.mkdir(parents=True)
+        give_away(folder)
+    ended = subprocess.run(obeying(sys.executable, "-c", CHECK, kept.folder), capture_output=True, text=True)
+    assert ended.stdout == "writable\n", ended
+
+
 @pytest.mark.parametrize("name", ["steradian.sqlite", "emergency-stop", "jobs"])
 def test_serve_with_a_part_of_another_user_ends_with_one_line_and_exit_code_3(kept, name):
     give_away(kept.folder / name)

@@ -229,7 +229,14 @@ async def _upload(session: Session, file: Path, progress: BytesReport | None) ->
     sending = await session.transport.call(lambda: Sending(file, progress))
     if sending.size >= RESUMED_FROM and (begun := await _begin(session, sending.size)) is not None:
         with suppress(NotFound):  # it has been deleted meanwhile, or another node has it: all is sent anew
-            return await _send_pieces(session, sending, begun)
+            try:
+                return await _send_pieces(session, sending, begun)
+            except NotFound:
+                raise
+            except (ServiceError, Damaged):
+                with suppress(ServiceError, Unreachable):  # what came of it takes room, and cannot be named any more
+                    await session.exchange(routes.DELETE_UPLOAD, {"id": begun})
+                raise
         sending.start = 0
     headers = {"Content-Type": "application/octet-stream"}
     answer = await session.exchange(routes.CREATE_UPLOAD, file=sending, headers=headers)
