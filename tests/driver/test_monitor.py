@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import threading
 import time
 
@@ -12,6 +14,9 @@ from driver_holders import FAST, FOREIGN, program, report, scan_of
 import fabry_perot
 from fabry_perot.host.passive import Passive
 from fabry_perot.simulator import launch
+from fabry_perot.wire.codes import PROTOCOL, Operation, Type
+from fabry_perot.wire.framing import Deframer, Frame, encode_frame
+from fabry_perot.wire.messages import Hello, HelloAck, pack, unpack
 from support.waiting import until
 
 
@@ -194,3 +199,29 @@ def test_a_monitor_is_closed_while_it_looks_for_its_port(tmp_path):
     monitor.close()
     assert not monitor._thread.is_alive()
     assert repr(monitor).startswith("<Monitor: ")
+
+
+def test_a_request_to_clear_a_fault_that_was_given_up_is_not_sent_to_a_device_that_comes_back():
+    passive = Passive(0.0)
+    request = passive.ask(Operation.CLEAR_FAULT)
+    passive.pull(0.1)
+    passive.withdraw(request)
+    (hello,) = Deframer().feed(passive.pull(300.0))
+    assert hello.type == Type.HELLO
+    nonce = unpack(Hello, hello.payload).nonce
+    ack = HelloAck(nonce, 7, 9, PROTOCOL, 1, 12, 1, 641, 512, 10, 1, 0, 0, 0, 0, 0, 0)
+    passive.receive(encode_frame(Frame(Type.HELLO_ACK, 0, 7, 9, 1, pack(ack))), 300.1)
+    assert Type.REQ not in [frame.type for frame in Deframer().feed(passive.pull(300.2))]
+
+
+def test_a_stop_on_a_line_that_takes_no_bytes_any_more_is_answered_in_time():
+    """A write to a line that is full takes seconds; the one who asked for the stop must not wait for it."""
+    with launch() as simulator, fabry_perot.Monitor(simulator.url) as monitor:
+        connected(monitor)
+        os.kill(simulator.pid, signal.SIGSTOP)
+        try:
+            answers = [monitor.stop("Pat", timeout=1.5) for _ in range(5)]
+        finally:
+            os.kill(simulator.pid, signal.SIGCONT)
+        assert {answer.laser for answer in answers} == {"unconfirmed"}
+        assert max(answer.seconds for answer in answers) < 4.0, "writing to it takes 5 s"

@@ -4,6 +4,7 @@ The truth is the simulator's own log of its shutter. Each drill ends in one of t
 after the press, by the simulator's clock; or the answer says in time that the scanner could not be asked.
 """
 
+import os
 import signal
 import sqlite3
 import subprocess
@@ -120,6 +121,15 @@ class Firing:
             yield
 
     @contextmanager
+    def restarted_without_database(self):
+        """The acquisition process begins anew while the database does not answer."""
+        with self.fabry_perot_scan(), locked(self.service.folder / "steradian.sqlite"):
+            before = self.service.pid_of("acquisition")
+            os.kill(before, signal.SIGKILL)
+            until(lambda: self.service.pid_of("acquisition") != before)
+            yield
+
+    @contextmanager
     def unplugged_own_scan(self):
         with self.own_scan():
             self.scanner.command("unplug", seconds=4.0)
@@ -165,6 +175,7 @@ CASES = {
     "fabry_perot_scan": {"off"},
     "another_service": {"off"},
     "locked_database": {"off"},
+    "restarted_without_database": {"off", "unconfirmed"},
     "frozen_host": {"off", "unconfirmed"},
     "unplugged_own_scan": {"off", "unconfirmed"},
     "unplugged_idle": {"unconfirmed"},
@@ -199,6 +210,7 @@ def test_emergency_stop_reaches_the_laser_or_says_that_it_could_not_be_asked(
             else:
                 assert "could not be asked" in stop["detail"], stop
                 assert "hardware switch" in stop["detail"], stop
+                until(lambda: not scanner.command("report", fired=False)["shutter"])
                 times.append((0, seconds))
         until(lambda: service.http.delete(STOP).is_success)
         if times[-1][0] <= SOON and times[-1][1] <= ANSWERED:

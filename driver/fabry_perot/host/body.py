@@ -135,6 +135,8 @@ class HostBody:
         """Send what is due at host time ``now``."""
         self._polled_at = now
         if self.phase in (HostState.CLOSED, HostState.LOST):
+            if self.phase is HostState.CLOSED and (abort := self.aborts.due(now)) is not None:
+                self.send(Type.ABORT, abort, FLAG_URGENT)  # a session that has failed still stops the laser
             return
         if self.phase is HostState.HELLO or self.silent_for(now) > self.timing.silence:
             self._say_hello(now)

@@ -17,6 +17,8 @@ from fabry_perot.wire.codes import Operation
 from fabry_perot.wire.messages import Status
 from fabry_perot.wire.states import LATCHED, DeviceState
 
+LEAST = 0.1
+"""Shortest time in s for which a port is asked anew after it was given up under a stop."""
 _PATIENCE = 2.0
 """Longest wait for an answer of the device, in s."""
 Connection = Literal["connected", "disconnected", "busy"]
@@ -103,15 +105,18 @@ class Monitor(Watching):
             passive = self._passive
             if passive is not None:
                 passive.stop(began)
-        if passive is None:
-            return emergency_stop(self.url, baudrate=self._baudrate, timeout=timeout, who=who)
-        self._until(lambda: passive.aborts.is_off or self._passive is not passive, timeout, passive)
-        with self._changed:
-            after, seconds = passive.aborts.after, self._now() - began
-        if after is None:
-            why = self.error or f"{self.url} could not be asked: the scanner did not answer"
-            return unconfirmed(why, seconds)
-        return answer(after, seconds)
+        if passive is not None:
+            self._until(lambda: passive.aborts.is_off or self._passive is not passive, timeout, passive)
+            with self._changed:
+                after, seconds, gone = passive.aborts.after, self._now() - began, self._passive is not passive
+            if after is not None and (passive.aborts.is_off or not gone):
+                return answer(after, seconds)
+            if not gone or timeout - seconds < LEAST:
+                why = self.error or f"{self.url} could not be asked: the scanner did not answer"
+                return unconfirmed(why, seconds)
+        left = timeout - (self._now() - began)  # the port was given up, perhaps for a program that may fire
+        outcome = emergency_stop(self.url, baudrate=self._baudrate, timeout=left, who=who)
+        return replace(outcome, seconds=self._now() - began)
 
     def clear_fault(self, by: str = "") -> FaultCleared:
         """Clear a latched fault or emergency stop: a person's deed; the laser stays off.
@@ -140,7 +145,12 @@ class Monitor(Watching):
             raise FaultStands(fault, cause)
         with self._changed:
             request = passive.ask(Operation.CLEAR_FAULT)
-        if not self._until(lambda: request.done, _PATIENCE, passive):
+        try:
+            done = self._until(lambda: request.done, _PATIENCE, passive)
+        finally:
+            with self._changed:
+                passive.withdraw(request)
+        if not done:
             raise NoAnswer(f"{self.url}: no reply to CLEAR_FAULT within {_PATIENCE:g} s")
         passive, status = self._present()
         if request.error is not None:
@@ -165,10 +175,13 @@ class Monitor(Watching):
         return passive, passive.status
 
     def _until(self, condition: Any, seconds: float, passive: Passive) -> bool:
-        """Send what is due until a condition holds, at most for so long, and return whether it does."""
+        """Wait until a condition holds, at most for so long, and return whether it does.
+
+        The watching thread alone writes: a write to a stuck line takes seconds.
+        """
         deadline = self._now() + seconds
+        self._nudge()
         while True:
-            self._send()
             with self._changed:
                 if condition():
                     return True

@@ -98,6 +98,11 @@ class Passive:
         self._request = Request(operation)
         return self._request
 
+    def withdraw(self, request: Request) -> None:
+        """Send a request no more."""
+        if self._request is request:
+            self._request, self._wants_session = None, False
+
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes from the line."""
         if not data:

@@ -337,7 +337,7 @@ class Scanner(Panel):
             self._host.acknowledge(aline.number, self._session.now())
         self._session.flush()
 
-    def resume(self, *, by_itself: bool = False) -> None:
+    def resume(self, *, by_itself: bool = False, unless: Callable[[], bool] = lambda: False) -> None:
         """Arm anew and continue after a pause, an interruption, an abort or a restart: a person's decision.
 
         What a restarted device has lost is planned and fired again; :meth:`report` names it.
@@ -347,6 +347,8 @@ class Scanner(Panel):
         by_itself
             Nobody has decided so, but the application that had paused for a moment: only within the limits of
             :class:`fabry_perot.Recovery`, on a device that kept power and whose interlock stayed closed.
+        unless
+            Asked once earlier stops do not count any more: ``True`` says that the scan has been stopped meanwhile.
 
         Raises
         ------
@@ -369,6 +371,9 @@ class Scanner(Panel):
             if by_itself:
                 self._session.must_not_be_stopped()
             self._session.stopped_by = ""
+        if unless():
+            raise ScanAborted("the scan was stopped before it was resumed; plan and data are kept")
+        with self._session.changed:
             self._keeper.take_up(self._plan, self._session.now(), by_itself=by_itself)
         while True:
             with self._session.changed:

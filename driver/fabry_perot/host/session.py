@@ -204,7 +204,7 @@ class Session:
         with self.changed:
             self.host.abort(AbortLevel.LASER_OFF, began)
             number = self.host.aborts.number
-        self.flush()
+        threading.Thread(target=self.flush, name="fabry-perot-stop", daemon=True).start()  # a stuck write takes 5 s
         deadline = began + int(timeout * 1e6)
         with self.changed:
             aborts = self.host.aborts

@@ -59,6 +59,7 @@ class Watching:
         self._holder, self._error, self._busy = "", f"{url} has not been opened yet", False
         self._wake, self._woken = socket.socketpair()
         self._woken.setblocking(False)
+        self._wake.setblocking(False)
         context = contextvars.copy_context()
         self._thread = threading.Thread(target=context.run, args=(self._run,), name="fabry-perot-monitor", daemon=True)
         self._thread.start()
@@ -80,7 +81,10 @@ class Watching:
 
     def give_way(self) -> bool:
         """Release the port for another program, and return whether it is released."""
-        self._yielding = True
+        with self._changed:
+            if self._transport is None:
+                return True
+            self._yielding = True
         self._nudge()
         with self._changed:
             return self._changed.wait_for(lambda: self._transport is None, 1.0)

@@ -10,7 +10,7 @@ import logging
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -100,10 +100,13 @@ class Acquisition:
         self._emergency = EmergencyWatch(EmergencyLatch(data.emergency), self._watch)
         self._faults = FaultClerk(Clearing(data.emergency), self._watch)
 
-    def run(self) -> None:
-        """Work until asked to stop; while the database does not answer, wait for it."""
+    def run(self, prepare: Callable[[], object] = lambda: None) -> None:
+        """Work until asked to stop; while the database does not answer, wait for it: the emergency stop needs none.
+
+        ``prepare`` is done in the database before any scan.
+        """
         with self.watching():
-            self._work()
+            self._work(prepare)
 
     @contextmanager
     def watching(self) -> Iterator[None]:
@@ -111,9 +114,10 @@ class Acquisition:
         with self._watch.watching(), self._emergency.looking(), self._faults.working():
             yield
 
-    def _work(self) -> None:
+    def _work(self, prepare: Callable[[], object]) -> None:
         while not self._stopping.is_set():
             try:
+                prepare()
                 self._begin()
                 changes = Changes(self._scans.database)
                 while not self._stopping.wait(POLL):
@@ -277,16 +281,15 @@ def main() -> None:
     with Heartbeat(data.heartbeat("acquisition")):
         end.start()
         try:
-            ScannerRepository(database, scanner_id=settings.scanner_id).ensure(
-                simulated=settings.simulated, address=settings.address, follows=settings.follows
-            )
             scans, plans = ScanRepository(database, scanner_id=settings.scanner_id), PlanRepository(database)
             recovery = Recovery(within=settings.resume_within)
             if isinstance(store := arrays_of(settings, database), ObjectStore):
                 keeper = ScanKeeper(store, scans, data)
                 threading.Thread(target=keeper.run, args=(stopping,), daemon=True).start()
             how = {"listens": settings.scanner_watch, "shared": settings.role != "service"}
-            Acquisition(scans, plans, data, port, stopping, recovery, store, **how).run()
+            note = ScannerRepository(database, scanner_id=settings.scanner_id).ensure
+            work = Acquisition(scans, plans, data, port, stopping, recovery, store, **how)
+            work.run(lambda: note(simulated=settings.simulated, address=settings.address, follows=settings.follows))
         finally:
             port.close()
             database.close()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final
 
@@ -24,7 +24,9 @@ HEARD_WITHIN: Final = 2.0
 _log = logging.getLogger(__name__)
 
 
-def clear_through(monitor: fabry_perot.Monitor | None, url: str | None, *, is_lent: bool) -> str:
+def clear_through(
+    monitor: fabry_perot.Monitor | None, url: str | None, *, is_lent: bool, wanted: Callable[[], bool]
+) -> str:
     """Clear the fault of the scanner at a port and return the fault's name; empty when none is latched.
 
     Parameters
@@ -35,6 +37,8 @@ def clear_through(monitor: fabry_perot.Monitor | None, url: str | None, *, is_le
         The port; ``None``: there is no scanner.
     is_lent
         Whether a scan of this process has the port.
+    wanted
+        Asked just before the fault is cleared, whether that is still wanted.
 
     Raises
     ------
@@ -51,11 +55,11 @@ def clear_through(monitor: fabry_perot.Monitor | None, url: str | None, *, is_le
         return ""
     if monitor is None:
         with _opened(url) as monitor:
-            return _clear(monitor)
-    return _clear(monitor)
+            return _clear(monitor, wanted)
+    return _clear(monitor, wanted)
 
 
-def _clear(monitor: fabry_perot.Monitor) -> str:
+def _clear(monitor: fabry_perot.Monitor, wanted: Callable[[], bool]) -> str:
     status, until = described(monitor).as_of_now(), time.monotonic() + HEARD_WITHIN
     while not status.state and monitor.connection != "busy" and time.monotonic() < until:
         time.sleep(LOOK)
@@ -66,6 +70,8 @@ def _clear(monitor: fabry_perot.Monitor) -> str:
         raise ScannerUnreachable(monitor.error or "the scanner does not answer")
     if status.fault is None:
         return ""
+    if not wanted():
+        raise ScannerUnreachable("the scanner did not answer in time; the fault was not cleared")
     try:
         monitor.clear_fault()
     except fabry_perot.FaultStands as error:
@@ -127,7 +133,7 @@ class FaultClerk:
 
     def _carry_out(self, request: ClearRequest) -> ClearAnswer:
         try:
-            fault = self._watch.clear_fault()
+            fault = self._watch.clear_fault(lambda: request.has_time)
         except SteradianError as error:
             _log.warning("%s asks to clear the scanner's fault: %s", request.who, error)
             return ClearAnswer(request.number, code=error.code, message=str(error)[:500])

@@ -109,9 +109,9 @@ class EmergencyWatch:
         passed = self._asked - press.moment  # another clock after a restart of the computer
         seconds = told.seconds if told is not None and settled else round(passed, 4) if passed >= 0 else None
         deed = Deed(press.number, laser, seconds, detail[:LONGEST])
-        self._told = deed
         if told is None or (deed.laser, wording(detail)) != (told.laser, wording(told.detail)):
             self._latch.answer(deed)
+        self._told = deed
         if told is None or deed.laser != told.laser:
             with caused_by(cause):
                 _log.warning("%s, pressed by %s: laser %s; %s", press.why, press.who, laser, detail)

@@ -159,8 +159,13 @@ class PortWatch:
         lent = self._lent
         return lent is not None and lent.scanner is None and not lent.is_over
 
-    def clear_fault(self) -> str:
+    def clear_fault(self, wanted: Callable[[], bool] = lambda: True) -> str:
         """Clear the scanner's latched fault and return its name; empty when none is latched.
+
+        Parameters
+        ----------
+        wanted
+            Asked just before the fault is cleared, whether that is still wanted.
 
         Raises
         ------
@@ -172,7 +177,7 @@ class PortWatch:
         from steradian.scans.clearing import clear_through
 
         with self._holding:
-            return clear_through(self._monitor, self._port.present(), is_lent=self._lent is not None)
+            return clear_through(self._monitor, self._port.present(), is_lent=self._lent is not None, wanted=wanted)
 
     def note_stop(self, answer: fabry_perot.StopAnswer) -> None:
         """Take the scanner's word after a stop: what it said before does not hold any more."""

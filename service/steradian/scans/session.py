@@ -333,13 +333,20 @@ class ScanSession:
         """
         if self._scanner.state in _STANDING and self._scanner.status.cause not in _STOPPED:
             try:
-                self._insist(partial(self._scanner.resume, by_itself=by_itself))
+                self._insist(partial(self._scanner.resume, by_itself=by_itself, unless=self._is_to_end))
             except fabry_perot.LeaseLapsed as error:
                 _log.warning("the scan was not taken up again: %s", error)
                 return False
+            except fabry_perot.ScanAborted as error:
+                if not self._is_to_end():
+                    raise
+                _log.info("the scan was not taken up again: %s", error)
             except fabry_perot.Refused as error:  # its state has changed meanwhile; what it is now, the next look tells
                 _log.info("the scan was not taken up again: %s", error)
         return True
+
+    def _is_to_end(self) -> bool:
+        return self._control.wish() in ENDING
 
     def _insist(self, request: Callable[[], Answer], ending: frozenset[Wish] = URGENT) -> Answer:
         """Make a request again when the link was renewed under it, unless one of the wishes ``ending`` is there.

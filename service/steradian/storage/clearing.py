@@ -16,8 +16,11 @@ from ulid import ULID
 
 from steradian.storage.block import open_block, read_block, write_block
 
-WITHIN: Final = 5.0
+WITHIN: Final = 10.0
 """Seconds after which a request is not carried out any more: whoever made it has been told that nothing came of it."""
+
+CLEARED_WITHIN: Final = 4.5
+"""Seconds that clearing itself takes at most."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,11 @@ class ClearRequest:
     number: str
     who: str
     moment: float
+
+    @property
+    def has_time(self) -> bool:
+        """Whether it may still be carried out, and told of in time."""
+        return 0 <= time.monotonic() - self.moment < WITHIN - CLEARED_WITHIN
 
     @property
     def is_current(self) -> bool:
