@@ -51,13 +51,14 @@ const age = h("span", { class: "dim age", "aria-hidden": "true" }); // not told 
 function showScanners() {
   const { scanners, asked, trouble } = seen();
   const pill = byId("scanner");
-  if (trouble) tell(h("span", { class: "fault" }, trouble), unknown());
+  const stopped = trouble && scanners.length === 1 && laserOf(scanners[0].id).laser === "off"; // a press has just been answered
+  if (trouble) tell(h("span", { class: "fault" }, trouble), stopped ? h("span", { class: "dim" }, "laser off") : unknown());
   else if (!scanners.length) {
     if (asked.steady > 0) tell(h("span", { class: "dim" }, "the service knows no scanner"));
     return;
   } else if (scanners.length > 1) tell(...several(scanners));
   else tell(...one(scanners[0]));
-  const seenAgo = trouble ? null : oldest(scanners);
+  const seenAgo = trouble && !stopped ? null : oldest(scanners);
   const text = seenAgo === null ? "" : `seen ${Math.max(0, seenAgo).toFixed(1)} s ago`;
   if (age.textContent !== text) age.textContent = text;
   if (age.parentNode !== pill) pill.append(age);
