@@ -209,7 +209,7 @@ class Panel:
             "to_pm": round(ends[1] * 1e12),
             "steps": steps,
         }
-        within = 5.0 + 3 * steps * self.capabilities.tuning_time
+        within = 15.0 + 3 * steps * self.capabilities.tuning_time  # a device may take longer than it states
         levels = self._session.request(Operation.TUNE_SCAN, within=within, **request)["dc_mv"]
         wavelengths = np.linspace(request["from_pm"], request["to_pm"], steps).round() * 1e-12
         return TuningCurve(wavelengths, np.asarray(levels, dtype=np.float64) * 1e-3)
