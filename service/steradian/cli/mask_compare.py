@@ -160,7 +160,7 @@ def _promised_rows(found: Comparison) -> list[Row]:
         ("points", [f"{p.points:,}" for p in all_], None),
         ("spacing", [f"{1e6 * p.finest_m:.0f}–{1e6 * p.coarsest_m:.0f} µm" for p in all_], None),
         (
-            "solid angles within the rim vary by",
+            "solid angles vary (rim)",
             ["–" if p.solid_angle_spread is None else f"{100 * p.solid_angle_spread:.1f} %" for p in all_],
             [float("-inf") if p.solid_angle_spread is None else -p.solid_angle_spread for p in all_],
         ),

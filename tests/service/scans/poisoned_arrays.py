@@ -58,7 +58,7 @@ ARRAYS = [
     ("structured.npy", header((2,), [("a", "<f8")]) + bytes(16), "kind"),
     ("header.npy", b"\x93NUMPY\x01\x00\xff\xff" + b"(" * 65535, "no .npy"),
     ("open.npy", b"\x93NUMPY\x01\x00\x40\x00" + b"{'descr': ('<f4'".ljust(63) + b"\n", "no .npy"),
-    ("words.csv", b"1,2,3\n4,five,6\n", r"words\.csv, line 2, field 2: 'five' is no number"),
+    ("words.csv", b"1,2,3\n4,five,6\n", r"line 2, field 2: 'five' is no number"),
     ("ragged.csv", b"1,2,3\n4,5\n", "row 2"),
     ("empty.csv", b"# nothing\n", "no numbers"),
     ("late.csv", b"1,2,3\n" * 1000 + b"1,2,x\n", r"line 1001, field 3: 'x' is no number"),
