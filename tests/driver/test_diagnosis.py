@@ -14,11 +14,11 @@ from fabry_perot.wire.framing import Frame, encode_frame
 from fabry_perot.wire.messages import Hello, HelloAck, Status, pack
 
 
-def statuses(count: int = 40) -> bytes:
+def statuses(count: int = 40, boot: int = 1) -> bytes:
     """Return STATUS frames of an idle device, one each 0.1 s."""
     quiet = [0] * 13
     messages = [Status(12_345_678 + 100_000 * n, 0xB0070001, 1, 24, 0, 0, *quiet) for n in range(count)]
-    return b"".join(encode_frame(Frame(Type.STATUS, 0, 1, 0x102, n, pack(one))) for n, one in enumerate(messages))
+    return b"".join(encode_frame(Frame(Type.STATUS, 0, boot, 0x102, n, pack(one))) for n, one in enumerate(messages))
 
 
 def answers(count: int = 18) -> bytes:
@@ -65,6 +65,7 @@ TABLE = [
     ("CR to LF", statuses().replace(b"\r", b"\n"), Trouble.TRANSLATED, "line ends"),
     ("CR dropped", statuses(60).replace(b"\r", b""), Trouble.TRANSLATED, "line ends"),
     ("7 bits", seven_bits(statuses()), Trouble.SEVEN_BITS, "8 data bits"),
+    ("7 bits, 0x80 near the start", seven_bits(statuses(boot=0x80)), Trouble.SEVEN_BITS, "8 data bits"),
     ("7 bits of HELLO_ACK", seven_bits(answers()), Trouble.SEVEN_BITS, "8 data bits"),
     ("read too fast", read_at(statuses(), 921_600, 3_000_000), Trouble.SLOWER, "a lower one"),
     ("read much too fast", read_at(statuses(8), 115_200, 921_600), Trouble.SLOWER, "a lower one"),

@@ -62,9 +62,11 @@ def test_emergency_stop_while_another_program_scans_turns_its_laser_off_and_ends
             scan_of(simulator, folder) as scan,
         ):
             answer, asked_at = stop(simulator, who="Pat")
-            quick.append(stopped_by_then(simulator, answer, asked_at))
+            in_time = stopped_by_then(simulator, answer, asked_at)
             assert (answer.laser, answer.shutter, answer.state) == ("off", "closed", "safe_hold")
-            assert answer.holder == f"fabry_perot (process {scan.pid})"
+            quick.append(in_time and answer.holder == f"fabry_perot (process {scan.pid})")
+            if not answer.holder:
+                continue  # the program did not answer in time, so the stop went past it
             said, errors = scan.communicate(timeout=250)
             shots = report(simulator)["shots"]
         assert scan.returncode == 1
@@ -73,7 +75,7 @@ def test_emergency_stop_while_another_program_scans_turns_its_laser_off_and_ends
         assert f"{shots} of 5000 A-lines" in said
         if quick[-1]:
             return
-    pytest.fail(f"the laser was off later than 250 ms in each of {len(quick)} attempts")
+    pytest.fail(f"in none of {len(quick)} attempts did the program answer and turn the laser off within 250 ms")
 
 
 def test_emergency_stop_of_a_frozen_program_goes_past_it_to_the_device(tmp_path):

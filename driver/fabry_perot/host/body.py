@@ -134,17 +134,15 @@ class HostBody:
     def poll(self, now: int) -> None:
         """Send what is due at host time ``now``."""
         self._polled_at = now
+        if self.phase is not HostState.LOST and (abort := self.aborts.due(now)) is not None:
+            self.send(Type.ABORT, abort, FLAG_URGENT)  # also of a session that has failed
         if self.phase in (HostState.CLOSED, HostState.LOST):
-            if self.phase is HostState.CLOSED and (abort := self.aborts.due(now)) is not None:
-                self.send(Type.ABORT, abort, FLAG_URGENT)  # a session that has failed still stops the laser
             return
         if self.phase is HostState.HELLO or self.silent_for(now) > self.timing.silence:
             self._say_hello(now)
         if self.phase is HostState.CONFIG and now >= self._caps_due:
             self._caps_due = now + self.timing.hello_period
             self.send(Type.CAPS, CAPS_REQUEST.pack(len(self.caps_buffer)))
-        if (abort := self.aborts.due(now)) is not None:
-            self.send(Type.ABORT, abort, FLAG_URGENT)
         if self.hello is None:
             return
         for payload, again in self.calls.due(now):

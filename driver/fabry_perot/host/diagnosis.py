@@ -17,7 +17,7 @@ from cobs import cobs
 from fabry_perot.wire.framing import OVERHEAD, VERSION, crc32c
 
 XON, XOFF = 0x11, 0x13
-MASKED = VERSION & 0x7F
+MASKED = bytes([VERSION & 0x7F])
 """First byte of a frame whose top bits are gone."""
 SHORT, MOST_PAIRS = 320, 112
 """Longest damaged frame, in bytes, into which one lost byte is put back, and two."""
@@ -82,7 +82,8 @@ def classify(data: bytes) -> Trouble:
     if frames and not chunks:
         return Trouble.UNANSWERED
     damaged = chunks[:EXAMINED]
-    if not frames and max(data) < 0x80 and any(len(one) > OVERHEAD and one[1] == MASKED for one in damaged):
+    masked = any(one[1:2] == MASKED for one in damaged)  # of any length: 0x80 becomes a delimiter
+    if not frames and max(data) < 0x80 and masked and not _is_text(data):
         return Trouble.SEVEN_BITS
     if any(map(_was_translated, damaged)):
         return Trouble.TRANSLATED

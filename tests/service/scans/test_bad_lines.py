@@ -1,7 +1,7 @@
 """Scans over lines that are almost right: the error comes soon, says what is wrong, and a stop is heard meanwhile."""
 
 import pytest
-from driver_lines import line, with_crlf, without_flow_control
+from driver_lines import Line, line, with_crlf, without_flow_control
 
 from fabry_perot.simulator import launch
 from steradian.errors import ScanFailed
@@ -15,12 +15,14 @@ SOON = 15_000_000
 
 
 class StopWhileArming(Control):
-    """Wishes a stop as soon as the scan is being armed."""
+    """A stop, wished as soon as the scan is being armed; from then on the line is a bad one."""
 
-    wanted = Wish.RUN
+    def __init__(self, line: Line) -> None:
+        self.line, self.wanted = line, Wish.RUN
 
     def enter(self, phase: Phase) -> None:
         if phase is Phase.ARMING:
+            self.line.down = with_crlf
             self.wanted = Wish.STOP
 
     def wish(self) -> Wish:
@@ -55,7 +57,7 @@ def test_scan_on_a_line_that_changes_bytes_fails_soon_and_says_how(simulator, pl
 
 def test_stop_is_heard_while_a_bad_line_keeps_a_scan_from_being_armed(simulator, plan, tmp_path):
     before = simulator.command("report", fired=False)["time"]
-    with line(simulator.url, down=with_crlf) as bad:
-        summary = run_scan(plan, bad.url, tmp_path / "a.h5", control=StopWhileArming())
+    with line(simulator.url) as bad:
+        summary = run_scan(plan, bad.url, tmp_path / "a.h5", control=StopWhileArming(bad))
     assert summary.end is End.STOPPED
     assert simulator.command("report", fired=False)["time"] - before < SOON
