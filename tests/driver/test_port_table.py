@@ -10,8 +10,9 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -20,7 +21,7 @@ from test_diagnosis import MARLIN, NOISE, read_at, statuses, with_version
 
 import fabry_perot
 from fabry_perot import NoAnswer, PlanInvalid, PortBusy, PortForbidden, PortUnavailable, ScannerError
-from fabry_perot.errors import ProtocolMismatch
+from fabry_perot.errors import LinkLost, ProtocolMismatch
 from fabry_perot.host import HostTiming, ports
 from fabry_perot.host.transport import open_transport
 from fabry_perot.simulator import launch
@@ -225,6 +226,27 @@ def test_default_limits_end_a_greeting_within_six_seconds():
     assert timing.hello_period * timing.hello_tries <= 5_000_000
     assert timing.connect <= 5_000_000
     assert timing.request_period * timing.request_tries <= 5_000_000
+
+
+def test_bytes_before_the_end_of_a_connection_are_read_whenever_it_comes():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        host, port = server.getsockname()
+
+        def send_and_leave(seconds: float) -> None:
+            connection, _ = server.accept()
+            with connection:
+                connection.sendall(b"HTTP/1.0 400\n")
+                time.sleep(seconds)
+
+        for milliseconds in (0, 0.5, 1, 1.5, 2, 3):
+            peer = threading.Thread(target=send_and_leave, args=(milliseconds * 1e-3,))
+            peer.start()
+            read = b""
+            with closing(open_transport(f"socket://{host}:{port}")) as line, suppress(LinkLost):
+                while True:
+                    read += line.read()
+            peer.join()
+            assert read == b"HTTP/1.0 400\n"
 
 
 @contextmanager

@@ -8,6 +8,7 @@ import re
 import select
 import socket
 import sys
+import time
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -116,20 +117,12 @@ class SocketTransport(_Port):
 
     def read(self) -> bytes:
         """Return what has arrived; raises LinkLost."""
-        try:
-            return self._last_words() or bytes(self._port.read(SOCKET_CHUNK))
-        except (serial.SerialException, OSError, TypeError, AttributeError) as error:
-            raise LinkLost(f"the connection is gone: {error}") from error
-
-    def _last_words(self) -> bytes:
-        """Return the bytes before the end of a connection whose peer has gone: pyserial would lose them."""
         ours = type(self._port).__module__.endswith(".protocol_socket")  # the socket of others is read by a thread
         plain = getattr(self._port, "_socket", None) if ours else None
-        if plain is None or not hasattr(select, "poll"):
-            return b""
-        poller = select.poll()
-        poller.register(plain, getattr(select, "POLLRDHUP", 0))
-        return bytes(plain.recv(SOCKET_CHUNK)) if poller.poll(0) else b""
+        try:
+            return _received(plain) if plain is not None else bytes(self._port.read(SOCKET_CHUNK))
+        except (serial.SerialException, OSError, ValueError, TypeError, AttributeError) as error:
+            raise LinkLost(f"the connection is gone: {error}") from error
 
     def close(self) -> None:
         """Release the port; pyserial forgets to close a socket whose peer has gone."""
@@ -137,6 +130,41 @@ class SocketTransport(_Port):
         super().close()
         if plain is not None:
             plain.close()
+
+
+def _received(plain: socket.socket) -> bytes:
+    """Return the bytes of up to SOCKET_WAIT s; those before the end of a connection, which pyserial would lose, too.
+
+    Raises
+    ------
+    OSError
+        The connection has ended, and nothing came before.
+    """
+    data, deadline = bytearray(), time.monotonic() + SOCKET_WAIT
+    while len(data) < SOCKET_CHUNK and (left := deadline - time.monotonic()) > 0 and _is_readable(plain, left):
+        try:
+            piece = plain.recv(SOCKET_CHUNK - len(data))
+        except BlockingIOError:
+            continue
+        except OSError:
+            if data:
+                break
+            raise
+        if not piece:
+            if data:
+                break  # the next read finds the end again
+            raise OSError("socket disconnected")
+        data += piece
+    return bytes(data)
+
+
+def _is_readable(plain: socket.socket, seconds: float) -> bool:
+    """Wait for bytes or the end of a connection, also where its descriptor is one that ``select`` cannot take."""
+    if not hasattr(select, "poll"):
+        return bool(select.select([plain], [], [], seconds)[0])
+    poller = select.poll()
+    poller.register(plain, select.POLLIN)
+    return bool(poller.poll(seconds * 1e3))
 
 
 def open_transport(url: str, baudrate: int | None = None) -> Transport:
