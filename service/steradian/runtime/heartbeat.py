@@ -10,6 +10,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from steradian.drafts import draft
+
 INTERVAL = 1.0
 STALE_AFTER = 4.0
 """Seconds without a sign after which a process counts as stuck."""
@@ -19,7 +21,7 @@ class Heartbeat:
     """Touches ``path`` in a thread until the block ends; the file is then removed."""
 
     def __init__(self, path: Path) -> None:
-        self._path, self._over = path, threading.Event()
+        self._path, self._over, self._writing = path, threading.Event(), threading.Lock()
         self._about: dict[str, object] = {"pid": os.getpid()}
         self._thread = threading.Thread(target=self._beat, daemon=True)
 
@@ -49,7 +51,8 @@ class Heartbeat:
                     self._write()
 
     def _write(self) -> None:
-        self._path.write_text(json.dumps(self._about))
+        with self._writing, draft(self._path) as beside:  # whoever reads it meanwhile gets a whole one
+            beside.write_text(json.dumps(self._about))
 
 
 def gpu_of(path: Path) -> str | None:

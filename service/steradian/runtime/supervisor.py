@@ -29,6 +29,7 @@ from typing import IO
 
 from sqlalchemy.exc import SQLAlchemyError
 
+from steradian.drafts import draft
 from steradian.errors import InvalidInput, StoreUnavailable
 from steradian.runtime.owning import owning_database, owning_scanner
 from steradian.runtime.watch import Watch, answers
@@ -171,7 +172,8 @@ def serve(
                 child.tend(now)
             if not announced and answers(f"{url}/healthz"):
                 announced = True
-                (data.root / "run" / "service.json").write_text(json.dumps({"url": url, "pid": os.getpid()}))
+                with draft(data.root / "run" / "service.json") as beside:
+                    beside.write_text(json.dumps({"url": url, "pid": os.getpid()}))
                 announce(f"{on_ready} at {url}/api/v1 (data in {settings.data}); Ctrl-C ends it")
             if announced:
                 watch.look(children, time.monotonic())

@@ -25,6 +25,7 @@ from typing import Final
 
 import filelock
 
+from steradian.drafts import draft
 from steradian.errors import Conflict, InvalidInput
 from steradian.storage.job_directory import JobDirectory
 
@@ -169,7 +170,8 @@ class DataDirectory:
                 "stop that service or choose another directory"
             ) from None
         try:
-            owner.write_text(json.dumps({"pid": os.getpid()}))
+            with draft(owner) as beside:
+                beside.write_text(json.dumps({"pid": os.getpid()}))
             self._rename_earlier()
             yield
         finally:
