@@ -23,10 +23,12 @@ if TYPE_CHECKING:
     )
     from steradian.plans import ScanPlan
     from steradian.reconstructions.scan import Scan
+    from steradian.scans.frames import FrameChoice
 
 __version__ = "0.1.0"
 
 _HOMES = {
+    "FrameChoice": "steradian.scans.frames",
     "InvalidInput": "steradian.errors",
     "Iterative": "steradian.imaging",
     "Mask": "steradian.masks",
@@ -46,6 +48,7 @@ _HOMES = {
 }
 
 __all__ = [
+    "FrameChoice",
     "InvalidInput",
     "Iterative",
     "Mask",

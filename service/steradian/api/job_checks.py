@@ -19,6 +19,7 @@ from steradian.jobs.requests import (
 )
 from steradian.reconstructions.levels import stored_bytes
 from steradian.reconstructions.parameters import DEFAULT_SPACING, ReconstructionParameters
+from steradian.scans.frames import Frame
 from steradian.storage.arrays import result_name, scan_name, upload_name
 from steradian.storage.disk import scan_bytes
 from steradian.storage.job_directory import VOLUME
@@ -65,9 +66,8 @@ def cost_of(services: Services, scan: ScanRow, wanted: ReconstructionRequest) ->
 def check_parts(services: Services, scan: ScanRow, wanted: ReconstructionRequest) -> None:
     """Refuse a volume that is too large, a mask or frame that does not exist; raises :class:`InvalidInput`."""
     _check_size(services, scan, wanted.parameters)
-    frames = frames_of(services.plans.get(scan.plan_id).parameters)
-    if wanted.frame is not None and wanted.frame >= len(frames):
-        raise InvalidInput("frame", wanted.frame, f"0 to {len(frames) - 1}; the scan has {len(frames)}")
+    lights = frames_of(services.plans.get(scan.plan_id).parameters)
+    wanted.frames.pick([Frame(number, light, 0) for number, light in enumerate(lights)])
     if wanted.through is not None:
         aperture, mask_id = services.masks.get(scan.mask_id).aperture, wanted.through.mask_id
         if abs(services.masks.get(mask_id).aperture - aperture) > 1e-6 * aperture:

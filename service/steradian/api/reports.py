@@ -168,6 +168,7 @@ class SoundSpeedView(Figures):
     at_edge: bool | None = Field(
         default=None, description="Whether the sharpest is the first or last: the range should be moved"
     )
+    notes: list[str] | None = Field(default=None, description="What was decided or assumed about the scan")
 
 
 class ComparisonView(Figures):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -110,6 +110,12 @@ class ProgressBar:
     def say(self, line: str) -> None:
         """Write a line above the bars; from any thread."""
         self._bars.console.print(_plain(line), soft_wrap=True)
+
+
+def show_notes(notes: Iterable[str]) -> None:
+    """Print what to know of a result before it is trusted."""
+    for note in notes:
+        console().print(f"[yellow]note[/]: {note}", soft_wrap=True)
 
 
 @contextmanager

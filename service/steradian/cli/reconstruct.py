@@ -18,8 +18,11 @@ from steradian.cli.console import (
     quantity,
     show_end,
     show_figures,
+    show_notes,
     speed,
 )
+from steradian.cli.frames import AverageOption, EachOption, FrameOption, WavelengthOption, each_choice
+from steradian.errors import InvalidInput
 
 if TYPE_CHECKING:
     from steradian.reconstructions.job import Report
@@ -55,6 +58,10 @@ def reconstruct(
         str,
         typer.Option(help="nedner (NER where the sensors allow it), ner, linear, nearest, interpolated; iterative."),
     ] = "nedner",
+    frame: FrameOption = None,
+    wavelength: WavelengthOption = None,
+    average: AverageOption = False,
+    each: EachOption = None,
     modes: Annotated[int | None, typer.Option(help="Lateral modes per axis; default: as the scan suggests.")] = None,
     upsampling: Annotated[int, typer.Option(help="Sinc interpolation of the finished image, times.")] = 1,
     sound_speed: Annotated[float | None, _option("Speed of sound; default: the scan's.", kind=speed)] = None,
@@ -140,6 +147,8 @@ def reconstruct(
     from steradian.reconstructions.compiling import compiling_beside
     from steradian.reconstructions.job import reconstruct_scan
     from steradian.reconstructions.parameters import ReconstructionParameters
+    from steradian.scans.frames import FrameChoice
+    from steradian.scans.opening import FIRST
 
     parameters = ReconstructionParameters.create(
         method=method,
@@ -188,6 +197,17 @@ def reconstruct(
         },
         film={"kind": film, "max_gain": max_gain, "thickness": thickness},
     )
+    choice = FrameChoice(frame, wavelength, average)
+    if each is not None and (follow or frame is not None or wavelength is not None):
+        raise InvalidInput("each", each, "without follow, frame and wavelength")
+    if follow and choice != FIRST:
+        raise InvalidInput("follow", "true", "without frame, wavelength and average")
+    if each is not None:
+        for name, one in each_choice(file, each, average).items():
+            with compiling_beside(), progress_bar() as progress:
+                report = reconstruct_scan(file, output / name, parameters, frame=one, progress=progress)
+            _show(report, output / name)
+        return
     with compiling_beside(), progress_bar() as progress:
         if follow:
             from steradian.reconstructions.live import follow_scan
@@ -197,7 +217,12 @@ def reconstruct(
                 file, output, parameters, is_over=Quiet(file, patience), interval=interval, progress=progress
             )
         else:
-            report = reconstruct_scan(file, output, parameters, progress=progress)
+            report = reconstruct_scan(file, output, parameters, frame=choice, progress=progress)
+    _show(report, output)
+
+
+def _show(report: Report, output: Path) -> None:
+    """Print what was made, and where it lies."""
     spacing = " × ".join(f"{1e6 * step:.4g}" for step in report.spacing_m)
     figures = {
         "sensors": f"{report.sensors} of {report.planned}",
@@ -213,8 +238,7 @@ def reconstruct(
         "files": files_of(output),
     }
     show_figures("Reconstruction", figures)
-    for note in report.notes:
-        console().print(f"[yellow]note[/]: {note}", soft_wrap=True)
+    show_notes(report.notes)
     if report.missing is not None:
         console().print(f"[yellow]warning[/]: {report.missing}", soft_wrap=True)
     show_end(("volume", output / "volume.h5"), ("all results", output))

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from steradian.cli.console import files_of, progress_bar, quantity, show_end, show_figures, speed
+from steradian.cli.console import files_of, progress_bar, quantity, show_end, show_figures, show_notes, speed
+from steradian.cli.frames import AverageOption, FrameOption, WavelengthOption
 
 
 def sound_speed(
@@ -16,12 +17,17 @@ def sound_speed(
     first: Annotated[float, quantity(speed, "1380m/s", help="Slowest speed tried.")] = 1380.0,
     last: Annotated[float, quantity(speed, "1620m/s", help="Fastest speed tried.")] = 1620.0,
     steps: Annotated[int, typer.Option(help="Speeds of the first round, ends included.")] = 25,
+    frame: FrameOption = None,
+    wavelength: WavelengthOption = None,
+    average: AverageOption = False,
 ) -> None:
     """Find the speed of sound: sharpness against speed, the refined maximum and its standard error."""
     from steradian.reconstructions.sound_speed import scan_sound_speed
+    from steradian.scans.frames import FrameChoice
 
+    choice = FrameChoice(frame, wavelength, average)
     with progress_bar() as progress:
-        curve = scan_sound_speed(file, output, first=first, last=last, steps=steps, progress=progress)
+        curve = scan_sound_speed(file, output, first=first, last=last, steps=steps, frame=choice, progress=progress)
     error = "" if curve.standard_error is None else f" ± {curve.standard_error:.2f}"
     figures = {
         "sound speed": f"{curve.best:.2f}{error} m/s",
@@ -29,4 +35,5 @@ def sound_speed(
         "files": files_of(output),
     }
     show_figures("Speed of sound", figures)
+    show_notes(curve.notes)
     show_end(("curve", output))

@@ -7,7 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from steradian.cli.console import files_of, length, progress_bar, quantity, show_end, show_figures, speed
+from steradian.cli.console import files_of, length, progress_bar, quantity, show_end, show_figures, show_notes, speed
+from steradian.cli.frames import AverageOption, FrameOption, WavelengthOption
 from steradian.plans.files import read_value
 
 
@@ -26,11 +27,15 @@ def what_if(
         quantity(length, help="Compare within this disc around the point of interest; default: 45° wide."),
     ] = None,
     threshold: Annotated[float, typer.Option(help="Pixels count from this share of the full image's maximum.")] = 0.04,
+    frame: FrameOption = None,
+    wavelength: WavelengthOption = None,
+    average: AverageOption = False,
 ) -> None:
     """Reconstruct a dense scan through a sparse mask, and compare with the image of all its A-lines."""
     from steradian.masks import Mask
     from steradian.reconstructions.parameters import ReconstructionParameters
     from steradian.reconstructions.what_if import what_if as run
+    from steradian.scans.frames import FrameChoice
 
     parameters = ReconstructionParameters.create(modes=modes, weights=weights, sound_speed=sound_speed)
     chosen: Any = points
@@ -43,6 +48,7 @@ def what_if(
             points=chosen,
             diameter=diameter,
             threshold=threshold,
+            frame=FrameChoice(frame, wavelength, average),
             progress=progress,
         )
     within = "everywhere" if report.diameter_m is None else f"in a disc of {1e3 * report.diameter_m:.4g} mm"
@@ -58,4 +64,5 @@ def what_if(
     figures["pulses saved"] = f"{100 * report.saved['scan_share']:.3g} %"
     figures["files"] = files_of(output)
     show_figures("What if", figures)
+    show_notes(report.notes)
     show_end(("both images and their comparison", output))

@@ -15,6 +15,7 @@ from steradian.jobs.forms import stored
 from steradian.jobs.model import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobRequest, Requirements
 from steradian.ranges import LENGTH, SOUND_SPEED
 from steradian.reconstructions.parameters import ReconstructionParameters
+from steradian.scans.frames import FrameChoice
 from steradian.validation import Value, quantity
 
 Identifier: TypeAlias = Annotated[str, StringConstraints(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9]+$")]
@@ -90,15 +91,34 @@ class ReconstructionRequest(Request):
     )
     interval: float = quantity("s", "Between two revisions while following", ge=0.2, le=3600, default=2.0)
     through: Through | None = Field(default=None, description="Another mask, of a scan that is over")
-    frame: int | None = Field(default=None, ge=0, description="Which frame of a scan that has several")
+    frame: int | None = Field(
+        default=None,
+        ge=0,
+        description="Which frame of a scan that has several; by default the first, with a note",
+    )
+    wavelength: float | None = quantity(
+        "m", "Of the excitation: its first frame, or with average the mean of its frames", default=None, gt=0, le=1e-5
+    )
+    average: bool = Field(
+        default=False, description="The mean of all frames, or of those at the wavelength; they must have one"
+    )
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.through is not None and (self.follow or self.frame is not None):
-            raise InvalidInput("through", self.through.mask_id, "neither follow nor frame with it")
-        if self.follow and self.frame is not None:
-            raise InvalidInput("frame", self.frame, "none while following")
+        told = {"frame": self.frame, "wavelength": self.wavelength, "average": self.average or None}
+        given = [name for name, value in told.items() if value is not None]
+        if self.through is not None and (self.follow or given):
+            raise InvalidInput("through", self.through.mask_id, "neither follow nor frame, wavelength, average with it")
+        if self.follow and given:
+            raise InvalidInput(given[0], told[given[0]], "none while following")
+        if self.frame is not None and len(given) > 1:
+            raise InvalidInput("frame", self.frame, "neither wavelength nor average with it")
         return self
+
+    @property
+    def frames(self) -> FrameChoice:
+        """The frames that the image is made of."""
+        return FrameChoice(self.frame, self.wavelength, self.average)
 
     @property
     def kind(self) -> Literal["reconstruction", "live", "what-if"]:

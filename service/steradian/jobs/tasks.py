@@ -40,7 +40,7 @@ def reconstruct(work: Work, job: requests.ReconstructionRequest) -> dict[str, An
     from steradian.reconstructions.compiling import compiling_beside
     from steradian.reconstructions.job import reconstruct_scan
 
-    how: dict[str, Any] = {"frame": job.frame or 0, "plans": work.plans, "progress": work.progress}
+    how: dict[str, Any] = {"frame": job.frames, "plans": work.plans, "progress": work.progress}
     with compiling_beside():
         return asdict(reconstruct_scan(work.scan(job.scan_id), work.folder, job.parameters, **how))
 

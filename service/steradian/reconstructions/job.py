@@ -38,7 +38,8 @@ from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.projections import project, project_from
 from steradian.reconstructions.shots import Unevenness, even_out
 from steradian.reconstructions.volume_file import write_volume
-from steradian.scans.opening import open_recording
+from steradian.scans.frames import FrameChoice
+from steradian.scans.opening import FIRST, open_recording
 from steradian.scans.recording import Recording
 
 if TYPE_CHECKING:
@@ -124,7 +125,7 @@ def reconstruct_scan(
     output: Path,
     parameters: ReconstructionParameters | None = None,
     *,
-    frame: int = 0,
+    frame: int | FrameChoice = FIRST,
     plans: KeptPlans | None = None,
     progress: Progress | None = None,
     cancelled: IsCancelled | None = None,
@@ -140,7 +141,7 @@ def reconstruct_scan(
     parameters
         What to choose; the defaults fit a scan.
     frame
-        Which frame of a scan that has several.
+        Which frame, or which frames' mean, of a scan that has several; by default the first, with a note.
     plans
         Where plans are looked for and kept, if many recordings of one geometry are reconstructed.
     progress, cancelled

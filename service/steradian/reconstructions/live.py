@@ -36,6 +36,7 @@ from steradian.reconstructions.shots import even_out_new
 from steradian.reconstructions.stored_volume import StoredVolume
 from steradian.reconstructions.volume_file import write_projections
 from steradian.scans.following import NewAlines, ScanFollower, has_alines
+from steradian.scans.opening import FIRST
 from steradian.scans.recording import Recording
 
 Detail = Literal["preview", "full"]
@@ -123,7 +124,7 @@ def follow_scan(
             revised(revision)
         _rest(interval - (time.monotonic() - began), is_over, wait, cancelled)
     began = time.monotonic()
-    report = reconstruct_scan(scan, output, chosen, frame=frame, progress=progress, cancelled=cancelled)
+    report = reconstruct_scan(scan, output, chosen, frame=frame or FIRST, progress=progress, cancelled=cancelled)
     last = _final_revision(output, report, view, time.monotonic() - began)
     if revised:
         revised(last)

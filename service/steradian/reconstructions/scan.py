@@ -19,7 +19,9 @@ from steradian.plans import ScanPlan
 from steradian.reconstructions.imported import Imported, read_imported
 from steradian.reconstructions.job import reconstruct_recording
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.scans.reading import Frame, list_frames, read_scan
+from steradian.scans.frames import Frame, FrameChoice
+from steradian.scans.opening import open_recording
+from steradian.scans.reading import list_frames, read_scan
 from steradian.scans.recording import Recording
 
 if TYPE_CHECKING:
@@ -76,25 +78,31 @@ class Scan:
         """What is known of each frame, a repetition or another excitation: its light, A-lines, first and last shot."""
         return list_frames(self.path)
 
-    def recording(self, frame: int | None = 0) -> Recording:
-        """Read the A-lines of one frame that are stored and intact, with their positions, weights and times.
-
-        Raises
-        ------
-        InvalidInput
-            When there is no such frame.
-        DamagedFile
-            When it holds no A-line.
-        """
-        return read_scan(self.path, frame)
-
-    def reconstruct(self, *, frame: int | None = 0, **parameters: Any) -> Volume:
-        """Reconstruct one frame.
+    def recording(self, frame: int | FrameChoice | None = None) -> Recording:
+        """Read the A-lines of a frame that are stored and intact, with their positions, weights and times.
 
         Parameters
         ----------
         frame
-            From 0; None: the only one.
+            Its number, from 0; None: the only one. A :class:`FrameChoice` selects by wavelength, or several frames: of
+            these all rows are returned, and :attr:`Recording.points` tells which belong together.
+
+        Raises
+        ------
+        InvalidInput
+            When there is no such frame, or none is named of several.
+        DamagedFile
+            When it holds no A-line.
+        """
+        return open_recording(self.path, frame) if isinstance(frame, FrameChoice) else read_scan(self.path, frame)
+
+    def reconstruct(self, *, frame: int | FrameChoice | None = None, **parameters: Any) -> Volume:
+        """Reconstruct one frame, or the mean of several.
+
+        Parameters
+        ----------
+        frame
+            From 0; None: the only one. ``FrameChoice(wavelength=750e-9, average=True)``: the mean of those at 750 nm.
         parameters
             As in the HTTP API, for example ``modes=226, depth_range=(1e-3, 8e-3), method="iterative"``; what is left
             out is as the scan says.
@@ -107,7 +115,7 @@ class Scan:
         """
         return reconstruct_recording(self.recording(frame), ReconstructionParameters.create(**parameters))
 
-    def plot(self, axes: Axes | None = None, *, frame: int | None = 0) -> Axes:
+    def plot(self, axes: Axes | None = None, *, frame: int | None = None) -> Axes:
         """Show the A-lines of a frame, those nearest to the middle first.
 
         Parameters

@@ -90,7 +90,8 @@ class Unevenness:
 def even_out(recording: Recording, treatment: ShotTreatment) -> tuple[Recording, Unevenness]:
     """Return a recording whose A-lines differ in nothing but what they measured, and what they differed in.
 
-    A recording without :attr:`~steradian.scans.recording.Recording.shots`, as this returns, comes back as it is.
+    A recording without :attr:`~steradian.scans.recording.Recording.shots`, as this returns, comes back as it is. Of
+    several frames the mean of each point's A-lines is returned.
 
     Raises
     ------
@@ -118,7 +119,8 @@ def even_out(recording: Recording, treatment: ShotTreatment) -> tuple[Recording,
         delays, samples = common_grid(shots.time_zero, recording.sampling_interval, traces.shape[1])
         traces = align(traces.astype(np.float32), delays, samples)
     earliest = found.time_zero_s[0]
-    return replace(recording, traces=traces, scale=scale, time_zero=earliest, shots=None), found
+    even = replace(recording, traces=traces, scale=scale, time_zero=earliest, shots=None)
+    return even.averaged(), found
 
 
 def even_out_new(new: NewAlines, whole: Recording, treatment: ShotTreatment) -> NewAlines:

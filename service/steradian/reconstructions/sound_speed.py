@@ -8,7 +8,7 @@ are thinned to the band that a coarse lateral grid carries: dozens of images the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,8 @@ from steradian.reconstructions.options import (
 )
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.shots import even_out
-from steradian.scans.opening import open_recording
+from steradian.scans.frames import FrameChoice
+from steradian.scans.opening import FIRST, open_recording
 
 SPACING = 120e-6
 """Lateral spacing of the images compared, in m, unless fewer modes are asked for."""
@@ -60,6 +61,8 @@ class SoundSpeedCurve:
         maximum is at the end of the range.
     at_edge
         The sharpest is the first or last speed: the range should be moved.
+    notes
+        What was decided or assumed about the recording.
     """
 
     sound_speeds: tuple[float, ...]
@@ -67,6 +70,7 @@ class SoundSpeedCurve:
     best: float
     standard_error: float | None
     at_edge: bool
+    notes: tuple[str, ...] = ()
 
 
 def scan_sound_speed(
@@ -77,6 +81,7 @@ def scan_sound_speed(
     first: float = 1380.0,
     last: float = 1620.0,
     steps: int = 25,
+    frame: int | FrameChoice = FIRST,
     progress: Progress | None = None,
     cancelled: IsCancelled | None = None,
 ) -> SoundSpeedCurve:
@@ -93,6 +98,8 @@ def scan_sound_speed(
         always the direct one.
     first, last, steps
         Speeds of the first round, in m/s: ``steps`` of them, ends included.
+    frame
+        Which frame, or which frames' mean, of a scan that has several; by default the first, with a note.
     progress, cancelled
         Reported and asked after each image.
 
@@ -106,7 +113,7 @@ def scan_sound_speed(
         When ``cancelled`` said so.
     """
     chosen = parameters or ReconstructionParameters()
-    recording, _ = even_out(open_recording(scan), chosen.shots)
+    recording, _ = even_out(open_recording(scan, frame), chosen.shots)
     known = chosen if chosen.sound_speed or recording.sound_speed else chosen.replace(sound_speed=(first + last) / 2)
     depth, speed = depth_range_of(recording, known), sound_speed_of(recording, known)
     curve = find_sound_speed(
@@ -122,6 +129,7 @@ def scan_sound_speed(
         progress=progress,
         cancelled=cancelled,
     )
+    curve = replace(curve, notes=recording.notes)
     output.mkdir(parents=True, exist_ok=True)
     write_json(output / "sound-speed.json", curve)
     draw_curve(curve, output / "sound-speed.png")

@@ -26,7 +26,8 @@ from steradian.reconstructions.near_field import from_depth, near_field
 from steradian.reconstructions.options import used
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.shots import even_out
-from steradian.scans.opening import open_recording
+from steradian.scans.frames import FrameChoice
+from steradian.scans.opening import FIRST, open_recording
 from steradian.scans.recording import Recording
 
 Points = Literal["nearest", "exact"]
@@ -76,6 +77,8 @@ class WhatIfReport:
     spacing_m: tuple[float, ...] = ()
     parameters: dict[str, Any] = field(default_factory=dict)
     provenance: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    """What was decided or assumed about the recording."""
     seconds: dict[str, float] = field(default_factory=dict)
 
 
@@ -88,7 +91,7 @@ def what_if(
     points: Points = "nearest",
     diameter: float | None = None,
     threshold: float = 0.04,
-    frame: int = 0,
+    frame: int | FrameChoice = FIRST,
     full: Made | None = None,
     image: Made | None = None,
     progress: Progress | None = None,
@@ -120,7 +123,7 @@ def what_if(
     threshold
         Share of the maximum of the full image from which pixels are of interest (paper, section 6).
     frame
-        Which frame of a scan that has several.
+        Which frame, or which frames' mean, of a scan that has several; by default the first, with a note.
     full, image
         The images of all A-lines and through the mask, by the same parameters, where they are there already.
     progress, cancelled
@@ -155,6 +158,7 @@ def what_if(
     report.weights = chosen.weights
     report.shape, report.spacing_m = image.volume.values.shape, tuple(map(float, image.volume.spacing))
     report.parameters, report.provenance = used(recording, chosen), recording.provenance
+    report.notes = list(recording.notes)
     report.saved["reconstruction_seconds"] = seconds["reconstruct_all"] - seconds["reconstruct_mask"]
     output.mkdir(parents=True, exist_ok=True)
     with _timed(seconds, "draw"):

@@ -2,19 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
-from steradian.errors import NotFound
+from steradian.errors import InvalidInput, NotFound
+from steradian.scans.frames import Frame, FrameChoice
 from steradian.scans.importing.opening import is_own, open_source
-from steradian.scans.reading import read_scan
+from steradian.scans.importing.source import Source
+from steradian.scans.reading import list_frames, read_scan
 from steradian.scans.recording import Recording
 
+FIRST = FrameChoice()
+"""The choice of a caller that names no frame."""
 
-def open_recording(path: Path, frame: int | None = 0) -> Recording:
+
+def open_recording(path: Path, frame: int | FrameChoice = FIRST) -> Recording:
     """Read a recording from one of the known kinds of file, told apart by what is in them.
 
-    A scan file, or anything :func:`steradian.scans.importing.import_scan` reads without a description. ``frame`` is
-    the frame to take of a scan file that has several.
+    A scan file, or anything :func:`steradian.scans.importing.import_scan` reads without a description.
+
+    Parameters
+    ----------
+    path
+        The file.
+    frame
+        Which frame, or which frames' mean, of a scan that has several; by default the first, with a note.
 
     Raises
     ------
@@ -23,11 +35,25 @@ def open_recording(path: Path, frame: int | None = 0) -> Recording:
     DamagedFile
         When it is of no known kind, truncated or inconsistent.
     InvalidInput
-        When something needed is stated nowhere.
+        When something needed is stated nowhere, or there is no such frame.
     """
     if not path.is_file():
         raise NotFound("file", str(path))
+    choice = frame if isinstance(frame, FrameChoice) else FrameChoice(frame)
     if is_own(path):
-        return read_scan(path, frame)
+        numbers, notes = choice.pick(list_frames(path))
+        recording = read_scan(path, numbers if choice.average else numbers[0])
+        return replace(recording, notes=recording.notes + notes)
     with open_source(path) as source:
-        return source.recording()
+        numbers, notes = choice.pick(_frames_of(source))
+        if numbers != [0]:
+            raise InvalidInput("frame", ", ".join(map(str, numbers)), "0 of a file that is not imported; import it")
+        recording = source.recording()
+    return replace(recording, notes=recording.notes + notes)
+
+
+def _frames_of(source: Source) -> list[Frame]:
+    """Return the frames of a foreign file, with as many at each excitation wavelength as come out even."""
+    count, lights = source.table.frames, source.excitation or (0.0,)
+    each = max(1, count // len(lights))
+    return [Frame(n, lights[min(n // each, len(lights) - 1)], source.table.points) for n in range(count)]

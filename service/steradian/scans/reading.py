@@ -2,44 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
-from steradian.errors import DamagedFile, InvalidInput
+from steradian.errors import DamagedFile
 from steradian.scans import schema
 from steradian.scans.broken import reading
 from steradian.scans.course import Course
+from steradian.scans.frames import Frame, frame_number
 from steradian.scans.locking import open_to_read
 from steradian.scans.origin import notes_of, read_origin
 from steradian.scans.recording import Recording, Shots
 from steradian.scans.rows import RowTable
 from steradian.scans.sensitivity import sensitivity_of
-
-
-@dataclass(frozen=True)
-class Frame:
-    """One frame of a scan: an A-line at every point of the mask.
-
-    Attributes
-    ----------
-    index
-        From 0, in the order of measurement.
-    excitation
-        Excitation wavelength in m; 0: as the laser stood.
-    stored
-        A-lines measured so far.
-    first_shot, last_shot
-        When the scanner fired for its first and last A-line, in s since the scanner's boot; ``None`` before.
-    """
-
-    index: int
-    excitation: float
-    stored: int
-    first_shot: float | None = None
-    last_shot: float | None = None
 
 
 def list_frames(path: Path) -> tuple[Frame, ...]:
@@ -62,8 +42,8 @@ def list_frames(path: Path) -> tuple[Frame, ...]:
     )
 
 
-def read_scan(path: Path, frame: int | None = 0) -> Recording:
-    """Read the stored A-lines of one frame of a scan file; points not measured yet are left out.
+def read_scan(path: Path, frame: int | list[int] | None = 0) -> Recording:
+    """Read the stored A-lines of frames of a scan file; points not measured yet are left out.
 
     The weights of a partial scan are those of its points, scaled to sum to the sensed area again.
 
@@ -72,7 +52,8 @@ def read_scan(path: Path, frame: int | None = 0) -> Recording:
     path
         The scan file.
     frame
-        Which frame, see :func:`list_frames`; most scans have only the first. None: the only one.
+        Which frame, see :func:`list_frames`; most scans have only the first. None: the only one. Of several, the rows
+        of one follow those of the other, and :attr:`Recording.points` tells which ones belong to one point.
 
     Raises
     ------
@@ -95,17 +76,14 @@ def _check_kind(path: Path, file: h5py.File) -> None:
         raise DamagedFile(f"{path} has schema version {version}; this program reads {allowed}")
 
 
-def _read(path: Path, file: h5py.File, wanted: int | None) -> Recording:
-    alines, mask, plan = file["alines"], file["mask"], file["plan"]
+def _read(path: Path, file: h5py.File, wanted: int | list[int] | None) -> Recording:
+    mask, plan = file["mask"], file["plan"]
     points = len(mask["weights"])
-    frames = len(alines["status"]) // points
-    frame = _number(wanted, frames)
-    rows = slice(frame * points, (frame + 1) * points)
-    table = RowTable.of_file(file, rows)
-    stored = np.flatnonzero(table.stored)
-    traces, table = np.asarray(alines["samples"][rows])[stored], table.take(stored)
-    whole = table.intact(traces)  # a power cut may leave a row that was never acknowledged half written
-    stored, traces, table = stored[whole], traces[whole], table.take(whole)
+    frames = len(file["alines/status"]) // points
+    numbers = [frame_number(each, frames) for each in (wanted if isinstance(wanted, list) else [wanted])]
+    parts = [_rows_of(file, number, points) for number in numbers]
+    stored, traces = (np.concatenate([part[n] for part in parts]) for n in (0, 1))
+    table = RowTable.joined([part[2] for part in parts])
     if not len(stored):
         raise DamagedFile(f"{path} holds no A-line yet")
     aperture = float(mask.attrs["aperture_m"])
@@ -124,7 +102,8 @@ def _read(path: Path, file: h5py.File, wanted: int | None) -> Recording:
         depth=float(mask.attrs["depth_m"]) if "depth_m" in mask.attrs else None,
         planned=points,
         outline=np.asarray(mask["outline"], np.float64) if "outline" in mask else None,
-        missing=np.delete(np.asarray(mask["positions"], dtype=np.float64), stored, axis=0),
+        missing=np.delete(np.asarray(mask["positions"], dtype=np.float64), np.unique(stored), axis=0),
+        points=stored if len(numbers) > 1 else None,
         notes=notes_of(read_origin(file)),
         offset=tuple(map(float, mask.attrs.get("offset_m", (0.0, 0.0)))),
         provenance={
@@ -134,10 +113,20 @@ def _read(path: Path, file: h5py.File, wanted: int | None) -> Recording:
             "scanner": str(file.attrs["scanner"]),
             "simulated": str(bool(file.attrs["simulated"])),
             **({"beams": str(len(plan["beams"]))} if "beams" in plan else {}),
-            **_frame_provenance(file, frame, frames),
+            **_frame_provenance(file, numbers, frames),
         },
         shots=replace(shots_of(table), sensitivity=sensitivity_of(file, table, stored)),
     )
+
+
+def _rows_of(file: h5py.File, frame: int, points: int) -> tuple[NDArray[np.int64], NDArray[Any], RowTable]:
+    """Return the stored, intact rows of a frame: (n,) their points, (n, N_t) samples, columns."""
+    rows = slice(frame * points, (frame + 1) * points)
+    table = RowTable.of_file(file, rows)
+    stored = np.flatnonzero(table.stored)
+    traces, table = np.asarray(file["alines/samples"][rows])[stored], table.take(stored)
+    whole = table.intact(traces)  # a power cut may leave a row that was never acknowledged half written
+    return stored[whole], traces[whole], table.take(whole)
 
 
 def shots_of(table: RowTable) -> Shots:
@@ -152,19 +141,9 @@ def shots_of(table: RowTable) -> Shots:
     )
 
 
-def _number(frame: int | None, frames: int) -> int:
-    """Return the number of a frame; None is the only one."""
-    if frame is None and frames == 1:
-        return 0
-    if isinstance(frame, bool) or not isinstance(frame, int | np.integer) or not 0 <= frame < frames:
-        allowed = f"a whole number, 0 to {frames - 1}" if frames > 1 else "0, or None: the scan has one frame"
-        raise InvalidInput("frame", frame, allowed)
-    return int(frame)
-
-
-def _frame_provenance(file: h5py.File, frame: int, frames: int) -> dict[str, str]:
+def _frame_provenance(file: h5py.File, numbers: list[int], frames: int) -> dict[str, str]:
     if frames == 1 and "frame_excitation" not in file["plan"]:
         return {}
-    excitation = float(file["plan/frame_excitation"][frame])
-    told = {"excitation": f"{1e9 * excitation:g} nm"} if excitation else {}
-    return told | ({"frame": f"{frame} of {frames}"} if frames > 1 else {})
+    lights = {float(file["plan/frame_excitation"][number]) for number in numbers}
+    told = {"excitation": ", ".join(f"{1e9 * light:g} nm" for light in sorted(lights))} if all(lights) else {}
+    return told | ({"frame": f"{', '.join(map(str, numbers))} of {frames}"} if frames > 1 else {})

@@ -86,6 +86,9 @@ class Recording:
     shots
         What differed from A-line to A-line, where the file tells; ``None`` when nothing does any more
         (:func:`steradian.reconstructions.shots.even_out`).
+    points
+        (M,) numbers of the mask's points, where several A-lines belong to one because frames are to be averaged; else
+        ``None``.
     notes
         What was decided or assumed when the recording was read or imported.
     """
@@ -108,6 +111,7 @@ class Recording:
     measured before it was kept have weights that sum to aperture², whatever their sensors cover."""
     missing: FloatArray | None = None
     offset: tuple[float, ...] = (0.0, 0.0)
+    points: NDArray[np.int64] | None = None
     notes: tuple[str, ...] = ()
 
     def keep(self, wanted: NDArray[np.bool_]) -> Recording:
@@ -123,4 +127,24 @@ class Recording:
             weights=weights,
             grid=None if not wanted.all() else self.grid,
             shots=None if self.shots is None else self.shots.take(wanted),
+            points=None if self.points is None else self.points[wanted],
+        )
+
+    def averaged(self) -> Recording:
+        """Return the mean of the A-lines of each point, in the order of the points; one without ``points`` as it is.
+
+        Their times must be equal, and what else differs from shot to shot must have been evened out.
+        """
+        if self.points is None:
+            return self
+        order = np.argsort(self.points, kind="stable")
+        _, first, counts = np.unique(self.points[order], return_index=True, return_counts=True)
+        scale = np.broadcast_to(np.asarray(self.scale, np.float32), len(order))
+        traces = self.traces[order] * scale[order, None]
+        mean = np.add.reduceat(traces, first, axis=0) / counts[:, None].astype(np.float32)
+        rows, weights = order[first], self.weights
+        if weights is not None:
+            weights = weights[rows] * (weights.sum() / weights[rows].sum())
+        return replace(
+            self, traces=mean, scale=1.0, positions=self.positions[rows], weights=weights, shots=None, points=None
         )

@@ -56,6 +56,12 @@ class RowTable:
         }
         return cls(version, {**columns, **lacking})
 
+    @classmethod
+    def joined(cls, tables: Sequence[RowTable]) -> Self:
+        """Return the rows of one file's tables, one table after the other."""
+        names = tables[0].columns
+        return cls(tables[0].version, {name: np.concatenate([each[name] for each in tables]) for name in names})
+
     def __getitem__(self, name: str) -> NDArray[Any]:
         """Return (n,) values of a column."""
         return self.columns[name]

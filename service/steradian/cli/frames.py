@@ -1,0 +1,51 @@
+"""Options that select frames of a scan that has several."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
+
+import typer
+
+from steradian.cli.console import length, quantity
+
+if TYPE_CHECKING:
+    from steradian.scans.frames import FrameChoice
+
+PANEL = "Which frames of a scan that has several"
+FrameOption: TypeAlias = Annotated[
+    int | None, typer.Option(help="One frame, from 0; default: the first, with a note.", rich_help_panel=PANEL)
+]
+WavelengthOption: TypeAlias = Annotated[
+    float | None,
+    quantity(length, help="The first frame at this excitation wavelength, 750nm.", rich_help_panel=PANEL),
+]
+AverageOption: TypeAlias = Annotated[
+    bool,
+    typer.Option("--average", help="The mean of all frames, or of those at the wavelength.", rich_help_panel=PANEL),
+]
+EachOption: TypeAlias = Annotated[
+    Literal["frame", "wavelength"] | None,
+    typer.Option(help="All, each into a folder of its own; with --average the mean at each.", rich_help_panel=PANEL),
+]
+
+
+def each_choice(file: Path, each: Literal["frame", "wavelength"], average: bool) -> dict[str, FrameChoice]:
+    """Return a choice for each frame or excitation wavelength of a scan file, by the name of its folder.
+
+    Raises
+    ------
+    InvalidInput
+        When an average of single frames is asked for.
+    """
+    from steradian.errors import InvalidInput
+    from steradian.scans.frames import FrameChoice
+    from steradian.scans.reading import list_frames
+
+    frames = list_frames(file)
+    if each == "frame":
+        if average:
+            raise InvalidInput("average", "true", "not of each frame; with --each wavelength or alone")
+        return {f"frame-{one.index}": FrameChoice(one.index) for one in frames}
+    lights = dict.fromkeys(one.excitation for one in frames)
+    return {f"{1e9 * light:g}nm": FrameChoice(wavelength=light, average=average) for light in lights}

@@ -1,0 +1,114 @@
+"""Frames of a scan, and the selection of those that an image is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from steradian.errors import InvalidInput
+
+SAME_LIGHT = 0.5e-9
+"""Wavelengths closer than this, in m, are one."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame of a scan: an A-line at every point of the mask.
+
+    Attributes
+    ----------
+    index
+        From 0, in the order of measurement.
+    excitation
+        Excitation wavelength in m; 0: as the laser stood.
+    stored
+        A-lines measured so far.
+    first_shot, last_shot
+        When the scanner fired for its first and last A-line, in s since the scanner's boot; ``None`` before.
+    """
+
+    index: int
+    excitation: float
+    stored: int
+    first_shot: float | None = None
+    last_shot: float | None = None
+
+
+@dataclass(frozen=True)
+class FrameChoice:
+    """Selection of the frames that an image is made of; without arguments the first frame, said in a note.
+
+    Parameters
+    ----------
+    frame
+        Number of one frame, from 0.
+    wavelength
+        Excitation wavelength in m; without ``average`` the first frame measured at it.
+    average
+        The mean of all frames, or of those at ``wavelength``; they must have one excitation wavelength.
+    """
+
+    frame: int | None = None
+    wavelength: float | None = None
+    average: bool = False
+
+    def pick(self, frames: Sequence[Frame]) -> tuple[list[int], tuple[str, ...]]:
+        """Return the numbers of the frames, and notes on what was chosen for want of a choice.
+
+        Raises
+        ------
+        InvalidInput
+            When there is no such frame or wavelength, when the choices exclude each other, or when the frames to be
+            averaged differ in wavelength.
+        """
+        if self.frame is not None:
+            if self.average or self.wavelength is not None:
+                raise InvalidInput("frame", self.frame, "neither wavelength nor average with it")
+            return [frame_number(self.frame, len(frames))], ()
+        among = [each for each in frames if self.wavelength is None or self._fits(each)]
+        if not among:
+            value = f"{1e9 * (self.wavelength or 0):g} nm"
+            raise InvalidInput("wavelength", value, f"one that the scan was measured at: {lights_of(frames)}")
+        if self.average:
+            if lights_of(among) != lights_of(among[:1]):
+                raise InvalidInput("average", "true", f"with one wavelength of several: {lights_of(frames)}")
+            return [each.index for each in among], ()
+        return [among[0].index], _notes(among, len(frames))
+
+    def _fits(self, frame: Frame) -> bool:
+        return self.wavelength is not None and abs(frame.excitation - self.wavelength) < SAME_LIGHT
+
+
+def frame_number(frame: int | None, frames: int) -> int:
+    """Return the number of a frame; ``None`` stands for the only one.
+
+    Raises
+    ------
+    InvalidInput
+        When there is no such frame, or none is named of several.
+    """
+    if frame is None and frames == 1:
+        return 0
+    if isinstance(frame, bool) or not isinstance(frame, int | np.integer) or not 0 <= frame < frames:
+        allowed = f"a whole number, 0 to {frames - 1}" if frames > 1 else "0, or None: the scan has one frame"
+        raise InvalidInput("frame", frame, allowed)
+    return int(frame)
+
+
+def lights_of(frames: Sequence[Frame]) -> str:
+    """Return the excitation wavelengths of frames as text, in the order of measurement."""
+    lights = dict.fromkeys(each.excitation for each in frames)
+    return ", ".join(f"{1e9 * each:g} nm" if each else "not stated" for each in lights)
+
+
+def _notes(among: Sequence[Frame], count: int) -> tuple[str, ...]:
+    """Say which of several frames was taken, and how to choose."""
+    if len(among) == 1:
+        return ()
+    light = f", {lights_of(among[:1])}" if among[0].excitation else ""
+    return (
+        f"made of frame {among[0].index} of {count} (0 to {count - 1}{light}); "
+        "frame, wavelength or average choose others or their mean",
+    )
