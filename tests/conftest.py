@@ -5,7 +5,9 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
-WEB = Path(__file__).with_name("web")
+WEB, MEASURED = (Path(__file__).with_name(name) for name in ("web", "measured"))
+MEASURED_DATA = "STERADIAN_MEASURED_DATA"
+"""Variable of the environment that names the folder of measured data."""
 LONGEST = """
     docs/test_first_hour test_hardware_page test_mutants test_backup test_contributing test_attacking_files
     runtime/test_work api/test_expensive scans/test_import_guarded jobs/test_queue drawing/test_labels
@@ -35,8 +37,15 @@ def pytest_sessionfinish():
 
 
 def pytest_ignore_collect(collection_path, config):
-    """Leave the browser's tests, and what they import, aside where none is to run."""
-    return True if collection_path == WEB and "not browser" in config.option.markexpr else None
+    """Leave the browser's tests, and what they import, aside where none is to run; and those of absent data."""
+    absent = collection_path == MEASURED and MEASURED_DATA not in os.environ
+    return True if absent or (collection_path == WEB and "not browser" in config.option.markexpr) else None
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Say that the measured data were not there: their licence keeps them out of the repository."""
+    if MEASURED_DATA not in os.environ:
+        terminalreporter.write_line(f"measured data: not tried; {MEASURED_DATA} names no folder (CONTRIBUTING.md)")
 
 
 def pytest_collection_modifyitems(items):

@@ -2,12 +2,47 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, TypeAlias
 
 import typer
 
 from steradian.cli.console import duration, progress_bar, quantity, show_end, show_figures, speed
+from steradian.errors import InvalidInput
+
+DescriptionOption: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        "--description",
+        "-d",
+        metavar="<path>|<json>",
+        help="What the source does not say (times, positions, speed): a JSON file, or the object itself in quotes.",
+    ),
+]
+
+
+def parse_description(given: str | None) -> tuple[Path | None, dict[str, Any]]:
+    """Return the file that an option names, or the fields of the JSON object that it is.
+
+    Raises
+    ------
+    InvalidInput
+        When it begins like an object and is none, or names a file of positions, which only lies beside a file.
+    """
+    if given is None or not given.lstrip().startswith("{"):
+        return None if given is None else Path(given), {}
+    try:
+        fields: dict[str, Any] = json.loads(given)
+    except (ValueError, RecursionError) as error:
+        raise InvalidInput("description", given, f"a JSON object, or the name of a file: {error}") from error
+    if isinstance(fields.get("positions"), str):
+        raise InvalidInput("positions", fields["positions"], "a list here; in a file also a file's name")
+    if isinstance(fields.get("time_zero"), int | float):
+        from steradian.scans.importing.description import TIMES
+
+        fields["time_zero"] *= TIMES.get(fields.get("times", "s"), 1.0)
+    return None, fields
 
 
 def import_(
@@ -19,10 +54,7 @@ def import_(
         ),
     ],
     file: Annotated[Path, typer.Argument(help="The scan file to write (HDF5).", metavar="FILE")],
-    description: Annotated[
-        Path | None,
-        typer.Option("--description", "-d", help="JSON with what the source does not say: times, positions, speed."),
-    ] = None,
+    description: DescriptionOption = None,
     sound_speed: Annotated[float | None, quantity(speed, help="Speed of sound; default: the source's.")] = None,
     delay: Annotated[
         float | None, quantity(duration, help="From laser pulse to first sample, in place of what the source says.")
@@ -39,10 +71,11 @@ def import_(
     """
     from steradian.scans.importing.guarded import import_guarded
 
+    path, options = parse_description(description)
     given = {"sound_speed": sound_speed, "time_zero": delay, "time_zero_samples": delay_samples}
-    options = {name: value for name, value in given.items() if value is not None}
+    options |= {name: value for name, value in given.items() if value is not None}
     with progress_bar() as progress:
-        summary = import_guarded(source, file, description=description, options=options, progress=progress)
+        summary = import_guarded(source, file, description=path, options=options, progress=progress)
     notes = {f"note {number}": note for number, note in enumerate(summary.notes, 1)}
     show_figures("Import", {"format": summary.format, "samples of an A-line": f"{summary.samples:,}", **notes})
     show_end((f"{summary.points:,} A-lines", summary.path))

@@ -22,6 +22,7 @@ from steradian.cli.console import (
     speed,
 )
 from steradian.cli.frames import AverageOption, EachOption, FrameOption, WavelengthOption, each_choice
+from steradian.cli.importing import DescriptionOption, parse_description
 from steradian.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -50,9 +51,10 @@ def reconstruct(
     file: Annotated[
         Path,
         typer.Argument(
-            help="A scan file, or a recording that needs no description: .sgl, k-Wave (.npz with p, dt, dx)."
+            help="A scan file, or a recording: .sgl and k-Wave (.npz with p, dt, dx) as they are, others with -d."
         ),
     ],
+    description: DescriptionOption = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")] = Path("reconstruction"),
     method: Annotated[
         str,
@@ -197,6 +199,13 @@ def reconstruct(
         },
         film={"kind": film, "max_gain": max_gain, "thickness": thickness},
     )
+    if description is not None:
+        from steradian.scans.importing.guarded import import_guarded
+
+        path, options = parse_description(description)
+        output.mkdir(parents=True, exist_ok=True)
+        with progress_bar() as progress:
+            file = import_guarded(file, output / "scan.h5", description=path, options=options, progress=progress).path
     choice = FrameChoice(frame, wavelength, average)
     if each is not None and (follow or frame is not None or wavelength is not None):
         raise InvalidInput("each", each, "without follow, frame and wavelength")

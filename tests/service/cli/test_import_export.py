@@ -6,8 +6,10 @@ import h5py
 import numpy as np
 import pytest
 
+import steradian
 from fabry_perot.simulator.phantoms import Balls, pressure
 from support.commands import run_here as run
+from support.recordings import DEPTH, INTERVAL, SOUND_SPEED, ball
 
 BALL = Balls(np.array([[0.4e-3, -0.7e-3, 1.5e-3]]), np.array([150e-6]), np.array([1.0]))
 
@@ -68,3 +70,34 @@ def test_refusals_are_one_clear_line(walk, arguments, code, words):
     said = " ".join(run(*arguments, cwd=walk, code=code).split())
     for word in words:
         assert word in said
+
+
+def test_reconstruct_command_imports_what_an_object_on_the_command_line_describes(tmp_path):
+    """One command from somebody's array to an image; lengths and times in the object's own units."""
+    traces, positions = ball()
+    np.save(tmp_path / "a.npy", traces.T)
+    said = {"axes": "time, point", "positions": (1e3 * positions).tolist(), "lengths": "mm", "times": "ns"}
+    said |= {"sampling_interval": 1e9 * INTERVAL, "sound_speed": SOUND_SPEED, "time_zero": 0}
+    run("reconstruct", "a.npy", "-d", json.dumps(said), "--modes", 24, "-o", "out", cwd=tmp_path)
+    volume = steradian.open(tmp_path / "out" / "volume.h5")
+    place = np.array(volume.origin) + np.array(volume.spacing) * np.unravel_index(
+        volume.values.argmax(), volume.values.shape
+    )
+    np.testing.assert_allclose(place, (0.3e-3, -0.15e-3, DEPTH), atol=0.6 * max(volume.spacing))
+    assert steradian.open(tmp_path / "out" / "scan.h5").stored == 576
+
+
+@pytest.mark.parametrize(
+    ("said", "told"),
+    [
+        ("{", "description is {; allowed: a JSON object, or the name of a file"),
+        ('{"positions": "film.csv"}', "positions is film.csv; allowed: a list here"),
+        ('{"delay": 1}', "delay is 1; allowed: no such field"),
+        ("none.json", "there is no file 'none.json'"),
+    ],
+)
+def test_reconstruct_command_refuses_a_description_that_is_none(tmp_path, said, told):
+    np.save(tmp_path / "a.npy", np.zeros((4, 4)))
+    out = run("reconstruct", "a.npy", "-d", said, cwd=tmp_path, code=3 if "none" in said else 2)
+    assert told in " ".join(out.split())
+    assert not list(tmp_path.glob("reconstruction/*"))

@@ -147,7 +147,7 @@ def read_description(path: Path | None, options: Mapping[str, Any] | None = None
     path
         The JSON file.
     options
-        Fields that replace those of the file, times among them in seconds.
+        Fields that replace those of the file; ``time_zero`` among them is in seconds whatever the unit of times.
 
     Raises
     ------
@@ -158,11 +158,10 @@ def read_description(path: Path | None, options: Mapping[str, Any] | None = None
     InvalidInput
         When a field is unknown or out of range.
     """
-    fields = {} if path is None else _fields(path)
-    more = dict(options or {})
-    if "time_zero" in more:
-        more["time_zero"] /= TIMES.get(fields.get("times", "s"), 1.0)
-    return Description.create(**fields | more)
+    fields = ({} if path is None else _fields(path)) | dict(options or {})
+    if options and "time_zero" in options:
+        fields["time_zero"] = options["time_zero"] / TIMES.get(fields.get("times", "s"), 1.0)
+    return Description.create(**fields)
 
 
 def _fields(path: Path) -> dict[str, Any]:

@@ -1,0 +1,66 @@
+"""A measured line scan, from the file to the image by one command; run where STERADIAN_MEASURED_DATA names its folder.
+
+The file is LineScan2D_PinsPlexiAluSDH.mat of the Synaptus toolbox (doi 10.21105/joss.04185): pulse-echo ultrasound of
+four pins in water, 20 mm apart sideways and 5 mm in depth. As an exploding reflector, at half the speed of sound, it is
+a photoacoustic record. Half the transducer, 3.0 mm, is the width to expect.
+"""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import hilbert
+
+import steradian
+from support.commands import run_here
+
+FILE = "LineScan2D_PinsPlexiAluSDH.mat"
+WATER = 1480.0
+DESCRIPTION = {
+    "array": "ptx",
+    "axes": "time, point",
+    "time_zero": 58,
+    "times": "us",
+    "grid": {"count": [111], "interval": [1]},
+    "lengths": "mm",
+    "sound_speed": WATER / 2,
+}
+DEPTHS = (50.9e-3, 55.5e-3, 60.4e-3, 65.8e-3)
+"""Depths of the pins below the transducer's plane, in m."""
+
+
+@pytest.fixture(scope="module")
+def volume(tmp_path_factory):
+    file = Path(os.environ["STERADIAN_MEASURED_DATA"]) / FILE
+    folder = tmp_path_factory.mktemp("line")
+    run_here("reconstruct", file, "-d", json.dumps(DESCRIPTION), "--modes", 111, "-o", "image", cwd=folder)
+    return steradian.open(folder / "image" / "volume.h5")
+
+
+def pin_near(volume, depth):
+    """Return (x, z) of the largest envelope within 2 mm of a depth, and its -6 dB width along x, in m."""
+    sizes = volume.values.shape
+    x, z = (volume.origin[axis] + volume.spacing[axis] * np.arange(sizes[axis]) for axis in (0, 1))
+    near = np.abs(z - depth) < 2e-3
+    envelope = np.abs(hilbert(np.asarray(volume.values), axis=1))[:, near]
+    across = envelope.max(axis=1)
+    top, deep = int(across.argmax()), int(envelope.max(axis=0).argmax())
+    half = across[top] / 2
+    left = top - int(np.argmax(across[top::-1] < half))
+    right = top + int(np.argmax(across[top:] < half))
+    edges = [np.interp(half, across[i : i + 2][::way], x[i : i + 2][::way]) for i, way in ((left, 1), (right - 1, -1))]
+    return x[top], z[near][deep], edges[1] - edges[0]
+
+
+@pytest.mark.parametrize("depth", DEPTHS)
+def test_measured_line_scan_shows_each_pin_at_its_depth_as_wide_as_half_the_transducer(volume, depth):
+    _, z, width = pin_near(volume, depth)
+    assert z == pytest.approx(depth, abs=0.3e-3)
+    assert 3.0e-3 <= width <= 3.2e-3
+
+
+def test_measured_line_scan_shows_the_pins_20_mm_apart(volume):
+    x = [pin_near(volume, depth)[0] for depth in DEPTHS]
+    np.testing.assert_allclose(np.diff(x), 20e-3, atol=1.1e-3)
