@@ -63,20 +63,34 @@ def test_a_frame_is_chosen_of_a_scan_that_has_several(open_page, service, client
     until(lambda: service.get(f"/scans/{several}").json()["state"] == "complete")
     page = open_page(service, f"/reconstructions?scan={several}")
     expect(page.locator("#of-frame option")).to_have_text(
-        ["1 of 4, 750 nm", "2 of 4, 750 nm", "3 of 4, 850 nm", "4 of 4, 850 nm"]
+        [
+            "1 of 4, 750 nm",
+            "2 of 4, 750 nm",
+            "3 of 4, 850 nm",
+            "4 of 4, 850 nm",
+            "mean of 2 at 750 nm",
+            "mean of 2 at 850 nm",
+        ]
     )
     page.select_option("#of-scan", scan.id)
     expect(page.locator("#of-frame")).to_be_hidden()
     page.select_option("#of-scan", several)
     expect(page.locator("#of-frame")).to_be_visible()
-    page.select_option("#of-frame", "2")
+    page.select_option("#of-frame", label="3 of 4, 850 nm")
     page.fill("#field-modes", "24")
     page.click("#asking button.primary")
     page.wait_for_function("() => document.querySelector('#asking').hidden")
     (made,) = client.reconstructions.list(scan_id=several)
     assert made.frame == 2
     page.goto(f"{service.url}/reconstructions?again={made.id}")
-    expect(page.locator("#of-frame")).to_have_value("2")
+    expect(page.locator("#of-frame option:checked")).to_have_text("3 of 4, 850 nm")
+    page.select_option("#of-frame", label="mean of 2 at 850 nm")
+    page.click("#asking button.primary")
+    page.wait_for_function("() => document.querySelector('#asking').hidden")
+    (mean,) = [one for one in client.reconstructions.list(scan_id=several) if one.id != made.id]
+    assert (mean.frame, mean.wavelength, mean.average) == (None, pytest.approx(850e-9), True)
+    page.goto(f"{service.url}/reconstructions?again={mean.id}")
+    expect(page.locator("#of-frame option:checked")).to_have_text("mean of 2 at 850 nm")
 
 
 def test_every_field_explains_itself(open_page, service, made):

@@ -249,6 +249,8 @@ class Reconstruction(Work):
     batch_id: str | None = None
     mask_id: str | None = None
     frame: int | None = None
+    wavelength: float | None = None
+    average: bool = False
     simulated: bool = False
     parameters: dict[str, Any]
     priority: int | None = None

@@ -216,6 +216,8 @@ class ReconstructionView(BaseModel):
     batch_id: str | None = Field(description="The batch it belongs to")
     mask_id: str | None = Field(description="The other mask of a what-if")
     frame: int | None = Field(description="Which frame of the scan, if it has several")
+    wavelength: float | None = Field(default=None, description="Excitation wavelength chosen, in m")
+    average: bool = Field(default=False, description="Whether it is the mean of several frames")
     simulated: bool = Field(description="Whether the scan came from a simulated scanner")
     parameters: dict[str, Any] = Field(description="As asked for; when it has succeeded, as they took effect")
     priority: int = Field(description="Smaller ones run first; among equal ones those who asked take turns")
@@ -255,6 +257,8 @@ class ReconstructionView(BaseModel):
             batch_id=row.batch_id,
             mask_id=(job.payload.get("through") or {}).get("mask_id"),
             frame=job.payload.get("frame"),
+            wavelength=job.payload.get("wavelength"),
+            average=job.payload.get("average", False),
             simulated=row.simulated,
             parameters=(job.result or {}).get("parameters") or row.parameters,
             priority=job.priority,

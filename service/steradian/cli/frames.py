@@ -33,19 +33,15 @@ EachOption: TypeAlias = Annotated[
 def each_choice(file: Path, each: Literal["frame", "wavelength"], average: bool) -> dict[str, FrameChoice]:
     """Return a choice for each frame or excitation wavelength of a scan file, by the name of its folder.
 
-    Raises
-    ------
-    InvalidInput
-        When an average of single frames is asked for.
+    With ``average`` the mean at each wavelength.
     """
-    from steradian.errors import InvalidInput
-    from steradian.scans.frames import FrameChoice
+    from steradian.scans.frames import FrameChoice, distinct_wavelengths
     from steradian.scans.reading import list_frames
 
     frames = list_frames(file)
     if each == "frame":
-        if average:
-            raise InvalidInput("average", "true", "not of each frame; with --each wavelength or alone")
         return {f"frame-{one.index}": FrameChoice(one.index) for one in frames}
-    lights = dict.fromkeys(one.excitation for one in frames)
-    return {f"{1e9 * light:g}nm": FrameChoice(wavelength=light, average=average) for light in lights}
+    return {
+        f"{1e9 * light:g}nm" if light else "not-stated": FrameChoice(wavelength=light, average=average)
+        for light in distinct_wavelengths(frames)
+    }

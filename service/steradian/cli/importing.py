@@ -41,7 +41,8 @@ def parse_description(given: str | None) -> tuple[Path | None, dict[str, Any]]:
     if isinstance(fields.get("time_zero"), int | float):
         from steradian.scans.importing.description import TIMES
 
-        fields["time_zero"] *= TIMES.get(fields.get("times", "s"), 1.0)
+        times = fields.get("times", "s")
+        fields["time_zero"] *= TIMES.get(times, 1.0) if isinstance(times, str) else 1.0
     return None, fields
 
 

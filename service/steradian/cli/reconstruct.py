@@ -199,6 +199,13 @@ def reconstruct(
         },
         film={"kind": film, "max_gain": max_gain, "thickness": thickness},
     )
+    choice = FrameChoice(frame, wavelength, average)
+    if each is not None and (follow or frame is not None or wavelength is not None):
+        raise InvalidInput("each", each, "without follow, frame and wavelength")
+    if follow and choice != FIRST:
+        raise InvalidInput("follow", "true", "without frame, wavelength and average")
+    if each == "frame" and average:
+        raise InvalidInput("average", "true", "not of each frame; with --each wavelength or alone")
     if description is not None:
         from steradian.scans.importing.guarded import import_guarded
 
@@ -206,11 +213,6 @@ def reconstruct(
         output.mkdir(parents=True, exist_ok=True)
         with progress_bar() as progress:
             file = import_guarded(file, output / "scan.h5", description=path, options=options, progress=progress).path
-    choice = FrameChoice(frame, wavelength, average)
-    if each is not None and (follow or frame is not None or wavelength is not None):
-        raise InvalidInput("each", each, "without follow, frame and wavelength")
-    if follow and choice != FIRST:
-        raise InvalidInput("follow", "true", "without frame, wavelength and average")
     if each is not None:
         for name, one in each_choice(file, each, average).items():
             with compiling_beside(), progress_bar() as progress:

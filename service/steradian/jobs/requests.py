@@ -111,8 +111,7 @@ class ReconstructionRequest(Request):
             raise InvalidInput("through", self.through.mask_id, "neither follow nor frame, wavelength, average with it")
         if self.follow and given:
             raise InvalidInput(given[0], told[given[0]], "none while following")
-        if self.frame is not None and len(given) > 1:
-            raise InvalidInput("frame", self.frame, "neither wavelength nor average with it")
+        FrameChoice(self.frame, self.wavelength, self.average)
         return self
 
     @property

@@ -48,11 +48,20 @@ class FrameChoice:
         Excitation wavelength in m; without ``average`` the first frame measured at it.
     average
         The mean of all frames, or of those at ``wavelength``; they must have one excitation wavelength.
+
+    Raises
+    ------
+    InvalidInput
+        When ``frame`` is given together with another.
     """
 
     frame: int | None = None
     wavelength: float | None = None
     average: bool = False
+
+    def __post_init__(self) -> None:
+        if self.frame is not None and (self.average or self.wavelength is not None):
+            raise InvalidInput("frame", self.frame, "neither wavelength nor average with it")
 
     def pick(self, frames: Sequence[Frame]) -> tuple[list[int], tuple[str, ...]]:
         """Return the numbers of the frames, and notes on what was chosen for want of a choice.
@@ -60,19 +69,16 @@ class FrameChoice:
         Raises
         ------
         InvalidInput
-            When there is no such frame or wavelength, when the choices exclude each other, or when the frames to be
-            averaged differ in wavelength.
+            When there is no such frame or wavelength, or when the frames to be averaged differ in wavelength.
         """
         if self.frame is not None:
-            if self.average or self.wavelength is not None:
-                raise InvalidInput("frame", self.frame, "neither wavelength nor average with it")
             return [frame_number(self.frame, len(frames))], ()
         among = [each for each in frames if self.wavelength is None or self._fits(each)]
         if not among:
             value = f"{1e9 * (self.wavelength or 0):g} nm"
             raise InvalidInput("wavelength", value, f"one that the scan was measured at: {lights_of(frames)}")
         if self.average:
-            if lights_of(among) != lights_of(among[:1]):
+            if len(distinct_wavelengths(among)) > 1:
                 raise InvalidInput("average", "true", f"with one wavelength of several: {lights_of(frames)}")
             return [each.index for each in among], ()
         return [among[0].index], _notes(among, len(frames))
@@ -97,10 +103,21 @@ def frame_number(frame: int | None, frames: int) -> int:
     return int(frame)
 
 
+def distinct_wavelengths(frames: Sequence[Frame]) -> list[float]:
+    """Return the excitation wavelengths of frames in m, in the order of measurement; 0: not stated.
+
+    Values closer than ``SAME_LIGHT`` are one: a file may have rounded them, or hold what the laser answered.
+    """
+    found: list[float] = []
+    for frame in frames:
+        if not any(abs(frame.excitation - each) < SAME_LIGHT for each in found):
+            found.append(frame.excitation)
+    return found
+
+
 def lights_of(frames: Sequence[Frame]) -> str:
     """Return the excitation wavelengths of frames as text, in the order of measurement."""
-    lights = dict.fromkeys(each.excitation for each in frames)
-    return ", ".join(f"{1e9 * each:g} nm" if each else "not stated" for each in lights)
+    return ", ".join(f"{1e9 * each:g} nm" if each else "not stated" for each in distinct_wavelengths(frames))
 
 
 def _notes(among: Sequence[Frame], count: int) -> tuple[str, ...]:

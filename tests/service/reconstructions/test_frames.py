@@ -12,6 +12,7 @@ from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.shots import ShotTreatment, even_out
 from steradian.reconstructions.sound_speed import scan_sound_speed
 from steradian.reconstructions.what_if import what_if
+from steradian.scans.frames import Frame, distinct_wavelengths
 from steradian.scans.opening import open_recording
 from steradian.scans.store import AlineStore, create_scan_file
 from support.alines import Aline
@@ -146,6 +147,13 @@ def test_choice_that_cannot_be_made_names_what_there_is(scan, choice, words):
         open_recording(scan, FrameChoice(**choice))
 
 
+def test_wavelengths_that_differ_by_rounding_are_one():
+    frames = [Frame(n, light, 1) for n, light in enumerate((750e-9, 750.0000001e-9, 749.9e-9, 751e-9))]
+    assert distinct_wavelengths(frames) == [750e-9, 751e-9]
+    assert FrameChoice(average=True).pick(frames[:3]) == ([0, 1, 2], ())
+    assert FrameChoice(wavelength=750e-9, average=True).pick(frames) == ([0, 1, 2], ())
+
+
 def test_library_asks_for_a_frame_of_several(scan):
     with pytest.raises(InvalidInput, match="frame is None; allowed: a whole number, 0 to 5"):
         steradian.open(scan).reconstruct()
@@ -175,4 +183,11 @@ def test_reconstruct_command_takes_a_wavelength_an_average_or_each(scan, tmp_pat
 def test_reconstruct_command_refuses_choices_that_exclude_each_other(scan, tmp_path, words, told):
     out = run_here("reconstruct", scan, *words, cwd=tmp_path, code=2)
     assert told in " ".join(out.split())
+    assert not (tmp_path / "reconstruction").exists()
+
+
+def test_reconstruct_command_refuses_choices_that_exclude_each_other_before_it_imports(tmp_path):
+    words = ["--frame", "1", "--average", "-d", '{"sound_speed": 1500}']
+    out = run_here("reconstruct", "absent.npy", *words, cwd=tmp_path, code=2)
+    assert "frame is 1; allowed: neither wavelength nor average with it" in " ".join(out.split())
     assert not (tmp_path / "reconstruction").exists()

@@ -4,6 +4,7 @@ import { api, onceOnly, Problem } from "../api.js";
 import { h, replace } from "../dom.js";
 import { failed, loading, words } from "../states.js";
 import { clock, count } from "../units.js";
+import { framesOf } from "./command.js";
 import { ParameterForm } from "./form.js";
 import { groupsOf } from "./schema.js";
 import { at } from "../where.js";
@@ -41,7 +42,7 @@ function fill(panel, groups, origin, scans, wanted, done) {
   scan.value = origin?.scan_id ?? wanted.scan ?? usable[0]?.id ?? "";
   const priority = h("input", { type: "text", inputmode: "numeric", id: "of-priority", value: "100", class: "short-field" });
   const told = h("div", { role: "alert" });
-  const frame = new FrameChoice(origin?.scan_id, origin?.frame ?? null, told);
+  const frame = new FrameChoice(origin?.scan_id, origin ? framesOf(origin) : {}, told);
   const chosen = () => void frame.of(usable.find((one) => one.id === scan.value));
   scan.addEventListener("change", chosen);
   chosen();
@@ -59,7 +60,7 @@ function fill(panel, groups, origin, scans, wanted, done) {
     event.preventDefault();
     button.disabled = true;
     replace(told);
-    const asked = { scan_id: scan.value, parameters: form.values, priority: Number(priority.value), ...(origin?.mask_id ? { through: { mask_id: origin.mask_id } } : {}), ...(frame.value === null ? {} : { frame: frame.value }) };
+    const asked = { scan_id: scan.value, parameters: form.values, priority: Number(priority.value), ...(origin?.mask_id ? { through: { mask_id: origin.mask_id } } : {}), ...frame.value };
     try {
       done(await api.post("/reconstructions", asked, { headers: onceOnly() }));
       panel.hidden = true;
@@ -72,31 +73,37 @@ function fill(panel, groups, origin, scans, wanted, done) {
   replace(panel, whole);
 }
 
-/** Which frame is reconstructed of a scan that has several: of several wavelengths, or times. */
+/** The field with the frames of a scan that has several, and the means of those at one wavelength. */
 class FrameChoice {
-  /** @param {string | undefined} scan that of the origin @param {number | null} frame its frame @param {HTMLElement} told for what goes wrong */
-  constructor(scan, frame, told) {
-    this.origin = { scan, frame };
+  /** @param {string | undefined} scan that of the origin @param {any} frames its fields of the request @param {HTMLElement} told for what goes wrong */
+  constructor(scan, frames, told) {
+    this.origin = { scan, frames };
     this.told = told;
     this.asked = "";
     this.select = h("select", { id: "of-frame" });
     this.element = h("div", { class: "field", hidden: true }, h("label", { for: "of-frame" }, "Frame"), this.select);
-    this.unknown = frame; // until it is known how many there are, that of the origin
+    this.unknown = frames; // until it is known how many there are, that of the origin
   }
 
   /** @param {any} scan */
   async of(scan) {
     this.element.hidden = true;
     this.asked = scan?.id ?? "";
-    this.unknown = this.asked === this.origin.scan ? this.origin.frame : null;
+    this.unknown = this.asked === this.origin.scan ? this.origin.frames : {};
     if (!scan) return;
     try {
       const { frames, excitation } = await api.get(`/plans/${scan.plan_id}`);
       if (this.asked !== scan.id) return; // another was chosen meanwhile
-      const each = (excitation.length ? excitation : [0]).flatMap((/** @type {number} */ light) => Array(frames).fill(light));
-      replace(this.select, ...each.map((/** @type {number} */ light, /** @type {number} */ n) =>
-        h("option", { value: n }, `${n + 1} of ${each.length}${light ? `, ${count(light * 1e9)} nm` : ""}`)));
-      this.select.value = String(this.unknown ?? 0);
+      /** @type {number[]} */
+      const lights = excitation.length ? excitation : [0];
+      const each = lights.flatMap((light) => Array(frames).fill(light));
+      const means = frames > 1 ? lights.map((light) => ({ ...(light ? { wavelength: light } : {}), average: true })) : [];
+      replace(this.select,
+        ...each.map((light, n) => option({ frame: n }, `${n + 1} of ${each.length}${light ? `, ${count(light * 1e9)} nm` : ""}`)),
+        ...means.map((mean, n) => option(mean, `mean of ${frames}${lights[n] ? ` at ${count(lights[n] * 1e9)} nm` : ""}`)));
+      const { wavelength, average, frame } = this.unknown;
+      const first = frame ?? (wavelength ? each.findIndex((light) => Math.abs(light - wavelength) < 0.5e-9) : 0);
+      this.select.value = JSON.stringify(average ? this.unknown : { frame: first });
       this.element.hidden = each.length < 2;
     } catch (error) {
       replace(this.told, ...words(error));
@@ -104,8 +111,13 @@ class FrameChoice {
   }
 
   get value() {
-    return this.element.hidden ? this.unknown : Number(this.select.value);
+    return this.element.hidden ? this.unknown : JSON.parse(this.select.value);
   }
+}
+
+/** @param {any} fields of the request @param {string} text */
+function option(fields, text) {
+  return h("option", { value: JSON.stringify(fields) }, text);
 }
 
 /** A scan in a line. @param {any} one */

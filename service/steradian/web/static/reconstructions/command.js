@@ -43,16 +43,23 @@ export function optionsOf(groups, parameters) {
   return { options, missing };
 }
 
+/** The fields of a request that choose frames. @param {any} about the reconstruction */
+export function framesOf(about) {
+  return { ...(about.frame === null ? {} : { frame: about.frame }), ...(about.wavelength ? { wavelength: about.wavelength } : {}), ...(about.average ? { average: true } : {}) };
+}
+
 /** Lines to paste into a shell. @param {string} origin of this service @param {any} about the reconstruction @param {string[]} options */
 export function shellOf(origin, about, options) {
   const file = `${about.scan_id}.h5`;
-  const words = options.reduce((lines, one) => (one.startsWith("--") ? [...lines, one] : [...lines.slice(0, -1), `${lines.at(-1)} ${quoted(one)}`]), /** @type {string[]} */ ([]));
+  const { frame, wavelength, average } = framesOf(about);
+  const frames = [...(frame === undefined ? [] : ["--frame", String(frame)]), ...(wavelength ? ["--wavelength", String(wavelength)] : []), ...(average ? ["--average"] : [])];
+  const words = [...frames, ...options].reduce((lines, one) => (one.startsWith("--") ? [...lines, one] : [...lines.slice(0, -1), `${lines.at(-1)} ${quoted(one)}`]), /** @type {string[]} */ ([]));
   return [`curl -o ${file} ${origin}/api/v1/scans/${about.scan_id}/file`, [`steradian reconstruct ${file} -o ${about.id}`, ...words].join(" \\\n  ")].join("\n");
 }
 
 /** The request that had this service make it. @param {string} origin @param {any} about */
 export function requestOf(origin, about) {
-  const body = { scan_id: about.scan_id, parameters: about.parameters, ...(about.mask_id ? { through: { mask_id: about.mask_id } } : {}), ...(about.frame === null ? {} : { frame: about.frame }) };
+  const body = { scan_id: about.scan_id, parameters: about.parameters, ...(about.mask_id ? { through: { mask_id: about.mask_id } } : {}), ...framesOf(about) };
   return `curl ${origin}/api/v1/reconstructions \\\n  -H 'Content-Type: application/json' -H "Idempotency-Key: $(uuidgen)" \\\n  -d ${quoted(JSON.stringify(body))}`;
 }
 

@@ -49,7 +49,7 @@ function parameters(groups, values) {
 function again(groups, about) {
   const { options, missing } = optionsOf(groups, about.parameters);
   const parts = [];
-  if (!about.mask_id && about.frame === null) {
+  if (!about.mask_id) {
     parts.push(h("h3", null, "On the command line"), copyable(shellOf(SERVICE, about, options), "shell"));
     if (missing.length) parts.push(h("p", { class: "dim small" }, `It has no option for ${missing.map((field) => field.path.join(".")).join(", ")}; the request below says all.`));
   }
