@@ -73,6 +73,8 @@ class Capabilities:
         Nominal pulse energy in J, to which an A-line's is relative; 0: not known.
     energy_range
         Pulse energies, relative to nominal, beyond which a pulse is a misfire; ``None``: not watched.
+    film
+        Of a simulated scanner: "ideal", or the shortcomings that its film has; "" where the scanner does not say.
     parameters
         What :meth:`fabry_perot.Scanner.set` changes, with its range.
     """
@@ -98,6 +100,7 @@ class Capabilities:
     gate: bool = False
     pulse_energy: float = 0.0
     energy_range: Range | None = None
+    film: str = ""
     parameters: Mapping[str, Range] = field(default_factory=dict)
 
     @classmethod
@@ -134,6 +137,7 @@ class Capabilities:
                 gate=bool(data.get("gate", False)),
                 pulse_energy=float(data.get("energy_nj", 0)) * 1e-9,
                 energy_range=span(data["energy_range"], 1e-4) if "energy_range" in data else None,
+                film=str(data.get("film", "")),
                 parameters={str(name): span(pair) for name, pair in data.get("parameters", {}).items()},
             )
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:

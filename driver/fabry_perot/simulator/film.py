@@ -47,6 +47,10 @@ class Response:
     bandwidth: bool = False
     directivity: bool = False
 
+    def __str__(self) -> str:
+        """Name the shortcomings: "ideal", or for example "bandwidth, directivity"."""
+        return ", ".join(name for name in ("nonlinear", "bandwidth", "directivity") if getattr(self, name)) or "ideal"
+
 
 RELIEFS = ("waves", "scatter", "wedge", "domains", "both")
 """How the resonance varies over a film: smoothly up and down; from point to point; steadily from one side to the other;

@@ -107,7 +107,7 @@ class PhantomInstrument(Apparatus):
 
     def capabilities(self) -> dict[str, Any]:
         """Return the limits."""
-        return {**super().capabilities(), **self._rates, "simulated": True}
+        return {**super().capabilities(), **self._rates, "simulated": True, "film": str(self.recorder.response)}
 
     def queue(self, first: int, points: NDArray[np.void], now: int) -> None:
         """Work through more points."""

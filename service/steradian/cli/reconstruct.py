@@ -136,7 +136,7 @@ def reconstruct(
     strength: Annotated[float | None, _option("Weight of the regulariser; default: by its kind.", ITERATIVE)] = None,
     iterations: Annotated[int, _option("Most iterations.", ITERATIVE)] = 30,
     signed: Annotated[bool, _option("Allow negative values.", ITERATIVE)] = False,
-    film: Annotated[str, _option("ideal (no correction), elastic, rule or simulated.", FILM)] = "ideal",
+    film: Annotated[str, _option("ideal (no correction), elastic, rule; simulated: as the scan says.", FILM)] = "ideal",
     max_gain: Annotated[float, _option("Largest amplification of a wave, and of the noise.", FILM)] = 10.0,
     thickness: Annotated[float, _option("Of an elastic film.", FILM, length, "38um")] = 38e-6,
     follow: Annotated[

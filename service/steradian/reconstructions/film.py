@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -20,7 +21,7 @@ class Film(Value):
         default="ideal",
         description="ideal: no correction; elastic: an elastic film on an elastic backing (Cox and Beard 2007); "
         "rule: the loss at an angle by the paper's two figures, as in what a mask promises; "
-        "simulated: that of the simulated scanner",
+        "simulated: what the film of the simulated scanner took away, as the scan says, nothing where it was ideal",
     )
     max_gain: float = quantity("times", "Largest amplification of a wave, and of the noise", ge=1, le=1000, default=10)
     thickness: float = quantity("m", "Distance of the mirrors", gt=0, le=1e-3, default=38e-6)
@@ -33,8 +34,13 @@ class Film(Value):
     )
     backing_density: float = quantity("kg/m³", "Of the backing", gt=0, le=30e3, default=1200.0)
 
-    def correction(self) -> Correction | None:
+    def correction(self, recorded: str = "") -> Correction | None:
         """Return what the reconstruction takes; None for an ideal film.
+
+        Parameters
+        ----------
+        recorded
+            The simulated film's response as a scan states it, "ideal" or "bandwidth, directivity"; "": it does not.
 
         Raises
         ------
@@ -47,7 +53,12 @@ class Film(Value):
             case "rule":
                 return Correction(RuleOfThumb(), self.max_gain)
             case "simulated":
-                return Correction(SimulatedFilm(), self.max_gain)
+                lost = [part for part in SIMULATED if not recorded or part in recorded]
+                return (
+                    Correction(SimulatedFilm("bandwidth" in lost, "directivity" in lost), self.max_gain)
+                    if lost
+                    else None
+                )
             case "elastic":
                 film = ElasticFilm(
                     thickness=self.thickness,
@@ -57,6 +68,22 @@ class Film(Value):
                     backing_density=self.backing_density,
                 )
                 return Correction(film, self.max_gain)
+
+    def notes(self, recorded: str = "") -> tuple[str, ...]:
+        """Return what a scan's statement of its film says against this choice; ``recorded`` as above."""
+        lost = [part for part in SIMULATED if part in recorded]
+        match self.kind:
+            case "simulated" if not recorded:
+                return (
+                    "the scan does not state its film's response; corrected as for a simulated film with all of it",
+                )
+            case "simulated" if not lost:
+                return (f"the scan's film was {recorded}: nothing was corrected",)
+            case "elastic" | "rule" if recorded and not lost:
+                return (f"the scan's film was {recorded}: the correction amplifies what was not lost",)
+            case "ideal" if lost:
+                return (f"the scan's film has a response ({recorded}) that was not corrected: --film simulated does",)
+        return ()
 
 
 class RuleOfThumb:
@@ -71,8 +98,16 @@ class RuleOfThumb:
         return np.asarray(10 ** (-REFERENCE_SLOPE * known * across / 20), np.complex128)
 
 
+SIMULATED = ("bandwidth", "directivity")
+"""What a simulated film may take away and :class:`SimulatedFilm` gives back."""
+
+
+@dataclass(frozen=True)
 class SimulatedFilm:
-    """The simulated scanner's own response: one pole in frequency, a loss at the side."""
+    """Response of the simulated scanner's film: one pole in frequency, a loss at the side."""
+
+    bandwidth: bool = True
+    directivity: bool = True
 
     def at(
         self, frequencies: NDArray[np.float64], sines: NDArray[np.float64], sound_speed: float
@@ -80,5 +115,7 @@ class SimulatedFilm:
         """As :meth:`steradian.imaging.response.FilmResponse.at`."""
         from fabry_perot.simulator.film import BANDWIDTH, directivity
 
-        across = directivity(np.sqrt(1 - np.clip(np.asarray(sines, np.float64), 0, 1) ** 2))
-        return np.asarray(across[None, :] / (1 + 1j * np.asarray(frequencies)[:, None] / BANDWIDTH), np.complex128)
+        sines, frequencies = np.asarray(sines, np.float64), np.asarray(frequencies, np.float64)
+        across = directivity(np.sqrt(1 - np.clip(sines, 0, 1) ** 2)) if self.directivity else np.ones_like(sines)
+        pole = 1 + 1j * frequencies / BANDWIDTH if self.bandwidth else np.ones_like(frequencies)
+        return np.asarray(across[None, :] / pole[:, None], np.complex128)

@@ -29,6 +29,7 @@ from steradian.reconstructions.options import (
     begins_at,
     conditioned,
     extent_of,
+    film_of,
     plan_parameters,
     sound_speed_of,
     used,
@@ -202,7 +203,7 @@ def write_reconstruction(
     elif chosen.method == "iterative" and chosen.iterative.regularisation not in ("none", "thresholding"):
         report.notes.append(LOWERED)
     report.provenance = recording.provenance
-    report.notes += recording.notes
+    report.notes += (*recording.notes, *chosen.film.notes(film_of(recording)))
     output.mkdir(parents=True, exist_ok=True)
     with report.timed("project"):
         near = chosen.display.near_field

@@ -60,7 +60,7 @@ def plan_parameters(recording: Recording, parameters: ReconstructionParameters) 
         lateral_padding=parameters.lateral_padding,
         highest_frequency=parameters.highest_frequency,
         depth_step=parameters.depth_step,
-        correction=parameters.film.correction(),
+        correction=parameters.film.correction(film_of(recording)),
         iterative=parameters.iterative if parameters.method == "iterative" else None,
         device=parameters.device,
     )
@@ -77,6 +77,11 @@ def sound_speed_of(recording: Recording, parameters: ReconstructionParameters) -
 def modes_of(recording: Recording, parameters: ReconstructionParameters) -> int:
     """Return the lateral modes an axis that take effect."""
     return parameters.modes or recording.grid or max(2, round(recording.aperture / DEFAULT_SPACING))
+
+
+def film_of(recording: Recording) -> str:
+    """Return the response of the simulated film that recorded it, as the scan states it; "" where it does not."""
+    return recording.provenance.get("film", "")
 
 
 def begins_at(recording: Recording, parameters: ReconstructionParameters) -> float:

@@ -23,7 +23,7 @@ from steradian.progress import IsCancelled, Progress
 from steradian.quality import compare, correlation, disc, of_interest
 from steradian.reconstructions.job import reconstruct_recording, write_json
 from steradian.reconstructions.near_field import from_depth, near_field
-from steradian.reconstructions.options import used
+from steradian.reconstructions.options import film_of, used
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.shots import even_out
 from steradian.scans.frames import FrameChoice
@@ -158,7 +158,7 @@ def what_if(
     report.weights = chosen.weights
     report.shape, report.spacing_m = image.volume.values.shape, tuple(map(float, image.volume.spacing))
     report.parameters, report.provenance = used(recording, chosen), recording.provenance
-    report.notes = list(recording.notes)
+    report.notes = [*recording.notes, *chosen.film.notes(film_of(recording))]
     report.saved["reconstruction_seconds"] = seconds["reconstruct_all"] - seconds["reconstruct_mask"]
     output.mkdir(parents=True, exist_ok=True)
     with _timed(seconds, "draw"):

@@ -42,6 +42,7 @@ def create_scan_file(
     visit: NDArray[np.int64] | None = None,
     bias: NDArray[np.float64] | None = None,
     pulse_energy: float = 0.0,
+    film: str = "",
 ) -> None:
     """Make an empty scan file of its final size.
 
@@ -69,6 +70,8 @@ def create_scan_file(
         (M,) wavelengths in m that were set at the points, if there were any, where they are not the plan's own.
     pulse_energy
         Nominal energy of a pulse in J, to which the A-lines' is relative; 0: not known.
+    film
+        Response of a simulated scanner's film, see :class:`fabry_perot.Capabilities`; "": not known.
 
     Raises
     ------
@@ -85,6 +88,8 @@ def create_scan_file(
     try:
         with h5py.File(draft, "w") as file:
             file.attrs.update(_origin(plan, scan_id, scanner, scanner_model, simulated, created))
+            if film:
+                file.attrs["film"] = film
             _write_mask(file, plan)
             _write_plan(file, plan, time_zero, visit, bias)
             file.attrs["geometry_crc32c"] = geometry_checksum(file)

@@ -112,6 +112,7 @@ def _read(path: Path, file: h5py.File, wanted: int | list[int] | None) -> Record
             "mask_id": str(mask.attrs["id"]),
             "scanner": str(file.attrs["scanner"]),
             "simulated": str(bool(file.attrs["simulated"])),
+            **({"film": str(file.attrs["film"])} if "film" in file.attrs else {}),
             **({"beams": str(len(plan["beams"]))} if "beams" in plan else {}),
             **_frame_provenance(file, numbers, frames),
         },

@@ -129,6 +129,7 @@ def run_scan(
                 scanner_model=model.model,
                 simulated=model.simulated,
                 pulse_energy=model.pulse_energy,
+                film=model.film,
             )
             with AlineStore(path) as store:
                 with hearing(scanner, starter):

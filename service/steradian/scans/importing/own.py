@@ -100,6 +100,7 @@ def rewrite_scan(
             visit=scan.visit,
             bias=scan.bias,
             pulse_energy=_pulse_energy(file),
+            film=_name(file, "film"),
         )
         with AlineStore(path) as store:
             _write(scan, store, progress, cancelled)
