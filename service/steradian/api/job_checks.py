@@ -18,7 +18,7 @@ from steradian.jobs.requests import (
     WorkRequest,
 )
 from steradian.reconstructions.levels import stored_bytes
-from steradian.reconstructions.parameters import DEFAULT_SPACING, ReconstructionParameters
+from steradian.reconstructions.parameters import LARGE, ReconstructionParameters, default_modes
 from steradian.scans.frames import Frame
 from steradian.storage.arrays import result_name, scan_name, upload_name
 from steradian.storage.disk import scan_bytes
@@ -150,14 +150,26 @@ def _check_size(services: Services, scan: ScanRow, parameters: ReconstructionPar
         if shape[-1] > parameters.upsampling * services.plans.get(scan.plan_id).parameters["samples"]:
             field, value = "parameters.depth_range", str(parameters.depth_range)
         raise InvalidInput(field, value, f"a volume of at most {limit} bytes, not {size}")
+    if size > LARGE and parameters.modes is None:
+        modes = shape[0] // parameters.upsampling
+        voxel = 1e6 * services.masks.get(scan.mask_id).aperture / modes
+        raise InvalidInput(
+            "parameters.modes",
+            "missing",
+            f"stated for a volume above 1 GB: {modes} (voxels of {voxel:.4g} µm) make {1e-9 * size:.3g} GB",
+        )
 
 
 def _shape(services: Services, scan: ScanRow, parameters: ReconstructionParameters) -> tuple[int, ...]:
     """Return how many voxels an image has along each axis across, of which a line of sensors has one, and in depth."""
-    modes = parameters.modes or max(2, round(services.masks.get(scan.mask_id).aperture / DEFAULT_SPACING))
+    modes = parameters.modes or _default_modes(services, scan.mask_id)
     across = 1 if services.masks.is_line(scan.mask_id) else 2
     deep = _slices(services.plans.get(scan.plan_id).parameters, parameters)
     return (*[modes * parameters.upsampling] * across, deep * parameters.upsampling)
+
+
+def _default_modes(services: Services, mask_id: str) -> int:
+    return default_modes(services.masks.default_modes(mask_id), services.masks.get(mask_id).aperture)
 
 
 def _slices(plan: dict[str, Any], parameters: ReconstructionParameters) -> int:

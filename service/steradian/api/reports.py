@@ -138,6 +138,10 @@ class ReportView(Figures):
     shape: list[int] | None = Field(default=None, description="Voxels along each axis", examples=[[226, 226, 512]])
     spacing_m: list[float] | None = Field(default=None, description="Distance of voxels along each axis (m)")
     origin_m: list[float] | None = Field(default=None, description="Centre of the first voxel along each axis (m)")
+    centre_m: list[float] | None = Field(
+        default=None,
+        description="Place of x = y = 0 in the frame of the imported file (m); empty where it is ours",
+    )
     axes: str | None = Field(default=None, examples=["x, y, z"])
     sensors: int | None = Field(default=None, description="A-lines the image is made of")
     planned: int | None = Field(default=None, description="A-lines that the scan was to have")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -27,6 +28,8 @@ from steradian.errors import InvalidInput
 
 if TYPE_CHECKING:
     from steradian.reconstructions.job import Report
+    from steradian.reconstructions.parameters import ReconstructionParameters
+    from steradian.scans.frames import FrameChoice
 
 CONDITIONING, DISPLAY = "What is done to the A-lines before", "What is done to the pictures"
 SHOTS = "What differs from A-line to A-line"
@@ -144,10 +147,9 @@ def reconstruct(
     ] = False,
     interval: Annotated[float, _option("Between two of these images.", FOLLOWING, duration, "2s")] = 2.0,
     patience: Annotated[float, _option("Without a new A-line: the scan is over.", FOLLOWING, duration, "60s")] = 60.0,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Make a volume file above 1 GB without asking.")] = False,
 ) -> None:
     """Reconstruct the initial pressure and write the volume, its projections and a report into a folder."""
-    from steradian.reconstructions.compiling import compiling_beside
-    from steradian.reconstructions.job import reconstruct_scan
     from steradian.reconstructions.parameters import ReconstructionParameters
     from steradian.scans.frames import FrameChoice
     from steradian.scans.opening import FIRST
@@ -215,21 +217,34 @@ def reconstruct(
             file = import_guarded(file, output / "scan.h5", description=path, options=options, progress=progress).path
     if each is not None:
         for name, one in each_choice(file, each, average).items():
-            with compiling_beside(), progress_bar() as progress:
-                report = reconstruct_scan(file, output / name, parameters, frame=one, progress=progress)
-            _show(report, output / name)
-        return
-    with compiling_beside(), progress_bar() as progress:
-        if follow:
-            from steradian.reconstructions.live import follow_scan
-            from steradian.scans.following import Quiet
+            _show(_make(file, output / name, parameters, one, yes), output / name)
+    elif not follow:
+        _show(_make(file, output, parameters, choice, yes), output)
+    else:
+        from steradian.reconstructions.compiling import compiling_beside
+        from steradian.reconstructions.live import follow_scan
+        from steradian.scans.following import Quiet
 
-            report = follow_scan(
-                file, output, parameters, is_over=Quiet(file, patience), interval=interval, progress=progress
-            )
-        else:
-            report = reconstruct_scan(file, output, parameters, frame=choice, progress=progress)
-    _show(report, output)
+        over = Quiet(file, patience)
+        with compiling_beside(), progress_bar() as progress:
+            report = follow_scan(file, output, parameters, is_over=over, interval=interval, progress=progress)
+        _show(report, output)
+
+
+def _make(file: Path, output: Path, parameters: ReconstructionParameters, choice: FrameChoice, agreed: bool) -> Report:
+    """Reconstruct a scan; a large volume only when the person at the terminal agrees."""
+    from steradian.reconstructions.compiling import compiling_beside
+    from steradian.reconstructions.job import reconstruct_scan
+    from steradian.reconstructions.sizes import LargeVolume
+
+    try:
+        with compiling_beside(), progress_bar() as progress:
+            return reconstruct_scan(file, output, parameters, frame=choice, agreed=agreed, progress=progress)
+    except LargeVolume as error:
+        if not sys.stdin.isatty():
+            raise InvalidInput(error.field, error.value, f"{error.allowed} with --yes") from None
+        typer.confirm(f"{error}\nMake it?", abort=True, err=True)
+        return _make(file, output, parameters, choice, True)
 
 
 def _show(report: Report, output: Path) -> None:

@@ -29,12 +29,12 @@ longer side."""
 
 @dataclass(frozen=True)
 class Lattice:
-    """A rectangular grid that is filled without a gap.
+    """A rectangular grid of sensors.
 
     Attributes
     ----------
     counts, pitch
-        Sensors and their interval in metres along each axis.
+        Places for sensors and their interval in metres along each axis.
     first
         Lowest coordinates in metres.
     """
@@ -49,8 +49,11 @@ class Lattice:
         return outlines.rectangle(self.first - self.pitch / 2, self.first + (self.counts - 0.5) * self.pitch)
 
 
-def find_lattice(points: NDArray[np.float64]) -> Lattice | None:
-    """Tell whether points (M, d) fill a rectangular grid of at least two along each axis, each place once."""
+def find_lattice(points: NDArray[np.float64], *, filled: float = 1.0) -> Lattice | None:
+    """Return the rectangular grid of at least two places along each axis that points (M, d) lie on, each place once.
+
+    ``filled`` is the share of its places that must have a point; ``None`` where there is no such grid.
+    """
     first, places = points.min(axis=0), []
     pitch = np.empty(points.shape[1])
     for axis, line in enumerate(points.T):
@@ -59,7 +62,7 @@ def find_lattice(points: NDArray[np.float64]) -> Lattice | None:
         steps = gaps[gaps > _SAME_LINE * np.ptp(line)]
         if not len(steps):
             return None
-        pitch[axis] = np.ptp(line) / len(steps)
+        pitch[axis] = np.ptp(line) / np.rint(steps / steps.min()).sum()
         place = (line - first[axis]) / pitch[axis]
         places.append(np.rint(place).astype(np.int64))
         if np.abs(place - places[-1]).max() > _OFF_GRID:
@@ -67,7 +70,7 @@ def find_lattice(points: NDArray[np.float64]) -> Lattice | None:
     if pitch.min() <= _ONE_PLACE * np.ptp(points, axis=0).max():
         return None
     counts = np.array([place.max() + 1 for place in places])
-    if counts.prod() != len(points):
+    if not filled * float(counts.prod(dtype=np.float64)) <= len(points) <= counts.prod(dtype=np.float64):
         return None
     if len(np.unique(np.ravel_multi_index(tuple(places), tuple(counts)))) != len(points):
         return None

@@ -144,7 +144,7 @@ def _image_of_all(work: Work, job: requests.ReconstructionRequest, recording: Re
             image = make(recording, job.parameters, progress=work.progress)
             with draft(took) as file:
                 file.write_text(json.dumps(image.seconds))
-            write_volume(path, image.volume, parameters={}, provenance=recording.provenance)
+            write_volume(path, image.volume, parameters={}, provenance=recording.provenance, centre=recording.centre)
             return image
     except filelock.Timeout:  # who makes it is cut off
         return make(recording, job.parameters, progress=work.progress)

@@ -10,15 +10,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
 from steradian.drafts import draft
-from steradian.imaging import ReconstructionPlan, Volume, outlines
+from steradian.imaging import ReconstructionPlan, Volume
 from steradian.imaging.band import share_above, upper_limit
 from steradian.imaging.engines.cuda import backend
 from steradian.imaging.reconstruct import image_by
-from steradian.imaging.weights import sensed_outline
 from steradian.plain import plain
 from steradian.progress import IsCancelled, Progress
 from steradian.reconstructions.found import Band, Fit
@@ -26,9 +22,7 @@ from steradian.reconstructions.kept_plans import KeptPlans
 from steradian.reconstructions.missing import Missing, missing_points
 from steradian.reconstructions.near_field import from_depth, near_field
 from steradian.reconstructions.options import (
-    begins_at,
     conditioned,
-    extent_of,
     film_of,
     plan_parameters,
     sound_speed_of,
@@ -37,7 +31,9 @@ from steradian.reconstructions.options import (
 )
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.projections import project, project_from
+from steradian.reconstructions.remarks import notes_on_depth, notes_on_weights
 from steradian.reconstructions.shots import Unevenness, even_out
+from steradian.reconstructions.sizes import require_agreed
 from steradian.reconstructions.volume_file import write_volume
 from steradian.scans.frames import FrameChoice
 from steradian.scans.opening import FIRST, open_recording
@@ -48,8 +44,6 @@ if TYPE_CHECKING:
 
     from steradian.imaging.iterative import IterativeResult
 
-NOT_AREAS = 0.05
-"""So far from the area that the sensors cover the sum of weights must be to be noted."""
 LOWERED = "the regulariser lowers amplitudes, by a third and more from few sensors; take those of thresholding"
 WITHOUT_WEIGHTS = ("interpolated", "iterative")
 """Methods that weights play no part in."""
@@ -63,6 +57,8 @@ class Report:
     spacing_m: tuple[float, ...] = ()
     origin_m: tuple[float, ...] = ()
     """Centre of the first voxel along each axis."""
+    centre_m: tuple[float, ...] = ()
+    """Place of x = y = 0 in the frame of the file that the sensors' positions came from; () where it is ours."""
     axes: str = "x, y, z"
     sensors: int = 0
     planned: int = 0
@@ -128,6 +124,7 @@ def reconstruct_scan(
     *,
     frame: int | FrameChoice = FIRST,
     plans: KeptPlans | None = None,
+    agreed: bool = True,
     progress: Progress | None = None,
     cancelled: IsCancelled | None = None,
 ) -> Report:
@@ -145,6 +142,8 @@ def reconstruct_scan(
         Which frame, or which frames' mean, of a scan that has several; by default the first, with a note.
     plans
         Where plans are looked for and kept, if many recordings of one geometry are reconstructed.
+    agreed
+        Whether a volume file above 1 GB is made.
     progress, cancelled
         Reported and asked between pieces of work.
 
@@ -153,7 +152,8 @@ def reconstruct_scan(
     NotFound, DamagedFile
         When the recording cannot be read.
     InvalidInput
-        When a parameter does not fit the recording.
+        When a parameter does not fit the recording; :class:`~steradian.reconstructions.sizes.LargeVolume` when the
+        volume is large and not agreed to.
     Cancelled
         When ``cancelled`` said so.
     """
@@ -161,6 +161,8 @@ def reconstruct_scan(
     report = Report()
     with report.timed("read"):
         recording = open_recording(scan, frame)
+    if not agreed:
+        require_agreed(recording, chosen)
     return write_reconstruction(recording, output, chosen, report, plans=plans, progress=progress, cancelled=cancelled)
 
 
@@ -179,7 +181,7 @@ def write_reconstruction(
     with report.timed("even out"):
         if recording.shots is not None:
             recording, report.shots = even_out(recording, chosen.shots)
-    _note_late(report, recording, chosen)
+    report.notes += notes_on_depth(recording, chosen)
     with report.timed("reconstruct"):
         volume = reconstruct_recording(
             recording,
@@ -195,11 +197,12 @@ def write_reconstruction(
         backend.device().release()  # for the GPU's other users: this process may wait long for its next job
     report.axes = ", ".join(volume.names)
     report.shape, report.spacing_m = volume.values.shape, tuple(map(float, volume.spacing))
-    report.origin_m = tuple(map(float, volume.origin))
+    report.origin_m, report.centre_m = tuple(map(float, volume.origin)), recording.centre
     report.sensors, report.planned = len(recording.positions), recording.planned
     report.sound_speed_m_s = sound_speed_of(recording, chosen)
     if chosen.method not in WITHOUT_WEIGHTS:
-        _note_area(report, recording, weights_of(recording, chosen))
+        report.sensed_area_m2 = float(weights_of(recording, chosen).sum())
+        report.notes += notes_on_weights(recording, report.sensed_area_m2)
     elif chosen.method == "iterative" and chosen.iterative.regularisation not in ("none", "thresholding"):
         report.notes.append(LOWERED)
     report.provenance = recording.provenance
@@ -217,6 +220,7 @@ def write_reconstruction(
             provenance=recording.provenance,
             projections=projections,
             near_field=report.near_field_m,
+            centre=recording.centre,
         )
     with report.timed("draw"):
         from steradian.reconstructions.pictures import draw_depth_coded, draw_projection
@@ -264,32 +268,6 @@ def reconstruct_recording(
     if on_device is not None:
         on_device(plan.chosen.device, plan.chosen.notes)
     return volume
-
-
-def _note_late(report: Report, recording: Recording, chosen: ReconstructionParameters) -> None:
-    """Say which depths a record that begins late leaves to sensors far to the side."""
-    if not extent_of(recording, chosen).late:
-        return
-    begins = begins_at(recording, chosen)
-    depth = f"{1e3 * begins * sound_speed_of(recording, chosen):.4g} mm"
-    shown = "" if chosen.depth_range else ", where the image begins; a first depth of 0 shows it from the film on"
-    report.notes.append(
-        f"A-lines begin {1e6 * begins:.4g} µs after the laser pulse: what lies less deep than {depth} is heard only by "
-        f"sensors far enough to its side{shown}"
-    )
-
-
-def _note_area(report: Report, recording: Recording, weights: NDArray[np.float64]) -> None:
-    """State the sensed area, and warn of weights that are not areas: those of scans measured before they were."""
-    total = report.sensed_area_m2 = float(weights.sum())
-    if recording.outline is not None:
-        return
-    ratio = total / outlines.area(sensed_outline(recording.positions, recording.aperture))
-    if abs(ratio - 1) > NOT_AREAS:
-        report.notes.append(
-            f"the weights sum to {ratio:.2f} times the area that the sensors cover, and so do amplitudes; "
-            "weights voronoi gives each sensor the area of its cell"
-        )
 
 
 def write_json(path: Path, figures: DataclassInstance) -> None:

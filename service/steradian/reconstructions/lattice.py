@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from steradian.errors import InvalidInput
 from steradian.reconstructions.stored_values import Index
@@ -36,6 +36,10 @@ class Lattice:
             tuple(times * step for step in self.spacing),
             tuple(-(-size // times) for size in self.shape),
         )
+
+    def moved(self, by: tuple[float, ...]) -> Lattice:
+        """Return the same at other coordinates, ``by`` so many metres along each axis."""
+        return replace(self, origin=tuple(first + step for first, step in zip(self.origin, by, strict=True)))
 
     def without(self, name: str) -> Lattice:
         """Return that of what is projected along an axis."""

@@ -15,7 +15,7 @@ from steradian.imaging.extent import Extent
 from steradian.imaging.parameters import Parameters
 from steradian.imaging.weights import sensed_outline
 from steradian.ranges import SOUND_SPEED
-from steradian.reconstructions.parameters import DEFAULT_SPACING, ReconstructionParameters
+from steradian.reconstructions.parameters import ReconstructionParameters, default_modes
 from steradian.scans.recording import Recording
 
 
@@ -76,7 +76,7 @@ def sound_speed_of(recording: Recording, parameters: ReconstructionParameters) -
 
 def modes_of(recording: Recording, parameters: ReconstructionParameters) -> int:
     """Return the lateral modes an axis that take effect."""
-    return parameters.modes or recording.grid or max(2, round(recording.aperture / DEFAULT_SPACING))
+    return parameters.modes or default_modes(recording.grid, recording.aperture)
 
 
 def film_of(recording: Recording) -> str:

@@ -15,11 +15,21 @@ from steradian.reconstructions.film import Film
 from steradian.reconstructions.shots import ShotTreatment
 from steradian.validation import Value, quantity
 
+LARGE = 1_000_000_000
+"""Bytes of a volume file above which it is not made unasked."""
 DEFAULT_SPACING = 60e-6
-"""Lateral spacing in metres where neither the caller nor a grid of sensors says otherwise (the paper's yarn)."""
+"""Lateral spacing in metres where neither the caller nor an imported lattice says otherwise (the paper's yarn)."""
 
 Method = Literal["nedner", "ner", "linear", "nearest", "interpolated", "iterative"]
 Weights = Literal["mask", "uniform", "voronoi"]
+
+
+def default_modes(lattice: int | None, aperture: float) -> int:
+    """Return the lateral modes an axis where none are asked for: at an unusual lattice's pitch, else at 60 µm.
+
+    ``lattice`` is :attr:`Recording.grid`, ``aperture`` in m.
+    """
+    return lattice or max(2, round(aperture / DEFAULT_SPACING))
 
 
 class ReconstructionParameters(Value):
@@ -27,7 +37,11 @@ class ReconstructionParameters(Value):
 
     method: Method = Field(default="nedner", description="nedner uses NER by itself where the sensors allow it")
     modes: int | None = quantity(
-        "modes", "Lateral modes per axis; none: a grid's sensors, else aperture / 60 µm", ge=2, le=4096, default=None
+        "modes",
+        "Lateral modes per axis; none: voxels of 60 µm, or of an imported pitch below that or above 0.5 mm",
+        ge=2,
+        le=4096,
+        default=None,
     )
     upsampling: int = quantity("times", "Sinc interpolation of the finished image", ge=1, le=8, default=1)
     depth_range: tuple[float | None, float | None] | None = Field(

@@ -15,6 +15,7 @@ from steradian.errors import DamagedFile, InvalidInput
 from steradian.reconstructions.lattice import Lattice
 from steradian.reconstructions.projections import Axis
 from steradian.reconstructions.stored_values import StoredValues
+from steradian.reconstructions.volume_file import centre_in
 from steradian.scans.broken import BROKEN
 
 
@@ -31,6 +32,8 @@ class StoredVolume:
     ----------
     lattice
         Of the values.
+    centre
+        What to add to coordinates for those of the file that the sensors' positions came from, in m.
     levels
         How many coarser copies there are: 1 is of averages over 2 voxels along each axis, 2 over 4, and so on.
 
@@ -52,6 +55,7 @@ class StoredVolume:
                 names_of_copies = ["values", *(f"levels/{n}" for n in range(1, 1 + len(file.get("levels", ()))))]
                 self._copies = [StoredValues(file[name]) for name in names_of_copies if name in file]
                 shape = self._copies[0].shape if self._copies else tuple(map(int, about["shape"]))
+                self.centre = centre_in(file, len(names))
         except FileNotFoundError:
             raise
         except (OSError, *BROKEN) as error:

@@ -2,7 +2,8 @@
 
 ::
 
-    /          attributes: format, schema_version, software, parameters (JSON), provenance (JSON)
+    /          attributes: format, schema_version, software, parameters (JSON), provenance (JSON); centre_m (2,), the
+               place of x = y = 0 in the frame of the file that the sensors' positions came from, where that is another
     values     (Nx, Ny, Nz) f4   attributes: axes "x, y, z", spacing_m (3,), origin_m (3,), near_field_m
     levels/1, levels/2, …        coarser copies, each of means over 2 × 2 × 2 of the one before; attributes as values
     x, y, z    (Nx,) (Ny,) (Nz,) f8   centres of the voxels in metres: dimension scales of values and projections
@@ -45,10 +46,11 @@ def write_volume(
     provenance: dict[str, Any],
     projections: Projections | None = None,
     near_field: float = 0.0,
+    centre: tuple[float, ...] = (),
 ) -> None:
     """Write a volume under a temporary name and rename it when it is whole; ``projections`` where they are there.
 
-    ``near_field`` is the depth in metres from which on pictures show it.
+    ``near_field`` is the depth in metres from which on pictures show it, ``centre`` that of :class:`Recording`.
 
     It is not forced onto the disk: a volume that a power cut has spoiled can be made again from its scan.
 
@@ -65,6 +67,7 @@ def write_volume(
                 "software": f"steradian {__version__}",
                 "parameters": json.dumps(_with_speed(parameters, volume)),
                 "provenance": json.dumps(provenance),
+                **({"centre_m": np.asarray(centre, np.float64)} if centre else {}),
             }
         )
         write_axes(file, {name: volume.coordinates(name) for name in volume.names})
@@ -166,6 +169,12 @@ def require_volume(file: h5py.File, path: Path) -> None:
     """Raise :class:`DamagedFile` when a file is none of a volume, or of a version that is not known."""
     if file.attrs.get("format") != FORMAT or file.attrs.get("schema_version") not in READABLE:
         raise DamagedFile(f"{path} is no volume file of schema version {' or '.join(map(str, READABLE))}")
+
+
+def centre_in(file: h5py.File, axes: int) -> tuple[float, ...]:
+    """Return what to add to coordinates, one an axis (the depth last), for those of the source's frame, in m."""
+    centre = tuple(map(float, np.ravel(file.attrs.get("centre_m", ()))))
+    return (*centre, 0.0) if len(centre) == axes - 1 else (0.0,) * axes
 
 
 def read_volume(path: Path) -> Volume:

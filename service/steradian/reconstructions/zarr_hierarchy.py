@@ -63,6 +63,7 @@ def _array(stored: StoredVolume, level: int) -> dict[str, Any]:
 
 
 def _multiscales(stored: StoredVolume) -> dict[str, Any]:
+    lattice = stored.lattice.moved(stored.centre)
     return {
         "version": "0.5",
         "multiscales": [
@@ -73,7 +74,7 @@ def _multiscales(stored: StoredVolume) -> dict[str, Any]:
                 "datasets": [
                     {
                         "path": str(level),
-                        "coordinateTransformations": _transformations(stored.lattice.coarser(2**level)),
+                        "coordinateTransformations": _transformations(lattice.coarser(2**level)),
                     }
                     for level in range(stored.levels + 1)
                 ],

@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.errors import InvalidInput
+from steradian.masks.lattice import imported_modes
 from steradian.scans import schema
+from steradian.scans.arrangement import arrangement_of, centre_of
 from steradian.scans.broken import reading
 from steradian.scans.locking import open_to_read
 from steradian.scans.reading import _check_kind, list_frames, shots_of
@@ -189,7 +191,8 @@ def _planned(file: h5py.File, rows: slice) -> Recording:
         sound_speed=float(plan.attrs["sound_speed_m_s"]),
         aperture=float(mask.attrs["aperture_m"]),
         time_zero=float(begun.min() if len(begun) else plan.attrs["time_zero_s"]),
-        grid=None,
+        grid=imported_modes(positions, float(mask.attrs["aperture_m"]), arrangement_of(mask)),
+        centre=centre_of(arrangement_of(mask), positions.shape[1]),
         depth=float(mask.attrs["depth_m"]) if "depth_m" in mask.attrs else None,
         planned=count,
         provenance={},

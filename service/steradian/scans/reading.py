@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.errors import DamagedFile
+from steradian.masks.lattice import imported_modes
 from steradian.scans import schema
+from steradian.scans.arrangement import arrangement_of, centre_of
 from steradian.scans.broken import reading
 from steradian.scans.course import Course
 from steradian.scans.frames import Frame, frame_number
@@ -86,7 +88,7 @@ def _read(path: Path, file: h5py.File, wanted: int | list[int] | None) -> Record
     table = RowTable.joined([part[2] for part in parts])
     if not len(stored):
         raise DamagedFile(f"{path} holds no A-line yet")
-    aperture = float(mask.attrs["aperture_m"])
+    aperture, arrangement = float(mask.attrs["aperture_m"]), arrangement_of(mask)
     weights = np.asarray(mask["weights"], dtype=np.float64)
     area = weights.sum()
     return Recording(
@@ -98,7 +100,8 @@ def _read(path: Path, file: h5py.File, wanted: int | list[int] | None) -> Record
         sound_speed=float(plan.attrs["sound_speed_m_s"]),
         aperture=aperture,
         time_zero=float(table["time_zero_s"].min()),
-        grid=None,
+        grid=imported_modes(np.asarray(mask["positions"], np.float64), aperture, arrangement),
+        centre=centre_of(arrangement, mask["positions"].shape[1]),
         depth=float(mask.attrs["depth_m"]) if "depth_m" in mask.attrs else None,
         planned=points,
         outline=np.asarray(mask["outline"], np.float64) if "outline" in mask else None,

@@ -74,7 +74,11 @@ class Recording:
         Seconds, metres per second (``None`` when the file states none), metres, seconds. Where the A-lines differ in
         their time zero, which ``shots`` tells, it is the earliest.
     grid
-        Sensors per axis where they fill a grid, else ``None``.
+        Voxels per axis at the pitch of an imported lattice that is finer than 60 µm or coarser than 0.5 mm; of others
+        ``None``.
+    centre
+        Coordinates (x, y) in m of the aperture's centre in the frame of the file that the positions came from; () where
+        that is ours.
     depth, offset
         Distance of the point of interest from the plane in metres, if there is one, and its (x, y).
     planned
@@ -112,6 +116,7 @@ class Recording:
     missing: FloatArray | None = None
     offset: tuple[float, ...] = (0.0, 0.0)
     points: NDArray[np.int64] | None = None
+    centre: tuple[float, ...] = ()
     notes: tuple[str, ...] = ()
 
     def keep(self, wanted: NDArray[np.bool_]) -> Recording:
@@ -125,7 +130,6 @@ class Recording:
             scale=scale[wanted] if scale.ndim else self.scale,
             positions=self.positions[wanted],
             weights=weights,
-            grid=None if not wanted.all() else self.grid,
             shots=None if self.shots is None else self.shots.take(wanted),
             points=None if self.points is None else self.points[wanted],
         )

@@ -10,6 +10,7 @@ from sqlalchemy.orm import undefer
 
 from steradian.errors import NotFound
 from steradian.masks import Mask
+from steradian.masks.lattice import imported_modes
 from steradian.storage.database import Database
 from steradian.storage.repository import Clock, Repository, utc_now
 from steradian.storage.tables import MaskRow
@@ -23,6 +24,7 @@ class MaskRepository(Repository[MaskRow]):
     def __init__(self, database: Database, clock: Clock = utc_now) -> None:
         super().__init__(database, clock)
         self._lines: dict[str, bool] = {}
+        self._modes: dict[str, int | None] = {}
 
     def put(self, mask: Mask) -> tuple[MaskRow, bool]:
         """Keep a mask; the flag says whether it is new."""
@@ -64,6 +66,13 @@ class MaskRepository(Repository[MaskRow]):
         if identifier not in self._lines:
             self._lines[identifier] = self.load(identifier).is_line
         return self._lines[identifier]
+
+    def default_modes(self, identifier: str) -> int | None:
+        """Return the voxels per axis by an imported lattice, looked up once; raises :class:`NotFound`."""
+        if identifier not in self._modes:
+            mask = self.load(identifier)
+            self._modes[identifier] = imported_modes(mask.positions, mask.aperture, mask.arrangement)
+        return self._modes[identifier]
 
 
 def to_columns(mask: Mask) -> dict[str, Any]:

@@ -27,7 +27,7 @@ def write_hdf5(source: VolumeSource, path: Path) -> None:
     """Write a volume as HDF5 with its coordinates as datasets."""
     old = source.values
     with h5py.File(path, "w") as file:
-        file.attrs.update(old.parent.attrs)
+        file.attrs.update({name: said for name, said in old.parent.attrs.items() if name != "centre_m"})
         lines = zip(source.names, source.origin, source.spacing, old.shape, strict=True)
         write_axes(file, {name: first + step * np.arange(count) for name, first, step, count in lines})
         file.create_dataset("spacing_m", data=np.array(source.spacing))
@@ -36,6 +36,7 @@ def write_hdf5(source: VolumeSource, path: Path) -> None:
             "values", old.shape, old.dtype, chunks=chunks, compression="gzip", compression_opts=1, shuffle=True
         )
         values.attrs.update({name: said for name, said in old.attrs.items() if not name.startswith("DIMENSION_")})
+        values.attrs["origin_m"] = np.asarray(source.origin, np.float64)
         for start in range(0, old.shape[0], chunks[0]):
             source.check(start, old.shape[0])
             values[start : start + chunks[0]] = source.read(np.s_[start : start + chunks[0]])

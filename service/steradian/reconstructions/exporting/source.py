@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from steradian.errors import Cancelled, DamagedFile, NotFound
 from steradian.progress import IsCancelled, Progress
-from steradian.reconstructions.volume_file import require_volume
+from steradian.reconstructions.volume_file import centre_in, require_volume
 from steradian.scans.broken import reading
 
 SLAB_BYTES = 32 << 20
@@ -31,7 +31,8 @@ class VolumeSource:
     names
         Names of its axes.
     spacing, origin
-        Voxel size and coordinates of the first voxel's centre in metres, in the order of ``names``.
+        Voxel size and coordinates of the first voxel's centre in metres, in the order of ``names``; the coordinates are
+        those of the file that the sensors' positions came from.
     parameters, provenance
         JSON texts of how the volume came about.
     """
@@ -125,6 +126,7 @@ def open_volume(path: Path, progress: Progress | None, cancelled: IsCancelled | 
             values = file["values"]
             spacing, origin = (tuple(map(float, values.attrs[name])) for name in ("spacing_m", "origin_m"))
             names = tuple(str(values.attrs["axes"]).split(", "))
+            origin = tuple(first + moved for first, moved in zip(origin, centre_in(file, len(origin)), strict=True))
             parameters, provenance = (str(file.attrs[name]) for name in ("parameters", "provenance"))
             if not len(names) == len(spacing) == len(origin) == len(values.shape) or len(names) not in (2, 3):
                 raise DamagedFile(f"{path}: values of shape {values.shape} with axes {names} and spacing {spacing}")

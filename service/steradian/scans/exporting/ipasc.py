@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from steradian.errors import Cancelled, DamagedFile
 from steradian.progress import IsCancelled, Progress
 from steradian.scans.aligning import align, common_grid
+from steradian.scans.arrangement import arrangement_of, centre_of
 from steradian.scans.importing import ipasc
 from steradian.scans.rows import RowTable
 
@@ -148,11 +149,13 @@ class _Export:
         device = self._made.create_group(ipasc.DEVICE)
         general = device.create_group("general")
         general["unique_identifier"] = _text(self._device_name())
-        general["field_of_view"] = np.array([-half, half, -half, half, 0.0, reach])
+        x, y, *_ = (*centre_of(arrangement_of(mask), mask["positions"].shape[1]), 0.0, 0.0)
+        general["field_of_view"] = np.array([x - half, x + half, y - half, y + half, 0.0, reach])
         general["num_detectors"], general["num_illuminators"] = len(kept), 0
         device.create_group("illuminators")
         positions = np.zeros((len(kept), 3))
-        lateral = mask["positions"][()][kept]
+        centre = centre_of(arrangement_of(mask), mask["positions"].shape[1]) or 0.0
+        lateral = mask["positions"][()][kept] + centre
         positions[:, : lateral.shape[1]] = lateral
         _write_detectors(device.create_group("detectors"), positions, self._note)
 

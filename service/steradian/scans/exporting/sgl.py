@@ -7,7 +7,6 @@ not know one.
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from steradian.errors import Cancelled, DamagedFile, InvalidInput
 from steradian.imaging.weights import find_lattice
 from steradian.progress import IsCancelled, Progress
+from steradian.scans.arrangement import arrangement_of, centre_of
 from steradian.scans.importing import sgl
 from steradian.scans.importing.sgl_name import read_name
 from steradian.scans.origin import read_origin
@@ -93,7 +93,7 @@ def write_sgl(
 def _grid(scan: h5py.File) -> _Grid:
     """Find the grid of a scan's points; raises :class:`InvalidInput` where they fill none."""
     positions = np.asarray(scan["mask/positions"], np.float64)
-    said = _arrangement(scan)
+    said = arrangement_of(scan["mask"])
     if positions.shape[1] == 2:
         for axis in range(2):
             if np.ptp(positions[:, axis]) == 0 and len(positions) > 1:  # a line in the plane
@@ -108,6 +108,10 @@ def _grid(scan: h5py.File) -> _Grid:
     nx, ny = map(int, lattice.counts)
     first = lattice.first + _centre(said, 2)
     return _Grid((nx, ny), _pair(lattice.pitch), _pair(first), places[:, 1] * nx + places[:, 0])
+
+
+def _centre(said: dict[str, Any], axes: int) -> NDArray[np.float64]:
+    return np.array(centre_of(said, axes) or (0.0,) * axes)
 
 
 def _line(points: NDArray[np.float64], *, along: int, centre: NDArray[np.float64], other: float = 0.0) -> _Grid:
@@ -126,18 +130,6 @@ def _line(points: NDArray[np.float64], *, along: int, centre: NDArray[np.float64
 
 def _pair(values: NDArray[np.float64]) -> tuple[float, float]:
     return float(values[0]), float(values[1])
-
-
-def _arrangement(scan: h5py.File) -> dict[str, Any]:
-    said = json.loads(scan["mask"].attrs.get("arrangement", "{}"))
-    return said if isinstance(said, dict) else {}
-
-
-def _centre(said: dict[str, Any], axes: int) -> NDArray[np.float64]:
-    """Coordinates of the origin in the frame of the file that the scan came from, where it is known."""
-    centre = said.get("centre_m")
-    usable = isinstance(centre, list) and len(centre) == axes and all(isinstance(each, int | float) for each in centre)
-    return np.array(centre, np.float64) if usable else np.zeros(axes)
 
 
 def _frame(frame: int | None, frames: int) -> int:

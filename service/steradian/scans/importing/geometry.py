@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from steradian.errors import InvalidInput
 from steradian.imaging.weights import find_lattice
 from steradian.masks import Mask, custom_mask
+from steradian.masks.lattice import FILLED, lattice_modes
 from steradian.masks.points import area_of_weights
 from steradian.scans.importing.remarks import remark
 
@@ -39,7 +40,7 @@ class Sensors:
     aperture
         Side X in metres.
     grid
-        Sensors per axis where they fill a square grid, else ``None``.
+        Voxels per axis at the pitch of the sensors' lattice where it is an unusual one (:func:`lattice_modes`).
     weights
         (M,) areas of any scale, or ``None``: those of the sensors' cells.
     sensed_area
@@ -77,10 +78,10 @@ def place_sensors(
 ) -> Sensors:
     """Find the plane of sensors and centre them.
 
-    With ``aperture`` positions count as centred already. Else, with ``bounds`` that are square and hold every sensor,
-    these are the aperture. Else sensors that fill a grid of N with pitch d have the aperture N·d and sensor j at
-    (j − N//2)·d, as the reconstruction's own grid; others the smallest square around them, widened by their mean
-    distance.
+    ``bounds`` that are square, hold every sensor and are as wide as ``aperture``, if that is known, are the aperture.
+    Else, with ``aperture``, positions count as centred already. Else sensors on a lattice of N places with pitch d, of
+    which up to two fifths may be empty, have the aperture N·d and place j at (j − N//2)·d, as the reconstruction's own
+    grid; others the smallest square around them, widened by their mean distance.
 
     Parameters
     ----------
@@ -109,11 +110,12 @@ def place_sensors(
     lateral = _lateral_axes(points)
     chosen, box = points[:, lateral], None if bounds is None else bounds[lateral]
     _refuse_arc(chosen, [NAMES[axis] for axis in lateral])
-    lattice = find_lattice(chosen)
-    if aperture is not None:
+    lattice = find_lattice(chosen, filled=FILLED)
+    bounded = box is not None and _is_square_around(box, chosen)
+    if box is not None and bounded and (aperture is None or np.isclose(np.ptp(box[0]), aperture, rtol=1e-6)):
+        centre, side = box.mean(axis=1), aperture or float(np.ptp(box, axis=1)[0])
+    elif aperture is not None:
         centre, side = np.zeros(len(lateral)), aperture
-    elif box is not None and _is_square_around(box, chosen):
-        centre, side = box.mean(axis=1), float(np.ptp(box, axis=1)[0])
     elif lattice is not None:
         centre = lattice.first + lattice.counts // 2 * lattice.pitch
         side = float((lattice.counts * lattice.pitch).max())
@@ -126,11 +128,10 @@ def place_sensors(
     placed, half = chosen - centre, side / 2
     if np.abs(placed).max() <= half * (1 + ROUNDING):
         placed = np.clip(placed, -half, half)
-    full = lattice is not None and np.allclose(lattice.counts * lattice.pitch, side, rtol=1e-6)
     return Sensors(
         positions=np.ascontiguousarray(placed),
         aperture=side,
-        grid=int(lattice.counts[0]) if full and lattice is not None else None,
+        grid=lattice_modes(placed, side),
         weights=weights,
         sensed_area=area_of_weights(sensed_area, side, len(lateral)),
         origin={"axes": [NAMES[axis] for axis in lateral], "centre_m": centre.tolist()},

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from steradian.errors import InvalidInput
 from steradian.ranges import LENGTH, SAMPLING_INTERVAL, TIME_ZERO
+from steradian.scans.arrangement import centre_of
 from steradian.scans.importing.description import LENGTHS, TIMES, Description, grid_points
 from steradian.scans.importing.geometry import Sensors, place_sensors
 from steradian.scans.importing.noticing import noticed
@@ -145,6 +146,7 @@ class Source:
             aperture=sensors.aperture,
             time_zero=self.time_zero,
             grid=sensors.grid,
+            centre=centre_of(sensors.origin, sensors.positions.shape[1]),
             depth=self.depth,
             planned=self.table.points,
             provenance=self.provenance,

@@ -28,6 +28,7 @@ async function open(element, about) {
       row("Labels", Object.entries(scan?.labels ?? {}).map(([name, text]) => `${name}: ${text}`).join(", ") || null),
       row("A-lines", report?.sensors === null || report?.sensors === undefined ? null : `${count(report.sensors)} of ${count(report.planned)}`),
       row("Voxels", report?.shape ? `${report.shape.join(" × ")}, ${report.spacing_m.map((/** @type {number} */ one) => Number((one * 1e6).toPrecision(4))).join(" × ")} µm` : null),
+      row("Centre in the file's coordinates", report?.centre_m?.length ? `${report.centre_m.map((/** @type {number} */ one) => Number((one * 1e3).toPrecision(6))).join(", ")} mm` : null),
       row("Made", about.ended ? `${clock(about.ended)}${seconds ? `, in ${duration(seconds)}` : ""}` : null),
       row("Method", about.parameters.method), row("Speed of sound", report?.sound_speed_m_s ? `${report.sound_speed_m_s} m/s` : null)),
     ...(report?.notes ?? []).map((/** @type {string} */ note) => h("p", { class: "note" }, note)),
