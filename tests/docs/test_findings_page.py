@@ -90,8 +90,9 @@ def test_each_end_of_a_fit_and_each_note_of_an_image_is_on_the_page():
     rows = PAGE["Beside a volume"][1:]
     assert {row[1].partition(":")[0] for row in rows if row[0] == "fit.stopped"} == set(get_args(Stopped))
     notes = [row[1] for row in rows if row[0] == "notes"]
-    source = (JOBS.parent / "reconstructions" / "job.py").read_text("utf-8")
-    assert source.count("notes.append(") == len(notes)
+    folder = JOBS.parent / "reconstructions"
+    source = "".join((folder / name).read_text("utf-8") for name in ("job.py", "remarks.py"))
+    assert source.count("notes.append(") + source.count("yield ") == len(notes)
     assert any(note in LOWERED for note in notes)
     assert any(note.startswith("the weights sum to") for note in notes)
     assert "the weights sum to" in source

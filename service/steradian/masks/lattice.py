@@ -32,8 +32,8 @@ def lattice_modes(positions: NDArray[np.float64], aperture: float) -> int | None
     Returns
     -------
     int or None
-        Of a lattice with two pitches by the smaller. A lattice may have gaps, at most two fifths of its places. ``None``
-        for a usual pitch (``USUAL``), and where the aperture is no whole number of pitches of at least two.
+        Of a lattice with two pitches by the smaller. At most two fifths of a lattice's places may be gaps. ``None`` for
+        a usual pitch (``USUAL``), and where the aperture is no whole number of pitches of at least two.
     """
     lattice = find_lattice(positions, filled=FILLED)
     if lattice is None:

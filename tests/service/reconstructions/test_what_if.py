@@ -89,7 +89,7 @@ def test_on_data_this_project_did_not_write_equal_steradians_beat_the_same_numbe
     ours = what_if(YARN, mask, tmp_path / "ours")
     equal = what_if(YARN, mask, tmp_path / "equal", ReconstructionParameters.create(weights="uniform"))
     picked = np.random.default_rng(0).choice(len(recording.positions), ours.used, replace=False)
-    random = subset_mask(_grid(recording.grid or 0, recording.aperture / (recording.grid or 1)), sorted(picked))
+    random = subset_mask(_grid(SIDE, recording.aperture / SIDE), sorted(picked))
     other = what_if(YARN, random, tmp_path / "random", diameter=ours.diameter_m)
     found = [r.quality["mip_z_correlation"] for r in (ours, equal, other)]
     assert found[0] > 0.9
@@ -105,7 +105,7 @@ def _through(mask: Mask, points: str = "nearest") -> tuple[Recording, WhatIfRepo
 
 def test_points_that_pick_the_same_aline_are_merged_and_their_weights_added() -> None:
     recording = open_recording(YARN)
-    pitch = recording.aperture / (recording.grid or 1)
+    pitch = recording.aperture / SIDE
     positions = np.array([[0.1 * pitch, 0.0], [-0.2 * pitch, 0.1 * pitch], [3 * pitch, 0.0]])
     area = recording.aperture**2
     mask = Mask(
@@ -126,8 +126,8 @@ def test_points_that_pick_the_same_aline_are_merged_and_their_weights_added() ->
 
 def test_an_exact_mask_with_points_not_measured_is_refused_with_their_number_and_distance() -> None:
     recording = open_recording(YARN)
-    pitch = recording.aperture / (recording.grid or 1)
-    mask = _grid(recording.grid or 1, pitch)
+    pitch = recording.aperture / SIDE
+    mask = _grid(SIDE, pitch)
     positions = mask.positions.copy()
     positions[:7] += [0.25 * pitch, 0]
     with pytest.raises(InvalidInput, match=rf"7 of {len(positions)} points .* {0.25e6 * pitch:.4g} µm"):

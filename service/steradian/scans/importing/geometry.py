@@ -13,6 +13,7 @@ from steradian.imaging.weights import find_lattice
 from steradian.masks import Mask, custom_mask
 from steradian.masks.lattice import FILLED, lattice_modes
 from steradian.masks.points import area_of_weights
+from steradian.scans.arrangement import centre_of
 from steradian.scans.importing.remarks import remark
 
 FLAT = 1e-4
@@ -55,6 +56,11 @@ class Sensors:
     weights: NDArray[np.float64] | None
     sensed_area: float | None
     origin: dict[str, Any]
+
+    @property
+    def centre(self) -> tuple[float, ...]:
+        """Coordinates (x, y) in m of our origin in the source's frame; () where that is ours."""
+        return centre_of(self.origin, self.positions.shape[1])
 
     def mask(self, source: str) -> Mask:
         """Make the mask; sensors without weights get the areas of their cells (:func:`custom_mask`).

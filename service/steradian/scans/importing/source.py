@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from steradian.errors import InvalidInput
 from steradian.ranges import LENGTH, SAMPLING_INTERVAL, TIME_ZERO
-from steradian.scans.arrangement import centre_of
 from steradian.scans.importing.description import LENGTHS, TIMES, Description, grid_points
 from steradian.scans.importing.geometry import Sensors, place_sensors
 from steradian.scans.importing.noticing import noticed
@@ -22,8 +21,7 @@ from steradian.scans.importing.tables import Table
 from steradian.scans.recording import Recording, Shots
 
 _T = TypeVar("_T")
-UNITLESS = ("npz", "matlab")
-"""Formats whose numbers may be in any unit."""
+UNITLESS = ("npz", "matlab")  # formats whose numbers may be in any unit
 
 
 @dataclass(frozen=True)
@@ -146,7 +144,7 @@ class Source:
             aperture=sensors.aperture,
             time_zero=self.time_zero,
             grid=sensors.grid,
-            centre=centre_of(sensors.origin, sensors.positions.shape[1]),
+            centre=sensors.centre,
             depth=self.depth,
             planned=self.table.points,
             provenance=self.provenance,
