@@ -57,7 +57,7 @@ class Neighbourhood:
 
         near = min(most, len(positions) - 1)
         distance, index = cKDTree(positions).query(positions, near + 1, workers=2)
-        distance, index = distance.reshape(len(positions), -1), index.reshape(len(positions), -1)
+        distance, index = (np.asarray(each).reshape(len(positions), -1) for each in (distance, index))
         own = index == np.arange(len(index))[:, None]
         own[~own.any(axis=1), -1] = True  # many at one place: the sensor itself may not be among them
         return cls(index[~own].reshape(len(index), near), distance[~own].reshape(len(index), near))

@@ -149,7 +149,7 @@ def inspect_signals(
         samples=samples,
         sampling_interval=sampling_interval,
         **histogram.figures(),
-        frequencies=np.fft.rfftfreq(window, sampling_interval),
+        frequencies=np.asarray(np.fft.rfftfreq(window, sampling_interval), np.float64),
         spectrum_mean=spectra.mean(axis=0, dtype=np.float64),
         spectrum_median=np.median(spectra, axis=0).astype(np.float64),
         power=power,
