@@ -106,11 +106,12 @@ def find_bad_lines(
     size, sign, lag = np.median(np.abs(peak), axis=1), np.median(np.sign(peak), axis=1), np.median(late, axis=1)
     typical, samples = float(np.median(size)), 2 * (low.shape[1] - 1)
     decidable = typical >= max(0.4, 5 / np.sqrt(samples))
+    usual_size = np.where(around.median(size) >= 0.6 * typical, around.median(size), 0)  # faint places have none
     plausible = around.distance.max(axis=1) / sound_speed + 2 * step
     spread = 1.4826 * float(np.median(np.abs(lag - np.median(lag))))
     alike = size >= 0.6 * typical
     found = {
-        "dead": constant | (decidable & (size < 0.6 * typical) & (power < 0.6 * usual_power) & ~noisy),
+        "dead": constant | (decidable & (size < 0.6 * usual_size) & (power < 0.6 * usual_power) & ~noisy),
         "saturated": saturated & ~constant,
         "noisy": noisy,
         "inverted": decidable & alike & (sign < 0) & (np.abs(lag) <= plausible),
