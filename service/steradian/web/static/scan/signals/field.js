@@ -22,7 +22,8 @@ export class Field {
   constructor(host, chosen) {
     this.select = h("select", { "aria-label": "Map", onchange: () => this.draw() }, MAPS.map(([name, title]) => h("option", { value: name }, title)));
     this.ramp = h("i", { class: "ramp" });
-    [this.least, this.greatest] = [h("span"), h("span")];
+    this.least = h("span");
+    this.greatest = h("span");
     this.kinds = h("div", { class: "row small", role: "list", "aria-label": "Marks of bad A-lines" });
     const stage = h("div", { class: "stage" });
     this.said = h("output", { class: "small", "aria-live": "polite" }, "\u00a0");

@@ -25,8 +25,11 @@ export class Signals {
     this.isWhole = false;
     this.total = h("p", { role: "status", dataset: { total: "" } });
     this.when = h("p", { class: "dim small" });
-    [this.counts, this.noise, this.map] = [h("div"), h("div", { class: "chart", role: "img" }), h("div", { class: "stack field-map" })];
-    [this.tables, this.list] = [h("div", { class: "stack" }), h("div", { class: "stack" })];
+    this.counts = h("div");
+    this.noise = h("div", { class: "chart", role: "group" });
+    this.map = h("div", { class: "stack field-map" });
+    this.tables = h("div", { class: "stack" });
+    this.list = h("div", { class: "stack" });
     this.field = new Field(this.map, chosen);
     this.body = h("div", { class: "stack" });
     this.view = [this.total, this.when, h("div", { class: "signals-grid" }, this.counts, h("div", null, h("h3", null, "Noise spectrum"), this.noise), this.map, h("div", { class: "stack" }, h("h3", null, "Bad A-lines"), this.list)), this.tables];
