@@ -5,7 +5,7 @@ import { Plane } from "../../plane.js";
 import { shades } from "../../shades.js";
 import { colour, onTheme } from "../../theme.js";
 import { count, figure } from "../../units.js";
-import { byKind, MAPS, told, valueOf } from "./words.js";
+import { byKind, MAPS, told, unitOf, valueOf } from "./words.js";
 
 /** @typedef {import("./words.js").Bad} Bad */
 
@@ -32,6 +32,7 @@ export class Field {
     this.plane.over.push((context, to) => this.paint(context, to));
     /** @type {any} */
     this.maps = null;
+    this.isCounts = true;
     /** @type {Bad[]} */
     this.bad = [];
     /** @type {Bad | null} */
@@ -64,7 +65,7 @@ export class Field {
     const [x, y] = this.plane.places[place] ?? [NaN, NaN];
     const found = this.bad.find((one) => one.x === x && one.y === y) ?? null;
     if (found !== this.lit) this.light(found);
-    if (!found && place >= 0) this.said.textContent = `${this.select.selectedOptions[0].text}: ${valueOf(this.select.value, this.maps[this.select.value][place])}`;
+    if (!found && place >= 0) this.said.textContent = `${this.select.selectedOptions[0].text}: ${valueOf(this.select.value, this.maps[this.select.value][place], this.isCounts)}`;
   }
 
   /** Ring a bad A-line and say what is wrong with it. @param {Bad | null} bad */
@@ -74,9 +75,11 @@ export class Field {
     this.plane.draw();
   }
 
-  /** @param {any} maps @param {Bad[]} bad @param {number} aperture in metres */
-  show(maps, bad, aperture) {
-    [this.maps, this.bad] = [maps, bad];
+  /** @param {any} maps @param {Bad[]} bad @param {number} aperture in metres @param {boolean} isCounts whether the samples are a digitiser's */
+  show(maps, bad, aperture, isCounts) {
+    this.maps = maps;
+    this.bad = bad;
+    this.isCounts = isCounts;
     this.lit = bad.find(({ aline }) => aline === this.lit?.aline) ?? null;
     this.plane.show(maps.x.map((/** @type {number} */ x, /** @type {number} */ n) => [x, maps.y[n]]), aperture);
     replace(this.kinds, byKind(bad).map(([kind, all]) => h("span", { role: "listitem", dataset: { mark: kind } }, `${markOf(kind)} ${kind} (${count(all.length)})`)));
@@ -85,7 +88,7 @@ export class Field {
 
   draw() {
     if (!this.maps) return;
-    const [name, title, unit, factor] = MAPS.find(([one]) => one === this.select.value) ?? MAPS[0];
+    const [name, title, , factor] = MAPS.find(([one]) => one === this.select.value) ?? MAPS[0];
     const values = /** @type {(number | null)[]} */ (this.maps[name]);
     const known = values.filter((one) => one !== null).sort((a, b) => Number(a) - Number(b));
     const at = (/** @type {number} */ share) => Number(known[Math.round(share * (known.length - 1))] ?? NaN);
@@ -94,8 +97,8 @@ export class Field {
     this.plane.classes = Uint8Array.from(values, (one) => (one === null ? STEPS : step(one)));
     this.plane.palette = [...shades("cividis", STEPS), colour("--missing")];
     this.ramp.style.background = `linear-gradient(to right, ${this.plane.palette.slice(0, STEPS).join(", ")})`;
-    [this.least.textContent, this.greatest.textContent] = [figure(least * factor), `${figure(greatest * factor)} ${unit}`];
-    const about = `Map of the A-lines' ${title.toLowerCase()}, most between ${valueOf(name, least)} and ${valueOf(name, greatest)}, ${count(this.bad.length)} bad ones marked; left and right arrow go from one to the next, Enter shows its A-line, Escape ends it`;
+    [this.least.textContent, this.greatest.textContent] = [figure(least * factor), `${figure(greatest * factor)} ${unitOf(name, this.isCounts)}`];
+    const about = `Map of the A-lines' ${title.toLowerCase()}, most between ${valueOf(name, least, this.isCounts)} and ${valueOf(name, greatest, this.isCounts)}, ${count(this.bad.length)} bad ones marked; left and right arrow go from one to the next, Enter shows its A-line, Escape ends it`;
     this.plane.canvas.setAttribute("aria-label", about);
     this.plane.draw();
   }

@@ -3,7 +3,7 @@
 import { api } from "../../api.js";
 import { line } from "../../charts.js";
 import { h, renew, replace } from "../../dom.js";
-import { failed, loading } from "../../states.js";
+import { failed, loading, words } from "../../states.js";
 import { clock, count, figure } from "../../units.js";
 import { showCounts } from "./counts.js";
 import { Field, markOf } from "./field.js";
@@ -22,6 +22,7 @@ export class Signals {
     this.aperture = 0.01;
     this.running = false;
     this.asking = false;
+    this.isDue = false;
     this.isWhole = false;
     this.total = h("p", { role: "status", dataset: { total: "" } });
     this.when = h("p", { class: "dim small" });
@@ -44,6 +45,7 @@ export class Signals {
     this.aperture = aperture;
     const ended = this.running && !running;
     this.running = running;
+    this.isDue = ended; // also where a look is under way, which may have begun before the last A-line
     if (ended) void this.read();
   }
 
@@ -51,6 +53,7 @@ export class Signals {
   async read() {
     if (!this.details.open || document.hidden || this.asking || (this.isWhole && !this.running)) return;
     this.asking = true;
+    this.isDue = false;
     if (!this.body.firstChild) loading(this.body, "looking at the signals …");
     try {
       const signals = /** @type {Told} */ (await api.get(this.path));
@@ -58,9 +61,11 @@ export class Signals {
       await this.show(signals);
       this.isWhole = signals.complete && !this.running;
     } catch (error) {
-      failed(this.body, error, () => void this.read());
+      if (this.running && this.total.isConnected) replace(this.when, "The last look did not work, what stands here is older: ", ...words(error));
+      else failed(this.body, error, () => void this.read());
     }
     this.asking = false;
+    if (this.isDue) await this.read();
   }
 
   /** @param {Told} signals */
@@ -69,7 +74,7 @@ export class Signals {
     if (this.total.textContent !== said) this.total.textContent = said;
     this.when.textContent = this.running ? `As of ${clock(new Date())}; looked at again every ${EVERY} s while the scan runs and this is open.` : "";
     showCounts(this.counts, signals.histogram);
-    this.field.show(signals.maps, signals.bad, this.aperture);
+    this.field.show(signals.maps, signals.bad, this.aperture, signals.histogram.kind === "codes");
     this.showBad(signals.bad);
     replace(this.tables, tableOf("Beams", "beam", signals.beams), tableOf("Frames", "frame", signals.frames));
     await this.showNoise(signals.spectrum);
@@ -102,6 +107,6 @@ function tableOf(title, name, rows) {
   const columns = Object.keys(rows[0]);
   const shown = (/** @type {any} */ value) => (typeof value !== "number" ? String(value ?? "–") : Number.isInteger(value) ? count(value) : figure(value));
   return h("div", { class: "scrolls" }, h("table", { dataset: { table: name } }, h("caption", null, title),
-    h("thead", null, h("tr", null, columns.map((one) => h("th", { scope: "col", class: "number" }, one.replaceAll("_", " "))))),
+    h("thead", null, h("tr", null, columns.map((one) => h("th", { scope: "col", class: "number" }, one === "alines" ? "A-lines" : one.replaceAll("_", " "))))),
     h("tbody", null, rows.map((row) => h("tr", null, columns.map((one) => h("td", { class: "number" }, shown(row[one]))))))));
 }

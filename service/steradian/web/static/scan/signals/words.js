@@ -39,10 +39,14 @@ export function told({ aline, x, y, kind, detail, mend }) {
   return `A-line ${count(aline)} at x ${mm(x)}, y ${mm(y)}: ${[kind, detail, MENDS[mend]].filter(Boolean).join("; ")}.`;
 }
 
-/** A value of a map with its unit. @param {string} name @param {number | null} value */
-export function valueOf(name, value) {
-  if (value === null) return "not known";
-  if (name === "arrival") return shortTime(value);
+/** Unit of a map: the digitiser's counts, or those of a recording whose unit is not known. @param {string} name @param {boolean} isCounts */
+export function unitOf(name, isCounts) {
   const [, , unit] = MAPS.find(([one]) => one === name) ?? ["", "", "", 1];
-  return `${figure(value)}\u00a0${unit}`;
+  return isCounts || name === "arrival" ? unit : unit.endsWith("²") ? "(as recorded)²" : "as recorded";
+}
+
+/** A value of a map with its unit. @param {string} name @param {number | null} value @param {boolean} isCounts */
+export function valueOf(name, value, isCounts) {
+  if (value === null) return "not known";
+  return name === "arrival" ? shortTime(value) : `${figure(value)}\u00a0${unitOf(name, isCounts)}`;
 }
