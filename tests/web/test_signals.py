@@ -162,3 +162,22 @@ def test_signals_fit_the_width_of_a_telephone(service, open_page, scan, theme):
     expect(page.locator("section.signals [data-facts]")).to_be_visible()
     expect(page.locator("section.signals .plot")).to_be_visible()
     assert page.evaluate("document.querySelector('main').scrollWidth") <= 390
+
+
+def test_signals_answered_by_the_service_are_shown(service, open_page, scan):
+    """Nothing is answered here: the page shows what the inspection of the simulated scan says."""
+    identifier, places = scan
+    answer = service.get(f"/scans/{identifier}/signals").json()
+    page = open_page(service, f"/scans/{identifier}")
+    page.locator("section.signals summary").first.press("Enter")
+    part = page.locator("section.signals")
+    bad = sum(answer["bad_counts"].values())
+    expect(part.locator("[data-total]")).to_contain_text(f"{bad or 'None'} of {len(places)} A-lines")
+    undecided = " Inverted and shifted ones cannot be told" in part.locator("[data-total]").inner_text()
+    assert undecided is not answer["decidable"]
+    clipped = answer["histogram"]["clipped_high"]
+    expect(part.locator("[data-facts]")).to_contain_text(f"{clipped} at the high end")
+    expect(part.locator("[data-table=beam] tbody tr")).to_have_count(len(answer["beams"]))
+    expect(part.locator("[data-table=frame] tbody td").nth(1)).to_have_text(str(len(places)))
+    for kind, number in answer["bad_counts"].items():
+        expect(part.locator(f"details[data-kind={kind}] summary")).to_contain_text(str(number))

@@ -4,7 +4,7 @@ import { count, figure, mm, shortTime } from "../../units.js";
 
 /**
  * @typedef {{aline: number, x: number, y: number, kind: string, detail: string, mend: string}} Bad  x and y in metres
- * @typedef {{alines: number, looked_at: number, complete: boolean, histogram: any, spectrum: any, maps: any, beams: any[], frames: any[], bad: Bad[]}} Signals
+ * @typedef {{alines: number, looked_at: number, complete: boolean, histogram: any, spectrum: any, maps: any, beams: any[], frames: any[], bad: Bad[], bad_counts?: Record<string, number>, decidable?: boolean}} Signals
  */
 
 /** What a mend does, as the service names it. */
@@ -24,14 +24,22 @@ export function byKind(bad) {
   return [...kinds].sort(([, a], [, b]) => b.length - a.length);
 }
 
+/** The number of bad A-lines by kind, also of those that are not listed. @param {Signals} signals @returns {[string, number][]} */
+function numbersOf({ bad, bad_counts: counts }) {
+  return counts ? Object.entries(counts).sort(([, a], [, b]) => b - a) : byKind(bad).map(([kind, all]) => [kind, all.length]);
+}
+
 /** @param {Signals} signals */
-export function total({ bad, looked_at: looked, alines, complete }) {
+export function total(signals) {
+  const { looked_at: looked, alines, complete } = signals;
   const of = `${count(looked)}${looked < alines ? ` of ${count(alines)}` : ""} A-lines`;
   const sofar = complete ? "" : " so far";
-  const number = new Set(bad.map(({ aline }) => aline)).size;
-  if (!number) return `None of ${of} looked at${sofar} looks bad.`;
-  const kinds = byKind(bad).map(([kind, all]) => `${count(all.length)} ${kind}`).join(", ");
-  return `${count(number)} of ${of}${sofar} ${number === 1 ? "looks" : "look"} bad: ${kinds}. Nothing is left out or mended unless the reconstruction is asked to.`;
+  const limits = signals.decidable === false ? " Inverted and shifted ones cannot be told: neighbours are not alike." : "";
+  const numbers = numbersOf(signals);
+  const number = numbers.reduce((sum, [, one]) => sum + one, 0);
+  if (!number) return `None of ${of} looked at${sofar} looks bad.${limits}`;
+  const kinds = numbers.map(([kind, one]) => `${count(one)} ${kind}`).join(", ");
+  return `${count(number)} of ${of}${sofar} ${number === 1 ? "looks" : "look"} bad: ${kinds}. Nothing is left out or mended unless the reconstruction is asked to.${limits}`;
 }
 
 /** One A-line in a sentence. @param {Bad} bad */
