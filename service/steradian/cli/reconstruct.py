@@ -107,6 +107,9 @@ def reconstruct(
     leave_out: Annotated[
         str, _option("A-lines not used: saturated, mistuned, misfire, partial; or none.", SHOTS)
     ] = "saturated,mistuned",
+    bad_lines: Annotated[
+        str, _option("A-lines that look bad beside their neighbours: keep, leave-out or mend.", SHOTS)
+    ] = "keep",
     zero_first: Annotated[int, _option("Samples to zero (laser pick-up).", CONDITIONING)] = 0,
     remove_offset: Annotated[bool, _option("Subtract each A-line's mean.", CONDITIONING)] = False,
     remove_common: Annotated[
@@ -170,6 +173,7 @@ def reconstruct(
             "time_zero": time_zero,
             "normalise_energy": energy,
             "correct_sensitivity": sensitivity,
+            "bad_lines": bad_lines,
             "leave_out": [flag.strip() for flag in leave_out.split(",") if flag.strip() not in ("", "none")],
         },
         conditioning={

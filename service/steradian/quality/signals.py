@@ -84,11 +84,12 @@ def inspect_signals(
     positions: NDArray[np.float64],
     *,
     time_zero: NDArray[np.float64] | float = 0.0,
+    scale: NDArray[np.float32] | float = 1.0,
     sound_speed: float = 1500.0,
     progress: Progress | None = None,
     cancelled: IsCancelled | None = None,
 ) -> SignalReport:
-    """Inspect A-lines in one pass over them.
+    """Inspect A-lines block by block, after their least and greatest value has been found.
 
     Parameters
     ----------
@@ -100,6 +101,8 @@ def inspect_signals(
         (n, 1) or (n, 2) metres.
     time_zero
         Scalar or (n,) seconds of the first sample after the laser pulse.
+    scale
+        Scalar or (n,) pressure per unit of the traces, so that A-lines of unlike gain can be compared.
     sound_speed
         Metres per second; bounds the plausible lag between neighbours.
     progress, cancelled
@@ -141,8 +144,11 @@ def inspect_signals(
             progress("inspect A-lines", min(first + CHUNK, count), count)
     around = Neighbourhood.of(np.asarray(positions, np.float64), NEIGHBOURS)
     step = sampling_interval * samples / (2 * bins)
+    strength = np.asarray(scale, np.float64)
+    squared = np.broadcast_to((strength / (np.median(strength) or 1.0)) ** 2, (count,)).astype(np.float32)
+    heard, quiet = power * squared, variance * squared
     bad, decidable = find_bad_lines(
-        low, step, around, power, variance, runs.max(axis=1), zeros, sound_speed, progress, cancelled
+        low, step, around, heard, quiet, runs.max(axis=1), zeros, sound_speed, progress, cancelled
     )
     return SignalReport(
         positions=np.asarray(positions, np.float64),

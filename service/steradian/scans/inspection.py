@@ -13,10 +13,6 @@ from numpy.typing import NDArray
 from steradian.plain import plain
 from steradian.progress import IsCancelled, Progress
 from steradian.quality.signals import SignalReport, inspect_signals
-from steradian.scans import schema
-from steradian.scans.broken import reading
-from steradian.scans.importing.opening import is_own
-from steradian.scans.locking import open_to_read
 from steradian.scans.opening import open_recording
 from steradian.scans.recording import Recording
 
@@ -145,19 +141,10 @@ def inspect_scan(
         recording.sampling_interval,
         recording.positions,
         time_zero=zeros,
+        scale=recording.scale,
         sound_speed=recording.sound_speed or 1500.0,
         progress=progress,
         cancelled=cancelled,
     )
-    return Inspection(signals, recording, _rows(path, recording, frame), frame)
-
-
-def _rows(path: Path, recording: Recording, frame: int) -> NDArray[np.int64]:
-    """Return (n,) numbers of a recording's A-lines in its file."""
-    count = len(recording.traces)
-    if not is_own(path) or count == recording.planned:
-        return np.arange(count) + frame * recording.planned
-    with reading(path, "scan"), open_to_read(path) as file:
-        first = frame * recording.planned
-        stored = np.asarray(file["alines/status"][first : first + recording.planned]) == schema.STORED
-    return np.flatnonzero(stored)[:count] + first
+    rows = recording.rows
+    return Inspection(signals, recording, np.arange(len(recording.traces)) if rows is None else rows, frame)

@@ -74,7 +74,7 @@ class Recording:
         Seconds, metres per second (``None`` when the file states none), metres, seconds. Where the A-lines differ in
         their time zero, which ``shots`` tells, it is the earliest.
     grid
-        Sensors per axis where they fill a grid, else ``None``.
+        Sensors per axis where they fill a grid, or do but for bad A-lines left out, else ``None``.
     depth, offset
         Distance of the point of interest from the plane in metres, if there is one, and its (x, y).
     planned
@@ -91,6 +91,10 @@ class Recording:
         ``None``.
     notes
         What was decided or assumed when the recording was read or imported.
+    rows
+        (M,) number of each A-line in the scan file's array of A-lines, frame after frame; ``None``: no scan file.
+    inspected
+        Whether bad A-lines have been looked for and treated as was asked.
     """
 
     traces: NDArray[np.number[Any]]
@@ -113,6 +117,8 @@ class Recording:
     offset: tuple[float, ...] = (0.0, 0.0)
     points: NDArray[np.int64] | None = None
     notes: tuple[str, ...] = ()
+    rows: NDArray[np.int64] | None = None
+    inspected: bool = False
 
     def keep(self, wanted: NDArray[np.bool_]) -> Recording:
         """Return the A-lines that are ``wanted`` (M,); their weights make up for the others' in proportion."""
@@ -128,6 +134,7 @@ class Recording:
             grid=None if not wanted.all() else self.grid,
             shots=None if self.shots is None else self.shots.take(wanted),
             points=None if self.points is None else self.points[wanted],
+            rows=None if self.rows is None else self.rows[wanted],
         )
 
     def averaged(self) -> Recording:
@@ -145,6 +152,5 @@ class Recording:
         rows, weights = order[first], self.weights
         if weights is not None:
             weights = weights[rows] * (weights.sum() / weights[rows].sum())
-        return replace(
-            self, traces=mean, scale=1.0, positions=self.positions[rows], weights=weights, shots=None, points=None
-        )
+        merged = replace(self, traces=mean, scale=1.0, positions=self.positions[rows], weights=weights)
+        return replace(merged, shots=None, points=None, rows=None)
