@@ -8,13 +8,14 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import Cancelled
 from steradian.progress import IsCancelled, Progress
+from steradian.quality.likeness import Neighbourhood, compare
 
 NEIGHBOURS: Final = 6
-CHUNK: Final = 2048
-FLAT_RUN: Final = 4
-"""Samples in a row at an A-line's extreme value from which it is saturated, if its neighbours have shorter runs."""
+ALIKE: Final = 0.35
+"""Mean correlation among neighbours from which sign and lag are decided."""
+MOSTLY: Final = 0.5
+"""Share of A-lines with such neighbours from which the recording as a whole is said to be decidable."""
 NOISY: Final = 4.0
 """Quiet variance over that of the neighbours from which an A-line is noisy."""
 Kind = Literal["dead", "noisy", "inverted", "saturated", "shifted"]
@@ -43,37 +44,13 @@ class BadLine:
         return MENDS[self.kind]
 
 
-@dataclass(frozen=True, eq=False)
-class Neighbourhood:
-    """(n, k) indices of each sensor's nearest others, and (n, k) distances in metres."""
-
-    index: NDArray[np.int64]
-    distance: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, positions: NDArray[np.float64], most: int) -> Neighbourhood:
-        """Find up to ``most`` neighbours of sensors at positions (n, d)."""
-        from scipy.spatial import cKDTree
-
-        near = min(most, len(positions) - 1)
-        distance, index = cKDTree(positions).query(positions, near + 1, workers=2)
-        distance, index = (np.asarray(each).reshape(len(positions), -1) for each in (distance, index))
-        own = index == np.arange(len(index))[:, None]
-        own[~own.any(axis=1), -1] = True  # many at one place: the sensor itself may not be among them
-        return cls(index[~own].reshape(len(index), near), distance[~own].reshape(len(index), near))
-
-    def median(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return (n,) medians over each sensor's neighbours of values (n,)."""
-        return np.asarray(np.median(values[self.index], axis=1))
-
-
 def find_bad_lines(
     low: NDArray[np.complex64],
     step: float,
     around: Neighbourhood,
     power: NDArray[np.float32],
     quiet: NDArray[np.float32],
-    runs: NDArray[np.int64],
+    saturated: NDArray[np.bool_],
     time_zero: NDArray[np.float64],
     sound_speed: float,
     progress: Progress | None = None,
@@ -85,8 +62,8 @@ def find_bad_lines(
     ----------
     low
         (n, F) lowest bins of the A-lines' spectra, whose inverse transform has 2·(F - 1) samples ``step`` s apart.
-    power, quiet, runs
-        (n,) variance, variance of the quiet part, and longest run of samples at the extreme value.
+    power, quiet, saturated
+        (n,) variance, variance of the quiet part, and whether it is flat at an extreme value.
     time_zero
         (n,) seconds of the first sample.
 
@@ -101,21 +78,22 @@ def find_bad_lines(
     floor = 1e-4 * float(np.median(power)) + 1e-30
     constant = power <= 1e-6 * usual_power
     noisy = (quiet + floor) > NOISY * (usual_quiet + floor)
-    saturated = runs >= np.maximum(FLAT_RUN, 3 * np.median(runs))
-    peak, late = _compare(low, step, around, time_zero, progress, cancelled)
-    size, sign, lag = np.median(np.abs(peak), axis=1), np.median(np.sign(peak), axis=1), np.median(late, axis=1)
-    typical, samples = float(np.median(size)), 2 * (low.shape[1] - 1)
-    decidable = typical >= max(0.4, 5 / np.sqrt(samples))
-    usual_size = np.where(around.median(size) >= 0.6 * typical, around.median(size), 0)  # faint places have none
-    plausible = around.distance.max(axis=1) / sound_speed + 2 * step
-    spread = 1.4826 * float(np.median(np.abs(lag - np.median(lag))))
-    alike = size >= 0.6 * typical
+    like = compare(low, step, around, time_zero, sound_speed, progress, cancelled)
+    same = np.maximum(like.same, 0.02)
+    usual, usual_elsewhere = around.median(like.same), around.median(like.elsewhere)
+    decidable = (usual >= ALIKE) & (usual > 1.1 * usual_elsewhere)
+    inverted = (like.opposite > 1.2 * same) & (like.opposite > np.maximum(0.6 * usual, like.elsewhere))
+    far = (like.elsewhere > 1.5 * same) & (like.elsewhere > np.maximum(0.7 * usual, 1.1 * usual_elsewhere))
+    slightly = (np.abs(like.near) > like.reach) & (like.same > 0.4 * usual) & (like.same < 0.7 * usual)
+    shifted = far | (slightly & (usual >= 1.5 * ALIKE))
+    silent = like.power < 1.3 * like.floor + 0.1 * np.maximum(around.median(like.power) - like.floor, 0)
+    dead = (same < 0.55 * usual) & silent & ~noisy & ~inverted & ~shifted
     found = {
-        "dead": constant | (decidable & (size < 0.6 * usual_size) & (power < 0.6 * usual_power) & ~noisy),
+        "dead": constant | (decidable & dead),
         "saturated": saturated & ~constant,
         "noisy": noisy,
-        "inverted": decidable & alike & (sign < 0) & (np.abs(lag) <= plausible),
-        "shifted": decidable & alike & (sign > 0) & (np.abs(lag) > np.maximum(plausible, 6 * spread)),
+        "inverted": decidable & inverted,
+        "shifted": decidable & shifted,
     }
     details = {
         "dead": "far less signal than its neighbours",
@@ -124,7 +102,7 @@ def find_bad_lines(
         "inverted": "its neighbours' sign reversed",
         "shifted": "{:+.0f} ns against its neighbours",
     }
-    return _as_lines(found, lag, details), bool(decidable)
+    return _as_lines(found, np.where(far, like.lag, like.near), details), bool(np.mean(decidable) >= MOSTLY)
 
 
 def _as_lines(
@@ -138,37 +116,3 @@ def _as_lines(
             line = BadLine(aline, kind, details[kind].format(1e9 * shift), shift)  # type: ignore[arg-type]
             bad.setdefault(aline, line)
     return tuple(bad[aline] for aline in sorted(bad))
-
-
-def _compare(
-    low: NDArray[np.complex64],
-    step: float,
-    around: Neighbourhood,
-    time_zero: NDArray[np.float64],
-    progress: Progress | None,
-    cancelled: IsCancelled | None,
-) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """Return (n, k) largest correlations with each neighbour, signed, and (n, k) seconds of lateness there."""
-    from scipy.fft import irfft
-
-    low = low.copy()
-    low[:, :3] = 0  # slow drifts
-    low[:, -1] = 0
-    norm = np.sqrt(2 * np.sum(np.abs(low) ** 2, axis=1))
-    low /= np.maximum(norm, 1e-30)[:, None]
-    samples = 2 * (low.shape[1] - 1)
-    peak = np.zeros(around.index.shape, np.float32)
-    late = np.zeros(around.index.shape)
-    for first in range(0, len(low), CHUNK):
-        if cancelled is not None and cancelled():
-            raise Cancelled("cancelled during: inspect A-lines")
-        some = slice(first, first + CHUNK)
-        for rank, others in enumerate(around.index[some].T):
-            across = irfft(low[some] * np.conj(low[others]), samples, axis=1, workers=2) * samples
-            at = np.abs(across).argmax(axis=1)
-            peak[some, rank] = across[np.arange(len(at)), at]
-            late[some, rank] = step * ((at + samples // 2) % samples - samples // 2)
-            late[some, rank] += time_zero[some] - time_zero[others]
-        if progress is not None:
-            progress("compare neighbours", min(first + CHUNK, len(low)), len(low))
-    return peak, late

@@ -10,11 +10,14 @@ from numpy.typing import NDArray
 
 from steradian.errors import Cancelled
 from steradian.progress import IsCancelled, Progress
-from steradian.quality.bad_lines import NEIGHBOURS, BadLine, Neighbourhood
+from steradian.quality.bad_lines import NEIGHBOURS, BadLine
+from steradian.quality.likeness import Neighbourhood
 
 BLOCK: Final = 128
 """Shifted A-lines measured together, each with its neighbours."""
-NEAR: Final = 1.5
+LOW_BAND: Final = 256
+"""Samples to which A-lines were reduced before they were compared."""
+NEAR: Final = 4.0
 """Steps of the comparison that found a shift, within which the shift is sought again with all samples."""
 
 
@@ -71,7 +74,7 @@ def measure_shifts(
     around = Neighbourhood.of(np.asarray(positions, np.float64), NEIGHBOURS).index
     length = next_fast_len(2 * samples, real=True)
     turn = -2j * np.pi * np.fft.rfftfreq(length, sampling_interval)
-    reach = max(2.0, NEAR * samples / 256)
+    reach = NEAR * max(1.0, samples / LOW_BAND)
     for first in range(0, len(shifted), BLOCK):
         if cancelled is not None and cancelled():
             raise Cancelled("cancelled during: measure shifts")

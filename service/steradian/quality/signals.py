@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 from steradian.errors import Cancelled, InvalidInput
 from steradian.progress import IsCancelled, Progress
-from steradian.quality.bad_lines import NEIGHBOURS, BadLine, Neighbourhood, find_bad_lines
+from steradian.quality.bad_lines import NEIGHBOURS, BadLine, find_bad_lines
+from steradian.quality.likeness import Neighbourhood
+from steradian.quality.saturation import flat_ends, is_saturated
 
 CHUNK: Final = 4096
 """A-lines in memory as floating point at a time."""
@@ -119,7 +121,7 @@ def inspect_signals(
     count, samples = traces.shape
     zeros = np.broadcast_to(np.asarray(time_zero, np.float64), (count,))
     power, mean, variance = (np.zeros(count, np.float32) for _ in range(3))
-    arrival, runs = np.full(count, np.nan), np.zeros((count, 2), np.int64)
+    arrival, ends = np.full(count, np.nan), np.zeros((count, 4), np.int64)
     bins = min(LOW_BAND, samples) // 2
     low = np.empty((count, bins + 1), np.complex64)
     window = samples // WINDOWS
@@ -131,7 +133,7 @@ def inspect_signals(
         some = slice(first, first + CHUNK)
         block = np.asarray(traces[some])
         histogram.add(block)
-        runs[some] = longest_runs(block)
+        ends[some] = flat_ends(block)
         block = block.astype(np.float32)
         power[some] = block.var(axis=1)
         quiet = _quiet(block, window)
@@ -148,7 +150,7 @@ def inspect_signals(
     squared = np.broadcast_to((strength / (np.median(strength) or 1.0)) ** 2, (count,)).astype(np.float32)
     heard, quiet = power * squared, variance * squared
     bad, decidable = find_bad_lines(
-        low, step, around, heard, quiet, runs.max(axis=1), zeros, sound_speed, progress, cancelled
+        low, step, around, heard, quiet, is_saturated(ends), zeros, sound_speed, progress, cancelled
     )
     return SignalReport(
         positions=np.asarray(positions, np.float64),
@@ -165,25 +167,6 @@ def inspect_signals(
         bad=bad,
         decidable=decidable,
     )
-
-
-def longest_runs(block: NDArray[np.number[Any]]) -> NDArray[np.int64]:
-    """Return (n, 2) lengths of the longest run of samples at each A-line's least and greatest value."""
-    longest = np.ones((len(block), 2), np.int64)
-    for side, ends in enumerate((block.min(axis=1), block.max(axis=1))):
-        at_end = block == ends[:, None]
-        several = np.flatnonzero(np.count_nonzero(at_end, axis=1) > 1)
-        run = at_end[several]
-        length = 1
-        while len(several):
-            run = run[:, 1:] & at_end[several, :-length] if length < block.shape[1] else run[:, :0]
-            still = run.any(axis=1)
-            several, run = several[still], run[still]
-            length += 1
-            longest[several, side] = length
-            if length >= 64:  # longer ones are flat for certain
-                break
-    return longest
 
 
 class Histogram:
