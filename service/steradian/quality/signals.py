@@ -121,7 +121,7 @@ def inspect_signals(
     count, samples = traces.shape
     zeros = np.broadcast_to(np.asarray(time_zero, np.float64), (count,))
     power, mean, variance = (np.zeros(count, np.float32) for _ in range(3))
-    arrival, ends = np.full(count, np.nan), np.zeros((count, 4), np.int64)
+    arrival, ends = np.full(count, np.nan), np.zeros((count, 3), np.int64)
     bins = min(LOW_BAND, samples) // 2
     low = np.empty((count, bins + 1), np.complex64)
     window = samples // WINDOWS
