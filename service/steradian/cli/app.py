@@ -11,6 +11,7 @@ from typer.core import TyperGroup
 from steradian import __version__
 from steradian.cli import (
     backup,
+    benchmark,
     benchmark_look,
     check,
     demo,
@@ -81,7 +82,8 @@ app.command("sound-speed")(sound_speed.sound_speed)
 app.command("import")(importing.import_)
 app.command("export")(exporting.export)
 benchmark.app.command("scale")(scaling.scale)
-app.add_typer(benchmark_look.app, name="benchmark")
+benchmark.app.command("look")(benchmark_look.look)
+app.add_typer(benchmark.app, name="benchmark")
 app.command("demo")(demo.demo)
 app.command("serve")(serve.serve)
 app.command("api")(serve.api)

@@ -6,12 +6,11 @@ from typing import Annotated
 
 import typer
 
-from steradian.cli.benchmark import JsonFile, app
+from steradian.cli.benchmark import JsonFile
 from steradian.cli.console import console, progress_bar
 from steradian.cli.figures import publish
 
 
-@app.command()
 def look(
     json_file: JsonFile = None,
     repeats: Annotated[int, typer.Option(help="Runs; the fastest counts.", min=1)] = 5,

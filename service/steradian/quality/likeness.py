@@ -136,7 +136,7 @@ def compare(
 
 def _filtered(low: NDArray[np.complex64]) -> tuple[NDArray[np.complex64], NDArray[np.float32], float]:
     """Return spectra filtered to the band that holds signal, scaled for unit correlation; power there; its floor."""
-    mean = np.mean(np.abs(low) ** 2, axis=0, dtype=np.float64)
+    mean: NDArray[np.float64] = np.asarray(np.mean(np.abs(low) ** 2, axis=0, dtype=np.float64))
     inner = np.sort(mean[DRIFTS:-1])
     noise = float(inner[: max(1, len(inner) // 8)].mean())
     weight = np.clip(mean - noise, 0, None) / np.maximum(mean, 1e-300)

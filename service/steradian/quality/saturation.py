@@ -42,7 +42,7 @@ def flat_ends(block: NDArray[np.number[Any]]) -> NDArray[np.int64]:
         found[several, 0] += np.count_nonzero(at_end[several, 1:] & at_end[several, :-1], axis=1)
         some, least = block[several], ends[several].astype(np.float64) + sign * wide[several]
         if whole:
-            limits = np.iinfo(block.dtype)
+            limits: Any = np.iinfo(block.dtype.name)
             least = np.clip(least, limits.min, limits.max)
         bound = least.astype(block.dtype)[:, None]
         found[several, 2] += np.count_nonzero(some <= bound if sign > 0 else some >= bound, axis=1) - equal[several]
