@@ -215,6 +215,24 @@ class Scan(Work):
         return self.state in {"complete", "partial"}
 
 
+class Signals(Answer):
+    """What a scan's A-lines look like before any image; ``bad`` lists those that look bad, with their kind."""
+
+    alines: int
+    samples: int
+    sampling_interval: float
+    looked_at: int
+    complete: bool
+    decidable: bool
+    histogram: dict[str, Any]
+    spectrum: dict[str, list[float]]
+    maps: dict[str, list[float | None]]
+    beams: list[dict[str, Any]]
+    frames: list[dict[str, Any]]
+    bad: list[dict[str, Any]]
+    bad_counts: dict[str, int]
+
+
 class Shots(Answer):
     """Each point's shot, in the order of the mask, frame after frame; columns of equal length.
 

@@ -31,6 +31,7 @@ from steradian.api import (
     scanners,
     scans,
     sessions,
+    signals,
     stops,
     storage,
     uploads,
@@ -47,8 +48,8 @@ from steradian.settings import Settings
 from steradian.web.pages import make_router
 
 RESOURCES = (
-    events, root, masks, plans, designs, scanners, scans, scan_data, reconstructions, results, quality, batches,
-    uploads, jobs, deletion, storage, sessions, stops,
+    events, root, masks, plans, designs, scanners, scans, scan_data, signals, reconstructions, results, quality,
+    batches, uploads, jobs, deletion, storage, sessions, stops,
 )  # fmt: skip
 """In the order in which a request is compared with their routes; streams are opened by many at once."""
 

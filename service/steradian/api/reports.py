@@ -121,6 +121,20 @@ class FitView(Figures):
     misfits: list[float] | None = Field(default=None, description="After each iteration")
 
 
+class BadLinesView(Figures):
+    """Bad A-lines, and what was done about them."""
+
+    treatment: Literal["leave-out", "mend"] | None = None
+    looked_at: int | None = Field(default=None, description="A-lines that were compared with their neighbours")
+    decidable: bool | None = Field(default=None, description="Whether inverted and shifted A-lines could be told")
+    left_out: dict[str, int] = Field(default_factory=dict, description="A-lines not used, by kind")
+    mended: dict[str, int] = Field(default_factory=dict, description="A-lines mended, by kind")
+    rows: dict[str, list[int]] = Field(
+        default_factory=dict, description="By kind their numbers in the array of A-lines; 500 of a kind at most"
+    )
+    shifts_s: list[float] | None = Field(default=None, description="Least and greatest shift moved back (s)")
+
+
 class UnevennessView(Figures):
     """What A-lines differed in, and how many were left out."""
 
@@ -130,6 +144,7 @@ class UnevennessView(Figures):
     sensitivity: list[float] | None = Field(
         default=None, description="Least and greatest share of the film's sensitivity divided by; null: by none"
     )
+    bad_lines: BadLinesView | None = Field(default=None, description="null: none was looked for")
 
 
 class ReportView(Figures):

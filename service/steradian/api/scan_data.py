@@ -145,7 +145,7 @@ async def read_scan_file(
     row = await wait.until(lambda: services.scans.get(scan_id), is_settled)
     if not is_settled(row):
         raise NotReady(f"scan {scan_id} is {row.state}; its file can be had when it is over")
-    path = await run_in_threadpool(_file, services, scan_id)
+    path = await run_in_threadpool(file_of, services, scan_id)
     etag = etag_of_file(path)
     conditions.tag(etag)
     return RangedFile(path, media_type="application/x-hdf5", filename=f"{scan_id}.h5", headers={"ETag": etag})
@@ -160,7 +160,7 @@ def read_scan_shots(
     Who follows a scan sends ``next`` of each answer as ``since`` of the next request and is told only what has changed,
     A-lines that were measured again or do not count any more among it.
     """
-    with _opened(services, scan_id) as file:
+    with opened(services, scan_id) as file:
         marks = np.stack([file["alines/crc32c"][:], file["alines/status"][:]], axis=1)
         newest = newest_row(file)
         columns, mask = RowTable.of_file(file).columns, len(file["mask/weights"])
@@ -201,7 +201,7 @@ def read_scan_alines(
 ) -> Response:
     """Read A-lines (points, samples) in digitiser counts, also while the scan runs; an ETag comes when it is over."""
     kind = negotiate(request, (NPY, RAW, JSON))
-    path = _file(services, scan_id)
+    path = file_of(services, scan_id)
     headers = {"X-Axes": "point,time", "Vary": "Accept"}
     if is_settled(services.scans.get(scan_id)):
         headers["ETag"] = etag_of_file(path, kind=kind)
@@ -222,7 +222,7 @@ def read_scan_latest_aline(
 ) -> Response:
     """Read the newest A-line (samples) in digitiser counts; headers, or JSON, tell which it is and its axis in s."""
     kind = negotiate(request, (NPY, RAW, JSON))
-    with _opened(services, scan_id) as file:
+    with opened(services, scan_id) as file:
         row = newest_row(file)
         if row is None:
             raise NotReady(f"scan {scan_id} has no A-line yet")
@@ -243,12 +243,12 @@ def read_scan_latest_aline(
 @router.get("/{scan_id}/coverage", summary="How much of the mask is measured")
 def read_scan_coverage(services: ServicesNeeded, scan_id: SCAN_ID) -> CoverageView:
     """Count points and the area they stand for, also while the scan runs."""
-    with _opened(services, scan_id) as file:  # two columns of twelve: this is asked for again and again
+    with opened(services, scan_id) as file:  # two columns of twelve: this is asked for again and again
         status, quality = file["alines/status"][:], file["alines/quality"][:]
         return CoverageView.of(file, status == schema.STORED, quality)
 
 
-def _file(services: Services, scan_id: str) -> Path:
+def file_of(services: Services, scan_id: str) -> Path:
     """Find the file; one that is not kept yet its scanner's node has."""
     scan = services.scans.get(scan_id)
     try:
@@ -260,8 +260,9 @@ def _file(services: Services, scan_id: str) -> Path:
 
 
 @contextmanager
-def _opened(services: Services, scan_id: str) -> Iterator[h5py.File]:
-    path = _file(services, scan_id)
+def opened(services: Services, scan_id: str) -> Iterator[h5py.File]:
+    """Open a scan's file to read; errors name the scan."""
+    path = file_of(services, scan_id)
     try:
         with open_to_read(path) as file:
             yield file

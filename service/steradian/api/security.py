@@ -74,6 +74,7 @@ SCOPES: Final[dict[tuple[str, str], Need | None]] = {
     ("PUT", f"{V1}/scans/{{scan_id}}/desired-state"): Need.OPERATE,
     ("GET", f"{V1}/scans/{{scan_id}}/file"): Need.READ,
     ("GET", f"{V1}/scans/{{scan_id}}/shots"): Need.READ,
+    ("GET", f"{V1}/scans/{{scan_id}}/signals"): Need.READ,
     ("GET", f"{V1}/scans/{{scan_id}}/alines"): Need.READ,
     ("GET", f"{V1}/scans/{{scan_id}}/alines/latest"): Need.READ,
     ("GET", f"{V1}/scans/{{scan_id}}/coverage"): Need.READ,

@@ -12,11 +12,13 @@ from steradian import __version__
 from steradian.cli import (
     backup,
     benchmark,
+    benchmark_look,
     check,
     demo,
     exporting,
     importing,
     key,
+    look,
     mask,
     plan,
     reconstruct,
@@ -43,7 +45,7 @@ EXIT_CODES: dict[type[SteradianError], int] = {
 """Exit code of each kind of error; 1 for any other, 0 for success."""
 
 ORDER = (
-    *("mask", "plan", "scan", "scanner", "reconstruct", "what-if", "sound-speed", "import", "export"),
+    *("mask", "plan", "scan", "scanner", "look", "reconstruct", "what-if", "sound-speed", "import", "export"),
     *("demo", "benchmark", "serve", "api", "acquisition", "worker", "key", "storage", "check", "backup", "restore"),
 )
 """Commands as help lists them: in the order of the work."""
@@ -73,12 +75,14 @@ app.add_typer(mask.app, name="mask")
 app.command("plan")(plan.plan)
 app.add_typer(scan.app, name="scan")
 app.add_typer(scanner.app, name="scanner")
+app.command("look")(look.look)
 app.command("reconstruct")(reconstruct.reconstruct)
 app.command("what-if")(what_if.what_if)
 app.command("sound-speed")(sound_speed.sound_speed)
 app.command("import")(importing.import_)
 app.command("export")(exporting.export)
 benchmark.app.command("scale")(scaling.scale)
+benchmark.app.command("look")(benchmark_look.look)
 app.add_typer(benchmark.app, name="benchmark")
 app.command("demo")(demo.demo)
 app.command("serve")(serve.serve)

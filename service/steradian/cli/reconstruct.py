@@ -10,20 +10,16 @@ import typer
 
 from steradian.cli.console import (
     Quantity,
-    console,
     duration,
-    files_of,
     frequency,
     length,
     progress_bar,
     quantity,
-    show_end,
-    show_figures,
-    show_notes,
     speed,
 )
 from steradian.cli.frames import AverageOption, EachOption, FrameOption, WavelengthOption, each_choice
 from steradian.cli.importing import DescriptionOption, parse_description
+from steradian.cli.report import show_report
 from steradian.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -41,13 +37,6 @@ def _option(text: str, panel: str | None = None, kind: Quantity | None = None, d
     if kind is None:
         return typer.Option(help=text, rich_help_panel=panel)
     return quantity(kind, default, help=text, rich_help_panel=panel)
-
-
-def _area(report: Report) -> str:
-    if report.sensed_area_m2 is None:
-        return "weights play no part"
-    area = report.sensed_area_m2
-    return f"{1e3 * area:.4g} mm" if len(report.shape) == 2 else f"{1e6 * area:.4g} mm²"
 
 
 def reconstruct(
@@ -110,6 +99,9 @@ def reconstruct(
     leave_out: Annotated[
         str, _option("A-lines not used: saturated, mistuned, misfire, partial; or none.", SHOTS)
     ] = "saturated,mistuned",
+    bad_lines: Annotated[
+        str, _option("A-lines that look bad beside their neighbours: keep, leave-out or mend.", SHOTS)
+    ] = "keep",
     zero_first: Annotated[int, _option("Samples to zero (laser pick-up).", CONDITIONING)] = 0,
     remove_offset: Annotated[bool, _option("Subtract each A-line's mean.", CONDITIONING)] = False,
     remove_common: Annotated[
@@ -172,6 +164,7 @@ def reconstruct(
             "time_zero": time_zero,
             "normalise_energy": energy,
             "correct_sensitivity": sensitivity,
+            "bad_lines": bad_lines,
             "leave_out": [flag.strip() for flag in leave_out.split(",") if flag.strip() not in ("", "none")],
         },
         conditioning={
@@ -217,9 +210,9 @@ def reconstruct(
             file = import_guarded(file, output / "scan.h5", description=path, options=options, progress=progress).path
     if each is not None:
         for name, one in each_choice(file, each, average).items():
-            _show(_make(file, output / name, parameters, one, yes), output / name)
+            show_report(_make(file, output / name, parameters, one, yes), output / name)
     elif not follow:
-        _show(_make(file, output, parameters, choice, yes), output)
+        show_report(_make(file, output, parameters, choice, yes), output)
     else:
         from steradian.reconstructions.compiling import compiling_beside
         from steradian.reconstructions.live import follow_scan
@@ -228,7 +221,7 @@ def reconstruct(
         over = Quiet(file, patience)
         with compiling_beside(), progress_bar() as progress:
             report = follow_scan(file, output, parameters, is_over=over, interval=interval, progress=progress)
-        _show(report, output)
+        show_report(report, output)
 
 
 def _make(file: Path, output: Path, parameters: ReconstructionParameters, choice: FrameChoice, agreed: bool) -> Report:
@@ -247,54 +240,6 @@ def _make(file: Path, output: Path, parameters: ReconstructionParameters, choice
         return _make(file, output, parameters, choice, True)
 
 
-def _show(report: Report, output: Path) -> None:
-    """Print what was made, and where it lies."""
-    spacing = " × ".join(f"{1e6 * step:.4g}" for step in report.spacing_m)
-    figures = {
-        "sensors": f"{report.sensors} of {report.planned}",
-        "left out": ", ".join(f"{count} {flag}" for flag, count in report.shots.left_out.items()) or "none",
-        "volume": " × ".join(map(str, report.shape)) + f" ({report.axes}), {spacing} µm",
-        "pictures": f"from {1e3 * max(report.near_field_m, report.origin_m[-1]):.2f} mm depth, colours to the "
-        f"{report.scale_percentile:g}th percentile",
-        **_fit(report),
-        **_band(report),
-        "sound speed": f"{report.sound_speed_m_s:g} m/s",
-        "sensed": _area(report),
-        "seconds": ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in report.seconds.items()),
-        "files": files_of(output),
-    }
-    show_figures("Reconstruction", figures)
-    show_notes(report.notes)
-    if report.missing is not None:
-        console().print(f"[yellow]warning[/]: {report.missing}", soft_wrap=True)
-    show_end(("volume", output / "volume.h5"), ("all results", output))
-
-
 def _frequency_or_signal(given: str | float) -> float | str:
     """Read a frequency, or the word for finding it."""
     return given if given == "signal" else frequency(given)
-
-
-def _band(report: Report) -> dict[str, object]:
-    """Say what was left out of the A-lines."""
-    if report.band is None:
-        return {}
-    end = 1e-6 * report.band.highest_frequency_hz
-    return {"frequencies": f"below {end:.4g} MHz; {100 * report.band.left_out:.2g} % of the A-lines' power left out"}
-
-
-def _fit(report: Report) -> dict[str, object]:
-    """Say how the method iterative ended."""
-    if report.fit is None:
-        return {}
-    why = {
-        "discrepancy": "the noise is reached",
-        "change": "the image stands still",
-        "misfit": "another step would not pay",
-        "iterations": "as many as asked",
-    }
-    return {
-        "iterations": f"{report.fit.iterations} ({why[report.fit.stopped]})",
-        "products with the model, or direct reconstructions": report.fit.products,
-        "misfit": f"{100 * report.fit.misfit:.2g} % of the A-lines, in the band that holds signal",
-    }

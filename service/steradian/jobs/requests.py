@@ -111,6 +111,8 @@ class ReconstructionRequest(Request):
             raise InvalidInput("through", self.through.mask_id, "neither follow nor frame, wavelength, average with it")
         if self.follow and given:
             raise InvalidInput(given[0], told[given[0]], "none while following")
+        if self.follow and (treatment := self.parameters.shots.bad_lines) != "keep":
+            raise InvalidInput("parameters.shots.bad_lines", treatment, "keep while following")
         FrameChoice(self.frame, self.wavelength, self.average)
         return self
 

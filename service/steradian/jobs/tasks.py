@@ -99,7 +99,7 @@ def look_through(work: Work, job: requests.ReconstructionRequest) -> dict[str, A
     with _database() as database:
         mask = MaskRepository(database).load(job.through.mask_id)
     scan = work.scan(job.scan_id)
-    recording, uneven = even_out(open_recording(scan), job.parameters.shots)
+    recording, uneven = even_out(open_recording(scan), job.parameters.shots, progress=work.progress)
     sparse, _ = through(recording, mask, job.through.points)
     report = write_reconstruction(
         sparse,

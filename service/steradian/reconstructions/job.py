@@ -179,8 +179,9 @@ def write_reconstruction(
     """Do the same as :func:`reconstruct_scan` with a recording that has been read; the report is completed."""
     report.parameters, report.missing = used(recording, chosen), missing_points(recording)
     with report.timed("even out"):
-        if recording.shots is not None:
-            recording, report.shots = even_out(recording, chosen.shots)
+        recording, uneven = even_out(recording, chosen.shots, progress=progress, cancelled=cancelled)
+        if uneven != Unevenness():  # else it was evened out before, and the report says how
+            report.shots = uneven
     report.notes += notes_on_depth(recording, chosen)
     with report.timed("reconstruct"):
         volume = reconstruct_recording(
@@ -251,7 +252,7 @@ def reconstruct_recording(
     cancelled: IsCancelled | None = None,
 ) -> Volume:
     """Reconstruct a recording in memory; see :func:`reconstruct_scan` and :func:`steradian.imaging.reconstruct`."""
-    recording, _ = even_out(recording, parameters.shots)
+    recording, _ = even_out(recording, parameters.shots, progress=progress, cancelled=cancelled)
     traces = conditioned(recording, parameters)
     highest = upper_limit(parameters.highest_frequency, traces, recording.sampling_interval)
     if highest is not None and on_band is not None:

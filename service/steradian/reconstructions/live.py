@@ -100,7 +100,8 @@ def follow_scan(
     NotFound, DamagedFile
         When the scan is over and its file cannot be read or holds no A-line.
     InvalidInput
-        When a parameter does not fit the scan, or the method's image is no sum over sensors.
+        When a parameter does not fit the scan, the method's image is no sum over sensors, or bad A-lines are to be
+        treated, which takes all A-lines.
     Cancelled
         When ``cancelled`` said so; the files are those of the last revision.
     """
@@ -109,6 +110,8 @@ def follow_scan(
     chosen = parameters or ReconstructionParameters()
     if chosen.method not in SUMS:
         raise InvalidInput("method", chosen.method, f"{', '.join(SUMS)}: sums over sensors, which can grow")
+    if chosen.shots.bad_lines != "keep":
+        raise InvalidInput("shots.bad_lines", chosen.shots.bad_lines, "keep while a scan is followed")
     view: LiveView | None = None
     seen = 0, 1
     while not is_over():

@@ -1,8 +1,8 @@
 """What differs from shot to shot, and what is done about it before an image is made.
 
 A-lines are put on one grid of times, divided by their pulse energy (and, where asked, by what a wavelength beside the
-best one left of the film's sensitivity), and those whose quality flags say that they mean
-something else are left out; the weights of the others make up for them.
+best one left of the film's sensitivity), and those whose quality flags say that they mean something else are left out;
+the weights of the others make up for them. Bad A-lines are left out or mended where that is asked.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from steradian.errors import InvalidInput
+from steradian.progress import IsCancelled, Progress
+from steradian.reconstructions.bad_lines import BadLines, BadLinesFound, treat_bad_lines
 from steradian.scans.aligning import align, common_grid
 from steradian.scans.following import NewAlines
 from steradian.scans.recording import Recording, Shots
@@ -40,6 +42,12 @@ class ShotTreatment(Value):
     leave_out: tuple[Flag, ...] = Field(
         default=("saturated", "mistuned"),
         description="A-lines with one of these flags are not used; the others' weights make up for them",
+    )
+    bad_lines: BadLines = Field(
+        default="keep",
+        description="A-lines that look bad beside their neighbours: keep (none is looked for); leave-out: dead, noisy,"
+        " inverted, saturated and shifted ones; mend: the sign of inverted ones is turned, shifted ones are moved back,"
+        " the others left out",
     )
 
     def wanted(self, shots: Shots, known: bool | None = None) -> NDArray[np.bool_]:
@@ -79,36 +87,53 @@ class Unevenness:
         Earliest and latest time zero of the A-lines used.
     sensitivity
         Least and greatest share of the film's sensitivity by which A-lines were divided; ``None``: by none.
+    bad_lines
+        Bad A-lines and what was done about them; ``None``: none was looked for.
     """
 
     left_out: dict[str, int] = field(default_factory=dict)
     energy: tuple[float, float] | None = None
     time_zero_s: tuple[float, float] | None = None
     sensitivity: tuple[float, float] | None = None
+    bad_lines: BadLinesFound | None = None
 
 
-def even_out(recording: Recording, treatment: ShotTreatment) -> tuple[Recording, Unevenness]:
+def even_out(
+    recording: Recording,
+    treatment: ShotTreatment,
+    *,
+    progress: Progress | None = None,
+    cancelled: IsCancelled | None = None,
+) -> tuple[Recording, Unevenness]:
     """Return a recording whose A-lines differ in nothing but what they measured, and what they differed in.
 
-    A recording without :attr:`~steradian.scans.recording.Recording.shots`, as this returns, comes back as it is. Of
-    several frames the mean of each point's A-lines is returned.
+    A recording without :attr:`~steradian.scans.recording.Recording.shots` comes back as it is but for bad A-lines, and
+    one that this returned comes back as it is. Of several frames the mean of each point's A-lines is returned.
 
     Raises
     ------
     InvalidInput
         When no A-line is left, or their times have nothing in common.
+    Cancelled
+        When ``cancelled`` returned ``True`` while bad A-lines were looked for.
     """
+    found = Unevenness()
+    if recording.shots is not None:
+        wanted = treatment.wanted(recording.shots)
+        found.left_out = _left_out(recording.shots, treatment)
+        if not wanted.any():
+            raise InvalidInput(
+                "shots.leave_out", ", ".join(treatment.leave_out), f"what leaves at least one of {len(wanted)} A-lines"
+            )
+        if not wanted.all():
+            recording = recording.keep(wanted)
+    if treatment.bad_lines != "keep" and not recording.inspected:
+        recording, found.bad_lines = treat_bad_lines(
+            recording, treatment.bad_lines, progress=progress, cancelled=cancelled
+        )
     shots = recording.shots
     if shots is None:
-        return recording, Unevenness()
-    wanted = treatment.wanted(shots)
-    found = Unevenness(_left_out(shots, treatment))
-    if not wanted.any():
-        raise InvalidInput(
-            "shots.leave_out", ", ".join(treatment.leave_out), f"what leaves at least one of {len(wanted)} A-lines"
-        )
-    if not wanted.all():
-        recording, shots = recording.keep(wanted), shots.take(wanted)
+        return recording, found
     found.energy = float(shots.energy.min()), float(shots.energy.max())
     found.time_zero_s = float(shots.time_zero.min()), float(shots.time_zero.max())
     if treatment.correct_sensitivity and shots.sensitivity is not None:

@@ -113,7 +113,7 @@ def scan_sound_speed(
         When ``cancelled`` said so.
     """
     chosen = parameters or ReconstructionParameters()
-    recording, _ = even_out(open_recording(scan, frame), chosen.shots)
+    recording, _ = even_out(open_recording(scan, frame), chosen.shots, progress=progress, cancelled=cancelled)
     known = chosen if chosen.sound_speed or recording.sound_speed else chosen.replace(sound_speed=(first + last) / 2)
     depth, speed = depth_range_of(recording, known), sound_speed_of(recording, known)
     curve = find_sound_speed(

@@ -142,7 +142,7 @@ def what_if(
     chosen = parameters or ReconstructionParameters()
     seconds: dict[str, float] = {}
     with _timed(seconds, "read"):
-        recording, _ = even_out(open_recording(scan, frame), chosen.shots)
+        recording, _ = even_out(open_recording(scan, frame), chosen.shots, progress=progress, cancelled=cancelled)
         sparse, report = through(recording, mask, points)
     full = full or make(recording, chosen, progress=progress, cancelled=cancelled)
     image = image or make(sparse, chosen, progress=progress, cancelled=cancelled)
@@ -220,6 +220,7 @@ def through(recording: Recording, mask: Mask, points: Points = "nearest") -> tup
         scale=scale,
         positions=recording.positions[used],
         shots=None if recording.shots is None else recording.shots.take(used),
+        rows=None if recording.rows is None else recording.rows[used],
         weights=weights,
         outline=mask.outline,
         depth=mask.depth,

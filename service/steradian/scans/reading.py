@@ -85,6 +85,7 @@ def _read(path: Path, file: h5py.File, wanted: int | list[int] | None) -> Record
     numbers = [frame_number(each, frames) for each in (wanted if isinstance(wanted, list) else [wanted])]
     parts = [_rows_of(file, number, points) for number in numbers]
     stored, traces = (np.concatenate([part[n] for part in parts]) for n in (0, 1))
+    rows = np.concatenate([part[0] + number * points for part, number in zip(parts, numbers, strict=True)])
     table = RowTable.joined([part[2] for part in parts])
     if not len(stored):
         raise DamagedFile(f"{path} holds no A-line yet")
@@ -107,6 +108,7 @@ def _read(path: Path, file: h5py.File, wanted: int | list[int] | None) -> Record
         outline=np.asarray(mask["outline"], np.float64) if "outline" in mask else None,
         missing=np.delete(np.asarray(mask["positions"], dtype=np.float64), np.unique(stored), axis=0),
         points=stored if len(numbers) > 1 else None,
+        rows=rows,
         notes=notes_of(read_origin(file)),
         offset=tuple(map(float, mask.attrs.get("offset_m", (0.0, 0.0)))),
         provenance={

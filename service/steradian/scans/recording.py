@@ -95,6 +95,10 @@ class Recording:
         ``None``.
     notes
         What was decided or assumed when the recording was read or imported.
+    rows
+        (M,) number of each A-line in the scan file's array of A-lines, frame after frame; ``None``: no scan file.
+    inspected
+        Whether bad A-lines have been looked for and treated as was asked.
     """
 
     traces: NDArray[np.number[Any]]
@@ -118,6 +122,8 @@ class Recording:
     points: NDArray[np.int64] | None = None
     centre: tuple[float, ...] = ()
     notes: tuple[str, ...] = ()
+    rows: NDArray[np.int64] | None = None
+    inspected: bool = False
 
     def keep(self, wanted: NDArray[np.bool_]) -> Recording:
         """Return the A-lines that are ``wanted`` (M,); their weights make up for the others' in proportion."""
@@ -132,6 +138,7 @@ class Recording:
             weights=weights,
             shots=None if self.shots is None else self.shots.take(wanted),
             points=None if self.points is None else self.points[wanted],
+            rows=None if self.rows is None else self.rows[wanted],
         )
 
     def averaged(self) -> Recording:
@@ -149,6 +156,5 @@ class Recording:
         rows, weights = order[first], self.weights
         if weights is not None:
             weights = weights[rows] * (weights.sum() / weights[rows].sum())
-        return replace(
-            self, traces=mean, scale=1.0, positions=self.positions[rows], weights=weights, shots=None, points=None
-        )
+        merged = replace(self, traces=mean, scale=1.0, positions=self.positions[rows], weights=weights)
+        return replace(merged, shots=None, points=None, rows=None)

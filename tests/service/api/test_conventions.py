@@ -38,6 +38,7 @@ READS = {
     f"{V1}/scans/{{scan_id}}": {TAG, PREFER},
     f"{V1}/scans/{{scan_id}}/file": {TAG, RANGE, PREFER},
     f"{V1}/scans/{{scan_id}}/shots": set(),
+    f"{V1}/scans/{{scan_id}}/signals": {TAG},
     f"{V1}/scans/{{scan_id}}/alines": {TAG, ACCEPT},
     f"{V1}/scans/{{scan_id}}/alines/latest": {TAG, ACCEPT},
     f"{V1}/scans/{{scan_id}}/coverage": set(),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from steradian_client import routes
 from steradian_client.arrays import RAW, array_of
 from steradian_client.downloads import Report, download
-from steradian_client.models import Coverage, Lease, Scan, Shots
+from steradian_client.models import Coverage, Lease, Scan, Shots, Signals
 from steradian_client.resources.base import Working, given
 from steradian_client.resources.scanners import lease_header
 from steradian_client.worlds import World, operation
@@ -96,6 +96,11 @@ class Scans(Working[World, Scan]):
         """
         params = {"points": points, "since": since}
         return await self._session.ask(Shots, routes.READ_SHOTS, {"id": scan_id}, params=params)
+
+    @operation
+    async def signals(self, scan_id: str, frame: int = 0) -> Signals:
+        """Inspect the A-lines of a frame, as far as they are measured: codes, noise, baseline, bad A-lines."""
+        return await self._session.ask(Signals, routes.READ_SIGNALS, {"id": scan_id}, params={"frame": frame})
 
     @operation
     async def alines(self, scan_id: str, slice: str | None = None) -> Array:

@@ -8,7 +8,7 @@ const OPTIONS = /** @type {Record<string, string | string[]>} */ ({
   depth_range: ["--first-depth", "--last-depth"], weights: "--weights", tolerance: "--tolerance", window: "--window",
   time_padding: "--time-padding", lateral_padding: "--lateral-padding", highest_frequency: "--highest-frequency",
   depth_step: "--depth-step", device: "--device", "shots.time_zero": "--time-zero", "shots.normalise_energy": "--energy", "shots.correct_sensitivity": "--sensitivity",
-  "shots.leave_out": "--leave-out", "conditioning.zero_first": "--zero-first",
+  "shots.leave_out": "--leave-out", "shots.bad_lines": "--bad-lines", "conditioning.zero_first": "--zero-first",
   "conditioning.remove_offset": "--remove-offset", "conditioning.remove_common": "--remove-common",
   "conditioning.band": ["--low-cut", "--high-cut"], "conditioning.rim": "--rim", "conditioning.delay": "--delay",
   "display.gain_db_per_mm": "--gain", "display.envelope": "--envelope", "display.log_range_db": "--log-range",

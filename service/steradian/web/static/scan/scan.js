@@ -9,6 +9,7 @@ import { Growing } from "./growing.js";
 import { Guards } from "./guards.js";
 import { ScanMap } from "./map.js";
 import { Shots } from "./shots.js";
+import { Signals } from "./signals/signals.js";
 import { Trace } from "./trace.js";
 import { OVER } from "./words.js";
 
@@ -19,7 +20,7 @@ const QUICK = 200;
 const SLOW = 1500;
 const FULL_SCALE = 32_767; // of 16 bits
 const panel = (/** @type {string} */ name, live = true) => h("section", { class: `panel ${live ? "live" : ""} ${name}`, "data-steradian": `scan-${name}` });
-const [head, mapPanel, imagePanel, tracePanel] = [panel("head"), panel("map"), panel("image"), panel("trace")];
+const [head, mapPanel, imagePanel, tracePanel, signalsPanel] = [panel("head"), panel("map"), panel("image"), panel("trace"), panel("signals", false)];
 
 /** @type {any} */
 let scan = null;
@@ -47,6 +48,11 @@ line.follow.addEventListener("click", () => {
   map.plane.draw();
   showTrace();
 });
+const signals = new Signals(signalsPanel, id, (row) => {
+  chosen = map.chosen = row;
+  map.plane.draw();
+  showTrace();
+});
 const imageBody = h("div", { class: "image-body" });
 imagePanel.append(h("h2", null, "Image"), imageBody);
 const growing = new Growing(imageBody, id, () => controls.nextSteps());
@@ -59,6 +65,7 @@ async function read() {
     growing.running = !OVER.has(scan.state);
     if (!built) await build();
     controls.show(scan, plan, isRead ? shots?.coverage : null);
+    signals.of(map.plane.aperture, !OVER.has(scan.state));
     if (turned) void growing.find(); // what is offered or said of the image is another thing now
     await look();
   } catch (error) {
@@ -71,7 +78,7 @@ async function build() {
   const mask = await api.get(`/masks/${scan.mask_id}`);
   plan = found;
   map.place(points.positions.map((/** @type {number[]} */ [x, y = 0]) => [x, y]), mask.aperture);
-  replace(host, head, mapPanel, imagePanel, tracePanel);
+  replace(host, head, mapPanel, imagePanel, tracePanel, signalsPanel);
   shots = new Shots(points.count, plan.frames * Math.max(1, plan.excitation.length));
   map.update(shots, false);
   built = true;

@@ -1,0 +1,66 @@
+"""Summary of a reconstruction's report on the terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from steradian.cli.console import console, files_of, show_end, show_figures, show_notes
+
+if TYPE_CHECKING:
+    from steradian.reconstructions.job import Report
+
+
+def show_report(report: Report, output: Path) -> None:
+    """Print what was made, and where it lies."""
+    spacing = " × ".join(f"{1e6 * step:.4g}" for step in report.spacing_m)
+    figures = {
+        "sensors": f"{report.sensors} of {report.planned}",
+        "left out": ", ".join(f"{count} {flag}" for flag, count in report.shots.left_out.items()) or "none",
+        "volume": " × ".join(map(str, report.shape)) + f" ({report.axes}), {spacing} µm",
+        "pictures": f"from {1e3 * max(report.near_field_m, report.origin_m[-1]):.2f} mm depth, colours to the "
+        f"{report.scale_percentile:g}th percentile",
+        **_fit(report),
+        **_band(report),
+        "sound speed": f"{report.sound_speed_m_s:g} m/s",
+        "sensed": _area(report),
+        "seconds": ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in report.seconds.items()),
+        "files": files_of(output),
+    }
+    show_figures("Reconstruction", figures)
+    show_notes(report.notes)
+    if report.missing is not None:
+        console().print(f"[yellow]warning[/]: {report.missing}", soft_wrap=True)
+    show_end(("volume", output / "volume.h5"), ("all results", output))
+
+
+def _area(report: Report) -> str:
+    if report.sensed_area_m2 is None:
+        return "weights play no part"
+    area = report.sensed_area_m2
+    return f"{1e3 * area:.4g} mm" if len(report.shape) == 2 else f"{1e6 * area:.4g} mm²"
+
+
+def _band(report: Report) -> dict[str, object]:
+    """Say what was left out of the A-lines."""
+    if report.band is None:
+        return {}
+    end = 1e-6 * report.band.highest_frequency_hz
+    return {"frequencies": f"below {end:.4g} MHz; {100 * report.band.left_out:.2g} % of the A-lines' power left out"}
+
+
+def _fit(report: Report) -> dict[str, object]:
+    """Say how the method iterative ended."""
+    if report.fit is None:
+        return {}
+    why = {
+        "discrepancy": "the noise is reached",
+        "change": "the image stands still",
+        "misfit": "another step would not pay",
+        "iterations": "as many as asked",
+    }
+    return {
+        "iterations": f"{report.fit.iterations} ({why[report.fit.stopped]})",
+        "products with the model, or direct reconstructions": report.fit.products,
+        "misfit": f"{100 * report.fit.misfit:.2g} % of the A-lines, in the band that holds signal",
+    }
