@@ -32,6 +32,8 @@ def sound_speed(
     figures = {
         "sound speed": f"{curve.best:.2f}{error} m/s",
         "range": f"{first:g} … {last:g} m/s" + (", whose end is the sharpest: move it" if curve.at_edge else ""),
+        "limits": "± is repeatability; the bias is up to 0.5 % for smooth objects, 2 % for points under 4 mm",
+        "delay": "a wrong time_zero of 100 ns looks like about 15 m/s for sources 5 us away",
         "files": files_of(output),
     }
     show_figures("Speed of sound", figures)

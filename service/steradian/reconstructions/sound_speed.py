@@ -57,8 +57,8 @@ class SoundSpeedCurve:
     best
         Speed of the maximum in m/s, from a parabola through the sharpest.
     standard_error
-        Of ``best`` in m/s: the scatter when groups of sensors are left out. None where it was not asked for or the
-        maximum is at the end of the range.
+        Scatter of ``best``, in m/s, when groups of sensors are left out; the bias of the criterion is not in it.
+        None where it was not asked for or the maximum is at the end of the range.
     at_edge
         The sharpest is the first or last speed: the range should be moved.
     notes
