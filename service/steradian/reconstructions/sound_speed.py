@@ -206,7 +206,7 @@ def find_sound_speed(
         views.finish()
         edge = found.speed in (speeds[0], speeds[-1])
         error = found.standard_error if standard_error and not edge else None
-        trade = f"a record taken to begin 100 ns too late has a speed {abs(found.speed_per_delay) * 1e-7:.1f} m/s lower"
+        trade = f"if the record begins 100 ns earlier than stated, the speed is {-1e-7 * found.speed_per_delay:.1f} m/s higher"
         return SoundSpeedCurve(tuple(curve), tuple(curve.values()), found.speed, error, edge, (trade,))
     notes = () if note is None else (note,)
     if edge:

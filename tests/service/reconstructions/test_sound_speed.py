@@ -60,7 +60,7 @@ def test_a_maximum_at_the_end_of_the_range_is_said_to_be_one() -> None:
 
 
 def test_a_recording_gets_its_curve_as_json_and_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, few in (("ROUNDS", 1), ("SUPPORT_STEPS", 2), ("STEPS", 4)):
+    for name, few in (("ROUNDS", 1), ("SUPPORT_STEPS", 2), ("STEPS", 2)):
         monkeypatch.setattr(speed_fit, name, few)
     p = np.random.default_rng(0).standard_normal((64, 16, 16)).astype(np.float32)
     file = tmp_path / "scan.npz"
