@@ -185,7 +185,7 @@ def find_sound_speed(
             "sound_speeds", f"an array of shape {speeds.shape}", "at least 3 speeds, rising evenly (m/s)"
         )
     step = float(gaps[0])
-    fit, note = None, None
+    fit, note = None, BY_SHARPNESS if criterion == "misfit" else None
     views = Views(traces, positions, sampling_interval, aperture, modes, weights, depth_times, time_zero)
     if criterion == "misfit" and np.ndim(positions) == 2:
         ends = (float(speeds[0]), float(speeds[-1]))
@@ -206,7 +206,8 @@ def find_sound_speed(
         views.finish()
         edge = found.speed in (speeds[0], speeds[-1])
         error = found.standard_error if standard_error and not edge else None
-        trade = f"if the record begins 100 ns earlier than stated, the speed is {-1e-7 * found.speed_per_delay:.1f} m/s higher"
+        higher = -1e-7 * found.speed_per_delay
+        trade = f"if the record begins 100 ns earlier than stated, the speed is {higher:.1f} m/s higher"
         return SoundSpeedCurve(tuple(curve), tuple(curve.values()), found.speed, error, edge, (trade,))
     notes = () if note is None else (note,)
     if edge:

@@ -113,7 +113,7 @@ class SpeedFit:
         farthest = float(np.linalg.norm(np.abs(self._positions).max(axis=0) + self._aperture / 2))
         nearest = np.sqrt(max(0.0, self._zero**2 - (farthest / speeds[0]) ** 2))
         near = max(nearest, 2 * self._aperture / self._modes / speeds[0])
-        self._times = (near, end) if depth_times is None else (depth_times[0], min(depth_times[1], end))
+        self._times = (near, end) if depth_times is None else self._between_slices(*depth_times, end)
         self._curvature: float | None = None
         self._needed_padding(speeds[1])
 
@@ -211,6 +211,15 @@ class SpeedFit:
             top += power * float(free @ weights)
             bottom += power * float(free @ free)
         return -top / bottom if bottom > 0 else -float("inf")
+
+    def _between_slices(self, first: float, last: float, end: float) -> tuple[float, float]:
+        """Return times a quarter of a slice outside the slices asked for: rounding takes the same ones at all speeds."""
+        low, high = (int(time / self._interval + 1e-6) for time in (first, min(last, end)))
+        if high < low + 2:
+            raise InvalidInput(
+                "depth_times", (first, last), f"at least {3 * self._interval:.3g} s apart, by {end:.3g} s"
+            )
+        return (low + 0.25) * self._interval, (high + 0.25) * self._interval
 
     def _needed_padding(self, speed: float) -> None:
         """Refuse records for which the model would be too large."""

@@ -120,3 +120,19 @@ def test_speed_fit_of_a_record_with_a_wrong_begin_is_off_by_the_trade_stated(sid
     )
     assert right.speed == pytest.approx(1500.0, rel=0.002)
     assert wrong.speed - right.speed == pytest.approx(right.speed_per_delay * shift, rel=0.25)
+
+
+@pytest.mark.parametrize("depth_times", [(1e-6, 3e-6), (0.8e-6, 2.4e-6), (0.64e-6, 3.2e-6)])
+def test_speed_fit_of_depths_at_whole_samples_has_the_same_slices_at_every_speed(
+    depth_times: tuple[float, float],
+) -> None:
+    mask, traces = recording(1500.0, 0)
+    fit = SpeedFit(traces, mask.positions, INTERVAL, SIDE, (1380.0, 1620.0), depth_times, 0.0, lambda: None)
+    assert len({fit.model(speed).volume_shape for speed in np.arange(1380.0, 1620.0, 17.3)}) == 1
+
+
+def test_find_sound_speed_along_a_line_of_sensors_says_that_it_is_the_sharpest() -> None:
+    axis = (np.arange(40) - 20) * 0.2e-3
+    traces = np.random.default_rng(0).standard_normal((40, 100)).astype(np.float32)
+    curve = find_sound_speed(traces, axis, np.linspace(1400, 1600, 3), sampling_interval=20e-9, aperture=8e-3)
+    assert "sharpest" in curve.notes[0]
