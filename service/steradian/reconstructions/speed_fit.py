@@ -213,7 +213,7 @@ class SpeedFit:
         return -top / bottom if bottom > 0 else -float("inf")
 
     def _between_slices(self, first: float, last: float, end: float) -> tuple[float, float]:
-        """Return times a quarter of a slice outside the slices asked for: rounding takes the same ones at all speeds."""
+        """Return times a quarter of a slice outside the slices asked for: rounding takes the same at all speeds."""
         low, high = (int(time / self._interval + 1e-6) for time in (first, min(last, end)))
         if high < low + 2:
             raise InvalidInput(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from fabry_perot.simulator.phantoms import pressure, yarn
+from fabry_perot.simulator.phantoms import Balls, pressure, yarn
 from steradian.benchmarks.sound_speed import scene, search
 from steradian.errors import Cancelled, InvalidInput
 from steradian.masks import equi_steradian_mask
@@ -136,3 +136,17 @@ def test_find_sound_speed_along_a_line_of_sensors_says_that_it_is_the_sharpest()
     traces = np.random.default_rng(0).standard_normal((40, 100)).astype(np.float32)
     curve = find_sound_speed(traces, axis, np.linspace(1400, 1600, 3), sampling_interval=20e-9, aperture=8e-3)
     assert "sharpest" in curve.notes[0]
+
+
+@pytest.mark.long
+def test_find_sound_speed_of_three_balls_under_four_millimetres_is_not_biased() -> None:
+    axis = (np.arange(40) - 19.5) * 0.1e-3
+    positions = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    centres = 1e-3 * np.array([[0.9, -0.5, 2.0], [-1.0, 0.9, 3.0], [0.3, 1.3, 2.6]])
+    balls = Balls(centres, np.full(3, 100e-6), np.array([1.0, 0.6, 0.8]))
+    traces = pressure(balls, positions, np.arange(200) * 20e-9, 1480.0)
+    speeds = np.linspace(1380, 1620, 25)
+    curve = find_sound_speed(traces, positions, speeds, sampling_interval=20e-9, aperture=4e-3)
+    assert curve.standard_error is not None
+    assert curve.standard_error < 3
+    assert curve.best == pytest.approx(1480, abs=3)
