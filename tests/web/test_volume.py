@@ -169,7 +169,7 @@ def test_a_speed_stands_with_its_error_before_its_unit(service, open_page, made)
     page.route("**/api/v1/jobs?kind=sound-speed*", lambda route: route.fulfill(json={"items": [job]}))
     page.goto(f"{service.url}/volumes/{made[0][0]}")
     page.click("[data-tab='Speed']")
-    expect(page.get_by_text("Sharpest at 1500.2 ± 0.2 m/s")).to_be_visible()
+    expect(page.get_by_text("Best fit at 1500.2 ± 0.2 m/s")).to_be_visible()
     expect(page.get_by_text(f"Dashed: this volume's, {SOUND_SPEED:.1f} m/s")).to_be_visible()
 
 

@@ -178,14 +178,14 @@ class ReportView(Figures):
 
 
 class SoundSpeedView(Figures):
-    """The speed of sound at which an image is sharpest."""
+    """The speed of sound at which a scan is fitted best, and the sharpness of images over the speed."""
 
     sound_speeds: list[float] | None = Field(default=None, description="Speeds tried, rising (m/s)")
     sharpness: list[float] | None = Field(default=None, description="At each of them, normalised")
-    best: float | None = Field(default=None, description="Speed of the maximum (m/s)")
+    best: float | None = Field(default=None, description="Speed found (m/s)")
     standard_error: float | None = Field(default=None, description="Of best (m/s), where it was asked for")
     at_edge: bool | None = Field(
-        default=None, description="Whether the sharpest is the first or last: the range should be moved"
+        default=None, description="Whether the best is the first or last: the range should be moved"
     )
     notes: list[str] | None = Field(default=None, description="What was decided or assumed about the scan")
 

@@ -27,6 +27,7 @@ from steradian.cli import (
     scanner,
     serve,
     sound_speed,
+    sound_speed_benchmark,
     storage,
     what_if,
     worker,
@@ -83,6 +84,7 @@ app.command("import")(importing.import_)
 app.command("export")(exporting.export)
 benchmark.app.command("scale")(scaling.scale)
 benchmark.app.command("look")(benchmark_look.look)
+benchmark.app.command("sound-speed")(sound_speed_benchmark.sound_speeds)
 app.add_typer(benchmark.app, name="benchmark")
 app.command("demo")(demo.demo)
 app.command("serve")(serve.serve)

@@ -1,4 +1,4 @@
-"""``steradian sound-speed``: the speed of sound that makes a recording's image sharpest."""
+"""``steradian sound-speed``: the speed of sound at which a recording is fitted best."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def sound_speed(
     wavelength: WavelengthOption = None,
     average: AverageOption = False,
 ) -> None:
-    """Find the speed of sound: sharpness against speed, the refined maximum and its standard error."""
+    """Find the speed of sound, its standard error and its trade with a delay; draw sharpness against speed."""
     from steradian.reconstructions.sound_speed import scan_sound_speed
     from steradian.scans.frames import FrameChoice
 
@@ -31,7 +31,7 @@ def sound_speed(
     error = "" if curve.standard_error is None else f" ± {curve.standard_error:.2f}"
     figures = {
         "sound speed": f"{curve.best:.2f}{error} m/s",
-        "range": f"{first:g} … {last:g} m/s" + (", whose end is the sharpest: move it" if curve.at_edge else ""),
+        "range": f"{first:g} … {last:g} m/s" + (", whose end fits best: move it" if curve.at_edge else ""),
         "files": files_of(output),
     }
     show_figures("Speed of sound", figures)

@@ -151,7 +151,7 @@ def _image_of_all(work: Work, job: requests.ReconstructionRequest, recording: Re
 
 
 def scan_speeds(work: Work, job: requests.SoundSpeedRequest) -> dict[str, Any]:
-    """Find the speed of sound at which a scan's image is sharpest."""
+    """Find the speed of sound of a scan."""
     from steradian.reconstructions.sound_speed import scan_sound_speed
 
     curve = scan_sound_speed(

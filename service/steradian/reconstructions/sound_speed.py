@@ -1,4 +1,8 @@
-"""The speed of sound that makes the image sharpest.
+"""The speed of sound of a recording: that of the least misfit, beside the sharpness of images over the speed.
+
+The speed found is that at which a compact, non-negative image fits the A-lines best (:mod:`.speed_fit`). The search
+begins at the sharpest image, whose speed alone is biased by the aperture and the object. Sensors on a line, and records
+too long for the forward model, have the speed of the sharpest image.
 
 Sharpness is the paper's Tenenbaum function of the z-projection (appendix B; Treeby et al. 2011 chose speeds with it),
 over the projection's mean square, so that the image's scale, which changes with the speed, does not count. The A-lines
@@ -10,18 +14,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.drafts import draft
-from steradian.errors import Cancelled, InvalidInput
-from steradian.imaging import reconstruct
-from steradian.imaging.band import signal_band, thinned, thinning
-from steradian.imaging.extent import Extent
+from steradian.errors import InvalidInput
 from steradian.progress import IsCancelled, Progress
-from steradian.quality import tenenbaum
 from steradian.ranges import SOUND_SPEED
 from steradian.reconstructions.job import write_json
 from steradian.reconstructions.options import (
@@ -34,16 +33,17 @@ from steradian.reconstructions.options import (
 )
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.shots import even_out
+from steradian.reconstructions.speed_figure import draw_curve
+from steradian.reconstructions.speed_fit import MOST_STEPS, SpeedFit
+from steradian.reconstructions.speed_views import Views
 from steradian.scans.frames import FrameChoice
 from steradian.scans.opening import FIRST, open_recording
 
-SPACING = 120e-6
-"""Lateral spacing of the images compared, in m, unless fewer modes are asked for."""
 FINE = (-1.0, -0.5, 0.0, 0.5, 1.0)
 """Speeds around the best of the first round, in its steps, through which a parabola is laid."""
 GROUPS = 6
 """Groups of sensors, one left out at a time for the standard error (jackknife)."""
-_STAGE = "sound speed"
+BY_SHARPNESS = "the speed is that of the sharpest image, whose bias its error does not hold"
 
 
 @dataclass(frozen=True)
@@ -55,14 +55,14 @@ class SoundSpeedCurve:
     sound_speeds, sharpness
         What was tried, rising, and the normalised sharpness there.
     best
-        Speed of the maximum in m/s, from a parabola through the sharpest.
+        Speed of the least misfit in m/s; by sharpness, from a parabola through the sharpest.
     standard_error
-        Of ``best`` in m/s: the scatter when groups of sensors are left out. None where it was not asked for or the
-        maximum is at the end of the range.
+        Of ``best`` in m/s (68 %): noise and the fit's limits; by sharpness, the scatter when groups of sensors are
+        left out, without the criterion's bias. None where it was not asked for or ``at_edge``.
     at_edge
-        The sharpest is the first or last speed: the range should be moved.
+        ``best`` is the first or last speed: the range should be moved.
     notes
-        What was decided or assumed about the recording.
+        What was decided or assumed, and how the speed trades with a delay of the record.
     """
 
     sound_speeds: tuple[float, ...]
@@ -129,7 +129,7 @@ def scan_sound_speed(
         progress=progress,
         cancelled=cancelled,
     )
-    curve = replace(curve, notes=recording.notes)
+    curve = replace(curve, notes=(*recording.notes, *curve.notes))
     output.mkdir(parents=True, exist_ok=True)
     write_json(output / "sound-speed.json", curve)
     draw_curve(curve, output / "sound-speed.png")
@@ -148,6 +148,7 @@ def find_sound_speed(
     depth_times: tuple[float, float] | None = None,
     time_zero: float = 0.0,
     standard_error: bool = True,
+    criterion: Literal["misfit", "sharpness"] = "misfit",
     progress: Progress | None = None,
     cancelled: IsCancelled | None = None,
 ) -> SoundSpeedCurve:
@@ -164,7 +165,9 @@ def find_sound_speed(
     depth_times
         First and last depth as times of flight in s; None: all of the record.
     standard_error
-        Leave out groups of sensors to see the scatter.
+        Give the standard error.
+    criterion
+        What the speed is found by; sensors on a line: always the sharpness.
     progress, cancelled
         Reported and asked after each image.
 
@@ -182,87 +185,42 @@ def find_sound_speed(
             "sound_speeds", f"an array of shape {speeds.shape}", "at least 3 speeds, rising evenly (m/s)"
         )
     step = float(gaps[0])
-    groups = GROUPS if standard_error and len(positions) >= 4 * GROUPS else 0
-    views = _Views(traces, positions, sampling_interval, aperture, modes, weights, depth_times, time_zero)
-    views.report(progress, cancelled, len(speeds) + len(FINE) * (1 + groups))
+    fit, note = None, BY_SHARPNESS if criterion == "misfit" else None
+    views = Views(traces, positions, sampling_interval, aperture, modes, weights, depth_times, time_zero)
+    if criterion == "misfit" and np.ndim(positions) == 2:
+        ends = (float(speeds[0]), float(speeds[-1]))
+        try:
+            fit = SpeedFit(
+                traces, positions, sampling_interval, aperture, ends, depth_times, time_zero, views.tell
+            )  # fmt: skip
+        except InvalidInput as refusal:
+            note = f"{BY_SHARPNESS} ({refusal})"
+    groups = GROUPS if fit is None and standard_error and len(positions) >= 4 * GROUPS else 0
+    more = len(FINE) * (1 + groups) if fit is None else MOST_STEPS
+    views.report(progress, cancelled, len(speeds) + more)
     curve = {float(speed): views.sharpness(float(speed)) for speed in speeds}
     top = max(curve, key=lambda speed: curve[speed])
-    if top in (speeds[0], speeds[-1]):
-        return SoundSpeedCurve(tuple(curve), tuple(curve.values()), top, None, True)
+    edge = top in (speeds[0], speeds[-1])
+    if fit is not None:
+        found = fit.find(float(speeds.mean()) if edge else top)
+        views.finish()
+        edge = found.speed in (speeds[0], speeds[-1])
+        error = found.standard_error if standard_error and not edge else None
+        higher = -1e-7 * found.speed_per_delay
+        trade = f"if the record begins 100 ns earlier than stated, the speed is {higher:.1f} m/s higher"
+        return SoundSpeedCurve(tuple(curve), tuple(curve.values()), found.speed, error, edge, (trade,))
+    notes = () if note is None else (note,)
+    if edge:
+        return SoundSpeedCurve(tuple(curve), tuple(curve.values()), top, None, True, notes)
     near = [top + step * f for f in FINE]
     curve |= {speed: views.sharpness(speed) for speed in near}
-    best = _vertex(near, [curve[speed] for speed in near])
-    error = None
+    best, error = _vertex(near, [curve[speed] for speed in near]), None
     if groups:
         member = np.random.default_rng(0).permutation(len(positions)) % groups
         others = [_vertex(near, [views.sharpness(speed, member != g) for speed in near]) for g in range(groups)]
         error = float(np.sqrt((groups - 1) * np.var(others)))
     order = sorted(curve)
-    return SoundSpeedCurve(tuple(order), tuple(curve[speed] for speed in order), best, error, False)
-
-
-class _Views:
-    """Coarse images of one recording at many speeds."""
-
-    def __init__(
-        self,
-        traces: NDArray[Any],
-        positions: NDArray[np.float64],
-        interval: float,
-        aperture: float,
-        modes: int | None,
-        weights: Any,
-        depth_times: tuple[float, float] | None,
-        time_zero: float,
-    ) -> None:
-        most = max(32, round(aperture / SPACING))
-        self._modes = most if modes is None else min(modes, most)
-        highest, _ = signal_band(traces, interval)
-        # a grid of that spacing carries waves along the film up to half a wave a point; 1500 m/s will do here
-        carried = 0.5 * self._modes / aperture * 1500.0
-        factor = thinning(min(highest, carried), interval)
-        self._traces = thinned(traces, factor, "float32")
-        self._interval = interval * factor
-        self._positions, self._aperture = positions, aperture
-        self._weights, self._times, self._zero = weights, depth_times, time_zero
-        self._done = self._total = 0
-        self._progress: Progress | None = None
-        self._cancelled: IsCancelled | None = None
-
-    def report(self, progress: Progress | None, cancelled: IsCancelled | None, total: int) -> None:
-        self._progress, self._cancelled, self._total = progress, cancelled, total
-
-    def sharpness(self, speed: float, some: NDArray[np.bool_] | None = None) -> float:
-        if self._cancelled is not None and self._cancelled():
-            raise Cancelled(f"cancelled during: {_STAGE}")
-        which = slice(None) if some is None else some
-        weights = self._weights
-        if isinstance(weights, np.ndarray) and some is not None:
-            weights = weights[some] * (weights.sum() / weights[some].sum())
-        volume = reconstruct(
-            self._traces[which],
-            self._positions[which],
-            sampling_interval=self._interval,
-            sound_speed=speed,
-            aperture=self._aperture,
-            modes=self._modes,
-            weights=weights,
-            depth_range=self._depths(speed),
-            time_zero=self._zero,
-            tolerance=1e-3,
-        )
-        image = np.maximum(volume.mip("z") if volume.dimensions == 3 else volume.values, 0)
-        self._done += 1
-        if self._progress is not None:
-            self._progress(_STAGE, self._done, self._total)
-        square = float(np.mean(np.square(image, dtype=np.float64)))
-        return tenenbaum(image) / square if square else 0.0
-
-    def _depths(self, speed: float) -> tuple[float, float] | None:
-        if self._times is None:
-            return None
-        end = (Extent.of(self._traces.shape[1], self._interval, self._zero).end - 1) * self._interval
-        return self._times[0] * speed, min(self._times[1], end) * speed
+    return SoundSpeedCurve(tuple(order), tuple(curve[speed] for speed in order), best, error, False, notes)
 
 
 def _vertex(x: Sequence[float], y: Sequence[float]) -> float:
@@ -280,21 +238,3 @@ def _checked(first: float, last: float, steps: int) -> tuple[float, float, int]:
     if steps != int(steps) or not 3 <= steps <= 1001:
         raise InvalidInput("steps", steps, "a whole number from 3 to 1001")
     return float(first), float(last), int(steps)
-
-
-def draw_curve(curve: SoundSpeedCurve, path: Path) -> None:
-    """Draw sharpness over speed into a PNG, under a temporary name first."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6.0, 3.6), dpi=110, layout="constrained")
-    axes = figure.add_subplot()
-    axes.plot(curve.sound_speeds, curve.sharpness, "o-", markersize=3, color="tab:blue")
-    axes.axvline(curve.best, color="tab:red", linewidth=1)
-    error = "" if curve.standard_error is None else f" ± {curve.standard_error:.2f}"
-    axes.set_title(
-        f"Sharpest at {curve.best:.1f}{error} m/s" + (" (end of the range)" if curve.at_edge else ""), fontsize=10
-    )
-    axes.set_xlabel("speed of sound (m/s)")
-    axes.set_ylabel("sharpness of the z-projection")
-    with draft(path) as file:
-        figure.savefig(file, format="png")

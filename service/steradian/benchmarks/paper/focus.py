@@ -62,6 +62,7 @@ def _curve(speed: float, seed: int, quick: bool) -> SoundSpeedCurve:
         aperture=side,
         weights=mask.weights,
         standard_error=not quick,
+        criterion="sharpness",
     )
 
 

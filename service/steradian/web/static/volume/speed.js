@@ -21,7 +21,7 @@ export function soundSpeed(about) {
   const told = h("p", { class: "dim small", role: "status" });
   const button = h("button", { type: "button", onclick: () => void ask() }, "Try 21 speeds");
   const element = h("div", { class: "stack" },
-    h("p", { class: "dim small" }, "The image is made at each speed; the sharpest is likely to be right."),
+    h("p", { class: "dim small" }, "Finds the speed at which an image fits the A-lines best; the curve shows how sharp images are at each speed."),
     h("div", { class: "row" }, h("label", null, "from ", first), h("label", null, "to ", last, " m/s"), button), told, curve);
 
   async function open() {
@@ -61,10 +61,11 @@ export function soundSpeed(about) {
   /** @param {any} job */
   function show(job) {
     const { sound_speeds: speeds, sharpness, best, standard_error: error, at_edge: edge } = job.result;
-    told.textContent = `Sharpest at ${best.toFixed(1)}${error ? ` ± ${error.toFixed(1)}` : ""} m/s, tried ${clock(job.ended)}${edge ? ". It is at the edge: move the range" : ""}.`;
+    told.textContent = `Best fit at ${best.toFixed(1)}${error ? ` ± ${error.toFixed(1)}` : ""} m/s, tried ${clock(job.ended)}${edge ? ". It is at the edge: move the range" : ""}.`;
     const pick = (/** @type {number} */ speed) => `/reconstructions?again=${about.id}&set=${encodeURIComponent(JSON.stringify({ sound_speed: Number(speed.toFixed(1)) }))}`;
     replace(curve, chart(speeds, sharpness, stated, pick),
       h("a", { class: "button", href: pick(best) }, `Again at ${best.toFixed(1)} m/s`),
+      ...(job.result.notes ?? []).map((/** @type {string} */ note) => h("p", { class: "dim small" }, `Note: ${note}.`)),
       h("p", { class: "dim small" }, `${stated && stated >= speeds[0] && stated <= speeds[speeds.length - 1] ? `Dashed: this volume's, ${stated.toFixed(1)} m/s. ` : ""}Or choose a point of the curve.`));
   }
 

@@ -1,0 +1,25 @@
+"""``steradian benchmark sound-speed``: the speed of sound found in made scans beside the true one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from steradian.cli.console import progress_bar
+from steradian.cli.figures import publish
+
+
+def sound_speeds(
+    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the figures to this file.")] = None,
+    page: Annotated[Path | None, typer.Option(help="Also write the table into this page, docs/sound-speed.md.")] = None,
+) -> None:
+    """Find the speed of sound in 60 made scans of known speed; in m/s."""
+    from steradian.benchmarks import sound_speed as measured
+
+    with progress_bar() as progress:
+        rows = measured.sound_speeds(progress=progress)
+    if page is not None:
+        measured.write_page(page, rows)
+    publish("sound-speed", rows, json_file)
