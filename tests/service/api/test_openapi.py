@@ -46,7 +46,7 @@ OPERATIONS = {
     """,
     "scans": """
         scan_alines_read scan_change scan_coverage_read scan_create scan_delete scan_desired_state_set
-        scan_file_read scan_latest_aline_read scan_read scan_shots_read scans_list
+        scan_file_read scan_latest_aline_read scan_read scan_shots_read scan_signals_read scans_list
     """,
     "service": """
         root_read session_create session_delete session_read storage_read
