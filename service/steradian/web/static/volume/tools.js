@@ -80,7 +80,8 @@ export class Tools {
         ["Peak above base", width ? `${figure(width.height)} above ${Math.abs(width.base) < 1e-3 * width.height ? `0 ${PRESSURE}` : pressure(width.base)}` : "–"],
         ["Length", lengthOf(length)],
       ]),
-      width && width.error === null ? h("p", { class: "dim small" }, "A longer line tells the noise, and with it the width's error.") : null);
+      width && width.error !== null ? h("p", { class: "dim small" }, "± is the repeatability under the noise, not the accuracy: the width contains the mask's own point spread. The command ", h("code", null, "steradian measure"), " shows both, and the corrected diameter.") : null,
+      width && width.error === null ? h("p", { class: "dim small" }, "A longer line tells the noise, and with it the width's repeatability.") : null);
   }
 
   /** @param {Mark} mark @param {string} title @param {"region" | "background"} name */
