@@ -1,4 +1,4 @@
-"""Uniform cylinders and spheres, as sums of Gaussian balls: vessels and absorbers of a stated diameter."""
+"""Uniform and Gaussian cylinders and spheres, as sums of Gaussian balls: vessels and absorbers of a stated width."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ _EDGE = 12.0
 """The balls' s widens the object as a diameter larger by this times s² (squares): a compromise of the half level
 (0) and the second moment (16)."""
 _SUBPIXELS = 5
+_FWHM = float(np.sqrt(8 * np.log(2)))
+"""Full width at half maximum of a Gaussian over its s."""
 
 
 def cylinder(diameter: float, place: ArrayLike, direction: ArrayLike, half_length: float, step: float) -> Balls:
@@ -51,6 +53,22 @@ def sphere(diameter: float, place: ArrayLike, step: float) -> Balls:
     s = max(diameter / _FINE, _FINEST * step)
     grid, share = _covered(diameter, s, 3)
     return _balls(np.asarray(place, np.float64) + grid, s, share)
+
+
+def gaussian_cylinder(fwhm: float, place: ArrayLike, direction: ArrayLike, half_length: float, step: float) -> Balls:
+    """Return a straight cylinder with a Gaussian profile of peak 1; parameters as of :func:`cylinder`."""
+    s = max(fwhm / _FWHM, _FINEST * step)
+    along = np.asarray(direction, np.float64) / np.linalg.norm(direction)
+    count = int(np.ceil(half_length / (_PITCH * s)))
+    centres = np.asarray(place, np.float64) + np.arange(-count, count + 1)[:, None] * _PITCH * s * along
+    below = centres[:, 2] > 0
+    amplitude = _PITCH / np.sqrt(2 * np.pi)
+    return Balls(centres[below], np.full(int(below.sum()), s), np.full(int(below.sum()), amplitude))
+
+
+def gaussian_sphere(fwhm: float, place: ArrayLike, step: float) -> Balls:
+    """Return one Gaussian ball of peak 1; parameters as of :func:`cylinder`."""
+    return Balls(np.asarray([place], np.float64), np.array([max(fwhm / _FWHM, _FINEST * step)]), np.ones(1))
 
 
 def _balls(centres: Array, s: float, amplitudes: Array) -> Balls:

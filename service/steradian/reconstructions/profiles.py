@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,12 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 from steradian.imaging import Volume
 
 Array = NDArray[np.float64]
+Profile: TypeAlias = tuple[Array, Array]
+"""Distances in m from a line's start, and values there."""
 _MOST_SAMPLES = 4096
 _ELONGATED = 6.0
 _REACH = 2.5
 
 
-def profile(volume: Volume, start: ArrayLike, end: ArrayLike) -> tuple[Array, Array]:
+def profile(volume: Volume, start: ArrayLike, end: ArrayLike) -> Profile:
     """Return the values along a line, by cubic convolution (R. Keys, 1981), at most half the finest voxel apart.
 
     Parameters

@@ -1,15 +1,15 @@
 """Width of an object in a reconstruction, with the point spread at its place and the diameter corrected for it.
 
 The image of a vessel is wider than the vessel by the mask's own point spread, and narrower or wider by the limited
-view. Neither adds up in squares, so a model is measured instead: A-lines of a uniform cylinder along the vessel, or of
-a uniform sphere, are computed at the scan's own sensors and times, reconstructed with the same parameters and measured
-along the same line. The corrected diameter is that at which the model's image is as wide as the measured one.
+view. Neither adds up in squares, so objects are simulated instead (:mod:`steradian.reconstructions.simulated_object`):
+the corrected diameter is that at which the image of a simulated object is as wide as the measured one. Of a uniform and
+a Gaussian object that one counts whose image has the more similar profile.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,17 +17,12 @@ from numpy.typing import NDArray
 
 from steradian.errors import InvalidInput
 from steradian.imaging import Volume
-from steradian.imaging.conditioning import Conditioning
-from steradian.phantoms.round import cylinder, sphere
 from steradian.progress import IsCancelled, Progress
 from steradian.quality.width import Width, find_width
-from steradian.reconstructions.film import Film
-from steradian.reconstructions.job import reconstruct_recording
-from steradian.reconstructions.options import extent_of, sound_speed_of
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.profiles import direction_at, profile
+from steradian.reconstructions.profiles import Profile, profile
 from steradian.reconstructions.scan import Scan
-from steradian.reconstructions.shots import ShotTreatment, even_out
+from steradian.reconstructions.simulated_object import EDGES, Edge, SimulatedObject, Steps
 from steradian.scans.opening import open_recording
 from steradian.scans.recording import Recording
 
@@ -36,9 +31,11 @@ Place = Sequence[float]
 LEAST_RATIO = 1.1
 """Below so many times the point spread a measured width tells an upper limit of the diameter only."""
 _CLOSE = 0.005
-_TRIES = 4
-_HALF_LENGTH = 6.0
-_AROUND = 8.0
+_TRIES = 12
+_WIDER = 1.3
+_COMPARED = 1.5
+"""Widths to either side within which profiles are compared."""
+_NONE_FITS = "no diameter's image is as wide as this at this place"
 _FROM_A_LINE = "the recording is of a line of sensors, of which the point spread is not simulated"
 
 
@@ -83,14 +80,15 @@ def measure_width(
         When ``cancelled`` said so.
     """
     line = _checked_line(volume, start, end)
-    measured = find_width(*profile(volume, *line))
+    found = profile(volume, *line)
+    measured = find_width(*found)
     if measured is None:
         raise InvalidInput("end", tuple(end), "the end of a line across one object, with what lies beside it")
     recording = _recording(scan, frame)
     if volume.dimensions == 2:
         return replace(measured, reason=_FROM_A_LINE)
-    model = _Model.of(volume, recording, parameters or ReconstructionParameters(), line, measured)
-    return model.correct(measured, progress, cancelled)
+    simulated = SimulatedObject.at(volume, recording, parameters or ReconstructionParameters(), line, measured)
+    return _corrected(simulated, measured, found, Steps(progress, cancelled))
 
 
 def _checked_line(volume: Volume, start: Place, end: Place) -> tuple[Array, Array]:
@@ -115,106 +113,72 @@ def _recording(scan: Scan | Recording | str | Path, frame: int | None) -> Record
     return scan.recording(frame) if isinstance(scan, Scan) else open_recording(Path(scan), frame or 0)
 
 
-@dataclass(frozen=True)
-class _Model:
-    """An object of any diameter at the measured place, sensed and reconstructed as the scan was."""
-
-    recording: Recording
-    parameters: ReconstructionParameters
-    line: tuple[Array, Array]
-    place: Array
-    direction: Array | None
-    half_length: float
-    amplitude: float
-    step: float
-
-    @classmethod
-    def of(
-        cls,
-        volume: Volume,
-        recording: Recording,
-        parameters: ReconstructionParameters,
-        line: tuple[Array, Array],
-        measured: Width,
-    ) -> _Model:
-        recording, _ = even_out(recording, parameters.shots)
-        along = (line[1] - line[0]) / np.linalg.norm(line[1] - line[0])
-        place = line[0] + measured.centre * along
-        around = _AROUND * measured.fwhm
-        speed = sound_speed_of(recording, parameters)
-        step = speed * recording.sampling_interval
-        deepest = (extent_of(recording, parameters).end - 1) * step
-        ends = (float(line[0][2]), float(line[1][2]))
-        depths = (max(0.0, min(ends) - around), min(deepest, max(ends) + around))
-        local = parameters.model_copy(
-            update={
-                "depth_range": depths,
-                "sound_speed": speed,
-                "film": Film(),
-                "shots": ShotTreatment(),
-                "conditioning": Conditioning(band=parameters.conditioning.band, delay=parameters.conditioning.delay),
-            }
-        )
-        direction = direction_at(volume, place, measured.fwhm)
-        half_length = _HALF_LENGTH * measured.fwhm
-        return cls(recording, local, line, place, direction, half_length, measured.height, step)
-
-    @property
-    def shape(self) -> str:
-        """Name of the object's shape."""
-        return "sphere" if self.direction is None else "cylinder"
-
-    def width(self, diameter: float, progress: Progress | None, cancelled: IsCancelled | None) -> float:
-        """Return the width of the image of an object of a diameter in metres; not a number where it has none."""
-        from steradian.phantoms.forward import pressure
-
-        balls = (
-            sphere(diameter, self.place, self.step)
-            if self.direction is None
-            else cylinder(diameter, self.place, self.direction, self.half_length, self.step)
-        )
-        recording = self.recording
-        traces = pressure(
-            balls,
-            recording.positions,
-            samples=recording.traces.shape[1],
-            sampling_interval=recording.sampling_interval,
-            sound_speed=float(self.parameters.sound_speed or 0),
-            time_zero=recording.time_zero + self.parameters.conditioning.delay,
-            progress=progress,
-            cancelled=cancelled,
-        )
-        made = replace(recording, traces=traces, scale=1.0, shots=None)
-        volume = reconstruct_recording(made, self.parameters, progress=progress, cancelled=cancelled)
-        found = find_width(*profile(volume, *self.line))
-        return float("nan") if found is None else found.fwhm
-
-    def correct(self, measured: Width, progress: Progress | None, cancelled: IsCancelled | None) -> Width:
-        """Find the diameter whose image is as wide as the measured one."""
-        spread = self.width(0.0, progress, cancelled)
-        about = replace(measured, point_spread=spread, shape=self.shape)
-        if not np.isfinite(spread):
-            return replace(about, point_spread=None, reason="the point spread at this place has no width of its own")
-        resolved = measured.fwhm >= LEAST_RATIO * spread
-        wanted = measured.fwhm if resolved else LEAST_RATIO * spread
-        found = self._diameter(wanted, spread, progress, cancelled)
-        if found is None:
-            return replace(about, reason="no diameter's image is as wide as this at this place")
-        if resolved:
-            return replace(about, corrected=found, reason="")
+def _corrected(simulated: SimulatedObject, measured: Width, found: Profile, steps: Steps) -> Width:
+    """Add the point spread, and the diameter of the simulated object whose image is as wide as the measured one."""
+    thin = simulated.image("Gaussian", 0.0, measured.height, steps)
+    spread = find_width(*thin)
+    about = replace(measured, shape=simulated.shape)
+    if spread is None:
+        return replace(about, reason="the point spread at this place has no width of its own")
+    about = replace(about, point_spread=spread.fwhm)
+    if measured.fwhm < LEAST_RATIO * spread.fwhm:
+        most = _diameter(simulated, "uniform", LEAST_RATIO * spread.fwhm, measured.height, spread.fwhm, steps)
+        if most is None:
+            return replace(about, reason=_NONE_FITS)
         why = f"the image is not wider than {LEAST_RATIO:g} times the point spread: the diameter is at most at_most"
-        return replace(about, at_most=found, reason=why)
+        return replace(about, at_most=most[0], reason=why)
+    fits = []
+    for edge in EDGES:
+        fit = _diameter(simulated, edge, measured.fwhm, measured.height, spread.fwhm, steps)
+        if fit is not None:
+            fits.append((_unlike(found, fit[1], measured), fit[0], edge))
+    if not fits:
+        return replace(about, reason=_NONE_FITS)
+    _, diameter, edge = min(fits)
+    return replace(about, corrected=diameter, shape=f"{edge} {simulated.shape}", reason="")
 
-    def _diameter(
-        self, wanted: float, spread: float, progress: Progress | None, cancelled: IsCancelled | None
-    ) -> float | None:
-        """Solve for the diameter; the squares of widths grow nearly evenly with the diameter's."""
-        diameter = float(np.sqrt(wanted**2 - spread**2))
-        for _ in range(_TRIES):
-            got = self.width(diameter, progress, cancelled)
-            if not (np.isfinite(got) and got > spread):
-                return None
-            if abs(got - wanted) < _CLOSE * wanted:
-                return diameter
-            diameter *= float(np.sqrt((wanted**2 - spread**2) / (got**2 - spread**2)))
-        return diameter
+
+def _diameter(
+    simulated: SimulatedObject, edge: Edge, wanted: float, height: float, spread: float, steps: Steps
+) -> tuple[float, Profile] | None:
+    """Solve for the diameter whose image is ``wanted`` wide, by regula falsi (Illinois) in a bracket found first.
+
+    Noise is scaled by the image's own height, which the amplitude follows. ``None`` where no diameter fits.
+    """
+    diameter = float(np.sqrt(max(wanted**2 - spread**2, 0.0))) or wanted / 2
+    amplitude, low, high = height, (0.0, spread - wanted), None
+    best: tuple[float, Profile] | None = None
+    last = 0
+    for _ in range(_TRIES):
+        image = simulated.image(edge, diameter, amplitude, steps)
+        got = find_width(*image)
+        if got is None:
+            return None
+        error, best = got.fwhm - wanted, (diameter, image)
+        amplitude *= float(np.clip(height / got.height, 0.5, 2.0))
+        if abs(error) < _CLOSE * wanted:
+            return best
+        if error < 0:
+            low, high = (diameter, error), _halved(high, last < 0)
+        else:
+            high, low = (diameter, error), (low[0], low[1] / 2 if last > 0 else low[1])
+        last = -1 if error < 0 else 1
+        if high is None:
+            diameter *= _WIDER
+            continue
+        if high[0] - low[0] < _CLOSE * wanted:
+            return best
+        diameter = low[0] + (high[0] - low[0]) * low[1] / (low[1] - high[1])
+    return best if high is not None else None
+
+
+def _halved(end: tuple[float, float] | None, stays: bool) -> tuple[float, float] | None:
+    return (end[0], end[1] / 2) if stays and end is not None else end
+
+
+def _unlike(one: Profile, other: Profile, measured: Width) -> float:
+    """Return the relative residual of a profile fitted by another one times a factor, around the object."""
+    near = np.abs(one[0] - measured.centre) < _COMPARED * measured.fwhm
+    values, model = one[1][near], np.interp(one[0][near], *other)
+    factor = float(values @ model) / max(float(model @ model), 1e-300)
+    return float(np.linalg.norm(values - factor * model) / np.linalg.norm(values))
