@@ -31,7 +31,8 @@ class Width:
         widened by the point spread, or narrowed by the limited view.
     repeatability
         Standard deviation of ``fwhm`` under the noise beside the peak. It is no accuracy: it contains neither the point
-        spread nor the limited view. ``None`` where fewer than 8 samples beside the peak tell the noise.
+        spread nor the limited view. ``None`` where fewer than 8 samples beside the peak tell the noise, or most of them
+        are equal, as in non-negative images.
     base
         Level that the height is counted from.
     height
@@ -116,7 +117,7 @@ def find_width(at: Array, values: Array, base: float | None = None) -> Width | N
     error = None
     if len(beside) >= FEWEST_BESIDE:
         noise = 1.4826 * float(np.median(np.abs(beside - np.median(beside))))
-        error = noise * float(np.linalg.norm([1 / rise, 1 / fall, 0.5 * (1 / rise + 1 / fall)]))
+        error = noise * float(np.linalg.norm([1 / rise, 1 / fall, 0.5 * (1 / rise + 1 / fall)])) or None
     height = float(values[top]) - level
     return Width(right - left, error, level, height, (left + right) / 2, left, right)
 

@@ -58,6 +58,8 @@ class SimulatedObject:
     ----------
     recording, parameters
         The scan, and how its image was made, limited to the depths around the place; the film counts as corrected.
+    measured
+        The same with the film and what is done to the A-lines before.
     line
         Start and end of the measured profile, x, y, z in m.
     place, direction
@@ -73,6 +75,7 @@ class SimulatedObject:
 
     recording: Recording
     parameters: ReconstructionParameters
+    measured: ReconstructionParameters
     line: tuple[Array, Array]
     place: Array
     direction: Array | None
@@ -99,12 +102,12 @@ class SimulatedObject:
         deepest = (extent_of(recording, parameters).end - 1) * step
         ends = (float(line[0][2]), float(line[1][2]))
         depths = (max(0.0, min(ends) - around), min(deepest, max(ends) + around))
-        local = parameters.model_copy(
+        own = parameters.model_copy(
+            update={"depth_range": depths, "sound_speed": speed, "shots": ShotTreatment()},
+        )
+        local = own.model_copy(
             update={
-                "depth_range": depths,
-                "sound_speed": speed,
                 "film": Film(),
-                "shots": ShotTreatment(),
                 "conditioning": Conditioning(band=parameters.conditioning.band, delay=parameters.conditioning.delay),
             }
         )
@@ -114,12 +117,24 @@ class SimulatedObject:
             noise = signal_band(np.asarray(recording.traces), recording.sampling_interval)[1]
             noise *= float(np.mean(np.abs(recording.scale)))
         half_length = max(_HALF_LENGTH[0] * measured.fwhm, _HALF_LENGTH[1])
-        return cls(recording, local, line, place, direction, half_length, noise, step)
+        return cls(recording, local, own, line, place, direction, half_length, noise, step)
 
     @property
     def shape(self) -> str:
         """Name of the object's shape."""
         return "sphere" if self.direction is None else "cylinder"
+
+    def direct(self) -> SimulatedObject | None:
+        """Return the same imaged by the direct method; ``None`` where that is the method already."""
+        if self.parameters.method != "iterative":
+            return None
+        one, other = (each.model_copy(update={"method": "nedner"}) for each in (self.parameters, self.measured))
+        return replace(self, parameters=one, measured=other, noise=0.0)
+
+    def measured_profile(self, steps: Steps) -> Profile:
+        """Return the profile of the scan's own image along the line."""
+        steps.next()
+        return profile(reconstruct_recording(self.recording, self.measured, cancelled=steps.cancelled), *self.line)
 
     def image(self, edge: Edge, diameter: float, amplitude: float, steps: Steps) -> Profile:
         """Return the profile of the image of an object of a diameter (m) and an initial pressure, along the line."""

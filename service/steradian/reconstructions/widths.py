@@ -128,7 +128,7 @@ def _corrected(simulated: SimulatedObject, measured: Width, found: Profile, step
         why = f"the image is not wider than {LEAST_RATIO:g} times the point spread: the diameter is at most at_most"
         return replace(about, at_most=most[0], reason=why)
     fits = []
-    for edge in EDGES:
+    for edge in _edges(simulated, measured, steps):
         fit = _diameter(simulated, edge, measured.fwhm, measured.height, spread.fwhm, steps)
         if fit is not None:
             fits.append((_unlike(found, fit[1], measured), fit[0], edge))
@@ -136,6 +136,26 @@ def _corrected(simulated: SimulatedObject, measured: Width, found: Profile, step
         return replace(about, reason=_NONE_FITS)
     _, diameter, edge = min(fits)
     return replace(about, corrected=diameter, shape=f"{edge} {simulated.shape}", reason="")
+
+
+def _edges(simulated: SimulatedObject, measured: Width, steps: Steps) -> tuple[Edge, ...]:
+    """Return the edges that come into question.
+
+    An iterative image of a narrow object tells no edge, as it has hardly more than one voxel; a direct one does.
+    """
+    direct = simulated.direct()
+    if direct is None:
+        return EDGES
+    found = direct.measured_profile(steps)
+    width, thin = find_width(*found), find_width(*direct.image("Gaussian", 0.0, measured.height, steps))
+    if width is None or thin is None or width.fwhm < LEAST_RATIO * thin.fwhm:
+        return EDGES
+    fits = []
+    for edge in EDGES:
+        fit = _diameter(direct, edge, width.fwhm, width.height, thin.fwhm, steps)
+        if fit is not None:
+            fits.append((_unlike(found, fit[1], width), edge))
+    return (min(fits)[1],) if fits else EDGES
 
 
 def _diameter(
