@@ -9,7 +9,7 @@ a Gaussian object that one counts whose image has the more similar profile.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -114,48 +114,67 @@ def _recording(scan: Scan | Recording | str | Path, frame: int | None) -> Record
 
 
 def _corrected(simulated: SimulatedObject, measured: Width, found: Profile, steps: Steps) -> Width:
-    """Add the point spread, and the diameter of the simulated object whose image is as wide as the measured one."""
-    thin = simulated.image("Gaussian", 0.0, measured.height, steps)
-    spread = find_width(*thin)
+    """Add the point spread, and the diameter of the simulated object whose image is as wide as the measured one.
+
+    An iterative image of a narrow object, hardly more than a voxel wide, tells nothing of the object's edge, and its
+    width jumps with the noise. The direct image of the same A-lines tells the edge, and the mean of both diameters is
+    nearer to the truth than either.
+    """
     about = replace(measured, shape=simulated.shape)
+    spread = _spread(simulated, measured, steps)
     if spread is None:
         return replace(about, reason="the point spread at this place has no width of its own")
-    about = replace(about, point_spread=spread.fwhm)
-    if measured.fwhm < LEAST_RATIO * spread.fwhm:
-        most = _diameter(simulated, "uniform", LEAST_RATIO * spread.fwhm, measured.height, spread.fwhm, steps)
+    about = replace(about, point_spread=spread)
+    if measured.fwhm < LEAST_RATIO * spread:
+        most = _diameter(simulated, "uniform", LEAST_RATIO * spread, measured.height, spread, steps)
         if most is None:
             return replace(about, reason=_NONE_FITS)
         why = f"the image is not wider than {LEAST_RATIO:g} times the point spread: the diameter is at most at_most"
         return replace(about, at_most=most[0], reason=why)
-    fits = []
-    for edge in _edges(simulated, measured, steps):
-        fit = _diameter(simulated, edge, measured.fwhm, measured.height, spread.fwhm, steps)
-        if fit is not None:
-            fits.append((_unlike(found, fit[1], measured), fit[0], edge))
-    if not fits:
+    other = _direct_fit(simulated, steps)
+    fit = _best(simulated, measured, found, spread, EDGES if other is None else (other.edge,), steps)
+    if fit is None:
         return replace(about, reason=_NONE_FITS)
-    _, diameter, edge = min(fits)
-    return replace(about, corrected=diameter, shape=f"{edge} {simulated.shape}", reason="")
+    diameter = fit.diameter if other is None else float(np.sqrt(fit.diameter * other.diameter))
+    return replace(about, corrected=diameter, shape=f"{fit.edge} {simulated.shape}", reason="")
 
 
-def _edges(simulated: SimulatedObject, measured: Width, steps: Steps) -> tuple[Edge, ...]:
-    """Return the edges that come into question.
+def _spread(simulated: SimulatedObject, measured: Width, steps: Steps) -> float | None:
+    found = find_width(*simulated.image("Gaussian", 0.0, measured.height, steps))
+    return None if found is None else found.fwhm
 
-    An iterative image of a narrow object tells no edge, as it has hardly more than one voxel; a direct one does.
-    """
+
+@dataclass(frozen=True, order=True, slots=True)
+class _Fit:
+    """A simulated object whose image is as wide as the measured one, by how unlike the profiles are."""
+
+    unlike: float
+    diameter: float
+    edge: Edge
+
+
+def _direct_fit(simulated: SimulatedObject, steps: Steps) -> _Fit | None:
+    """Return the fit of the direct image of an iterative one; ``None`` of a direct one, or where nothing fits."""
     direct = simulated.direct()
     if direct is None:
-        return EDGES
+        return None
     found = direct.measured_profile(steps)
-    width, thin = find_width(*found), find_width(*direct.image("Gaussian", 0.0, measured.height, steps))
-    if width is None or thin is None or width.fwhm < LEAST_RATIO * thin.fwhm:
-        return EDGES
+    width = find_width(*found)
+    spread = None if width is None else _spread(direct, width, steps)
+    if width is None or spread is None or width.fwhm < LEAST_RATIO * spread:
+        return None
+    return _best(direct, width, found, spread, EDGES, steps)
+
+
+def _best(
+    simulated: SimulatedObject, measured: Width, found: Profile, spread: float, edges: tuple[Edge, ...], steps: Steps
+) -> _Fit | None:
     fits = []
-    for edge in EDGES:
-        fit = _diameter(direct, edge, width.fwhm, width.height, thin.fwhm, steps)
-        if fit is not None:
-            fits.append((_unlike(found, fit[1], width), edge))
-    return (min(fits)[1],) if fits else EDGES
+    for edge in edges:
+        solved = _diameter(simulated, edge, measured.fwhm, measured.height, spread, steps)
+        if solved is not None:
+            fits.append(_Fit(_unlike(found, solved[1], measured), solved[0], edge))
+    return min(fits, default=None)
 
 
 def _diameter(
