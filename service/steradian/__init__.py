@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     )
     from steradian.plans import ScanPlan
     from steradian.reconstructions.scan import Scan
+    from steradian.reconstructions.widths import measure_width
     from steradian.scans.frames import FrameChoice
 
 __version__ = "0.1.0"
@@ -43,6 +44,7 @@ _HOMES = {
     "equiangular_mask": "steradian.masks",
     "grid_mask": "steradian.masks",
     "hexagonal_mask": "steradian.masks",
+    "measure_width": "steradian.reconstructions.widths",
     "open": "steradian.files",
     "reconstruct": "steradian.imaging",
 }
@@ -63,6 +65,7 @@ __all__ = [
     "equiangular_mask",
     "grid_mask",
     "hexagonal_mask",
+    "measure_width",
     "quality",
     "reconstruct",
 ]  # and open, which would take the place of Python's own in "from steradian import *"

@@ -10,7 +10,7 @@ from playwright.sync_api import expect
 
 import steradian
 from steradian_client import Client
-from support.recordings import INTERVAL, SOUND_SPEED, ball
+from support.recordings import INTERVAL, RADIUS, SOUND_SPEED, ball
 from support.views import AXES, crosshair, drawn, figure, pixel_of, spacing
 
 PLACE = (0.3, -0.15, 1.2)
@@ -171,6 +171,20 @@ def test_a_speed_stands_with_its_error_before_its_unit(service, open_page, made)
     page.click("[data-tab='Speed']")
     expect(page.get_by_text("Best fit at 1500.2 ± 0.2 m/s")).to_be_visible()
     expect(page.get_by_text(f"Dashed: this volume's, {SOUND_SPEED:.1f} m/s")).to_be_visible()
+
+
+def test_a_ball_s_corrected_width_is_its_own(page):
+    """The width of the image is shown with the point spread there and with the diameter of the ball behind it."""
+    x, y, z = PLACE
+    page = page(f"#at={x},{y},{z}&slab=0,0,0&tool=line&line=z,{x - 0.9},{y},{x + 0.9},{y}")
+    page.click("[data-tab='Measure']")
+    page.get_by_role("button", name="Point spread and corrected diameter").click()
+    told = page.locator("[data-width] dl")
+    expect(told).to_contain_text("as a Gaussian sphere", timeout=120_000)
+    text = told.inner_text()
+    corrected = float(re.search(r"Corrected\s+([\d.]+) µm", text)[1])
+    assert corrected == pytest.approx(2 * (2 * np.log(2)) ** 0.5 * 1e6 * RADIUS, rel=0.06)
+    assert float(re.search(r"Point spread\s+([\d.]+) µm", text)[1]) < corrected
 
 
 def test_a_mask_is_designed_around_what_one_points_at(service, page, made):

@@ -52,7 +52,7 @@ OfPlan: TypeAlias = Annotated[str | None, _one("of this plan", "p0123456789abcde
 OfScan: TypeAlias = Annotated[str | None, _one("of this scan", "s01jz0000000000000000000000")]
 OfBatch: TypeAlias = Annotated[str | None, _one("of this batch", "b01jz0000000000000000000000")]
 JobKind: TypeAlias = Annotated[
-    Literal["reconstruction", "live", "what-if", "sound-speed", "quality", "export", "import"] | None,
+    Literal["reconstruction", "live", "what-if", "sound-speed", "quality", "width", "export", "import"] | None,
     Query(description="Only this kind"),
 ]
 VolumeKind: TypeAlias = Annotated[

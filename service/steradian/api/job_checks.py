@@ -15,6 +15,7 @@ from steradian.jobs.requests import (
     QualityRequest,
     ReconstructionRequest,
     SoundSpeedRequest,
+    WidthRequest,
     WorkRequest,
 )
 from steradian.reconstructions.levels import stored_bytes
@@ -87,6 +88,8 @@ def check_work(services: Services, wanted: WorkRequest) -> Cost:
             _check_size(services, _measured(services, wanted.scan_id), wanted.parameters)
         case QualityRequest():
             _check_pair(services, wanted)
+        case WidthRequest():
+            _check_width(services, wanted)
         case ExportRequest(scan_id=str(scan_id)):
             scan, found = _measured(services, scan_id), services.arrays.stat(scan_name(scan_id))
             return Cost(scan_bytes(services.plans.get(scan.plan_id)) if found is None else found.size)
@@ -200,6 +203,18 @@ def _measured(services: Services, scan_id: str) -> ScanRow:
         raise NotReady(f"scan {scan_id} is {scan.state}; it can be used when it is over")
     _check_alines(services, scan)
     return scan
+
+
+def _check_width(services: Services, wanted: WidthRequest) -> None:
+    row = services.reconstructions.get(wanted.reconstruction_id)
+    if row.scan_id != wanted.scan_id:
+        raise InvalidInput("scan_id", wanted.scan_id, f"the reconstruction's, {row.scan_id}")
+    if services.ledger.status(wanted.reconstruction_id).kind == "what-if":
+        raise InvalidInput("reconstruction_id", wanted.reconstruction_id, "one of all A-lines, no what-if")
+    scan = _measured(services, wanted.scan_id)
+    if services.masks.is_line(scan.mask_id):
+        raise InvalidInput("reconstruction_id", wanted.reconstruction_id, "one of a plane of sensors, not of a line")
+    existing_volume(services, wanted.reconstruction_id, "reconstruction_id")
 
 
 def _check_pair(services: Services, wanted: QualityRequest) -> None:

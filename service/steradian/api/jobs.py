@@ -1,4 +1,4 @@
-"""``/jobs``: everything in the queue, and work beyond reconstructions: sound speed, quality, export and import."""
+"""``/jobs``: everything in the queue, and work beyond reconstructions: sound speed, quality, width, export, import."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ async def create_job(
     key: OptionalKey,
     wait: Wait,
 ) -> Response:
-    """Queue a scan over the speed of sound, a comparison, an export or an import, told apart by ``kind``.
+    """Queue a search of the speed of sound, a comparison, a width, an export or an import, told apart by ``kind``.
 
     Reconstructions, also those through another mask, are queued by POST /reconstructions and POST /batches.
     """

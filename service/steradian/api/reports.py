@@ -177,6 +177,23 @@ class ReportView(Figures):
     files: list[str] | None = Field(default=None, description="Names of the files it left")
 
 
+class ObjectWidth(Figures):
+    """A full width at half maximum along a line, and what it says of the object."""
+
+    fwhm: float | None = Field(default=None, description="As the image shows it (m)")
+    repeatability: float | None = Field(default=None, description="Of fwhm under the noise (m); no accuracy")
+    point_spread: float | None = Field(default=None, description="Width of the image of a thin object there (m)")
+    corrected: float | None = Field(default=None, description="Diameter whose image is as wide as fwhm (m)")
+    at_most: float | None = Field(default=None, description="Largest diameter, where it is as wide as a thin one (m)")
+    shape: str | None = Field(default=None, description="What was simulated", examples=["uniform cylinder"])
+    reason: str | None = Field(default=None, description="Why there is no corrected diameter")
+    base: float | None = Field(default=None, description="Level beside the object")
+    height: float | None = Field(default=None, description="Of the peak above it")
+    centre: float | None = Field(default=None, description="Distance of the object from start (m)")
+    left: float | None = Field(default=None, description="Where the profile rises to a half (m from start)")
+    right: float | None = Field(default=None, description="Where it falls to a half (m from start)")
+
+
 class SoundSpeedView(Figures):
     """The speed of sound at which a scan is fitted best, and the sharpness of images over the speed."""
 
@@ -196,6 +213,12 @@ class ComparisonView(Figures):
     figures: dict[str, float | None] | None = Field(
         default=None, description="Correlations, sharpness and error", examples=[{"volume_correlation": 0.48}]
     )
+
+
+class WidthView(Figures):
+    """The width of an object in an image."""
+
+    width: ObjectWidth | None = Field(default=None, description="Width, point spread and corrected diameter")
 
 
 class ExportView(Figures):
@@ -224,11 +247,12 @@ class ImageView(Figures):
     modes: int | None = None
 
 
-Result: TypeAlias = SoundSpeedView | ComparisonView | ExportView | ImportView | ReportView
+Result: TypeAlias = SoundSpeedView | ComparisonView | WidthView | ExportView | ImportView | ReportView
 """What a job found."""
 _RESULTS: dict[str, type[Result]] = {
     "sound-speed": SoundSpeedView,
     "quality": ComparisonView,
+    "width": WidthView,
     "export": ExportView,
     "import": ImportView,
 }

@@ -20,6 +20,7 @@ from steradian.cli import (
     key,
     look,
     mask,
+    measure,
     plan,
     reconstruct,
     scaling,
@@ -46,7 +47,8 @@ EXIT_CODES: dict[type[SteradianError], int] = {
 """Exit code of each kind of error; 1 for any other, 0 for success."""
 
 ORDER = (
-    *("mask", "plan", "scan", "scanner", "look", "reconstruct", "what-if", "sound-speed", "import", "export"),
+    *("mask", "plan", "scan", "scanner", "look", "reconstruct"),
+    *("what-if", "sound-speed", "measure", "import", "export"),
     *("demo", "benchmark", "serve", "api", "acquisition", "worker", "key", "storage", "check", "backup", "restore"),
 )
 """Commands as help lists them: in the order of the work."""
@@ -80,6 +82,7 @@ app.command("look")(look.look)
 app.command("reconstruct")(reconstruct.reconstruct)
 app.command("what-if")(what_if.what_if)
 app.command("sound-speed")(sound_speed.sound_speed)
+app.command("measure")(measure.measure)
 app.command("import")(importing.import_)
 app.command("export")(exporting.export)
 benchmark.app.command("scale")(scaling.scale)

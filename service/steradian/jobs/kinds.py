@@ -53,6 +53,7 @@ KINDS: Final[Mapping[str, JobKind]] = MappingProxyType(
         "what-if": JobKind(requests.ReconstructionRequest, tasks.look_through, "reconstruction"),
         "sound-speed": JobKind(requests.SoundSpeedRequest, tasks.scan_speeds),
         "quality": JobKind(requests.QualityRequest, tasks.compare_volumes),
+        "width": JobKind(requests.WidthRequest, tasks.measure_object),
         "export": JobKind(requests.ExportRequest, tasks.export),
         "import": JobKind(requests.ImportRequest, tasks.import_recording),
     }

@@ -43,6 +43,13 @@ EXAMPLES: dict[str, Any] = {
         "reconstruction_id": "r01jz0000000000000000000000",
         "reference_id": "r01jz0000000000000000000001",
     },
+    "width": {
+        "kind": "width",
+        "scan_id": "s01jz0000000000000000000000",
+        "reconstruction_id": "r01jz0000000000000000000000",
+        "start": [-1e-3, 0, 2.5e-3],
+        "end": [1e-3, 0, 2.5e-3],
+    },
     "export": {"kind": "export", "reconstruction_id": "r01jz0000000000000000000000", "format": "nifti"},
     "import": {"kind": "import", "upload_id": "u01jz0000000000000000000000", "labels": {"from": "k-Wave"}},
 }
@@ -79,18 +86,9 @@ class Through(Value):
     )
 
 
-class ReconstructionRequest(Request):
-    """What to reconstruct and how."""
+class OfFrames(Request):
+    """Choice of a scan's frames."""
 
-    model_config = ConfigDict(json_schema_extra={"examples": RECONSTRUCTION_EXAMPLES})
-
-    scan_id: Identifier = Field(description="Identifier of the scan")
-    parameters: ReconstructionParameters = ReconstructionParameters()
-    follow: bool = Field(
-        default=False, description="Begin while the scan runs: a revision every few seconds, the whole at its end"
-    )
-    interval: float = quantity("s", "Between two revisions while following", ge=0.2, le=3600, default=2.0)
-    through: Through | None = Field(default=None, description="Another mask, of a scan that is over")
     frame: int | None = Field(
         default=None,
         ge=0,
@@ -102,6 +100,25 @@ class ReconstructionRequest(Request):
     average: bool = Field(
         default=False, description="The mean of all frames, or of those at the wavelength; they must have one"
     )
+
+    @property
+    def frames(self) -> FrameChoice:
+        """The frames that the image is made of."""
+        return FrameChoice(self.frame, self.wavelength, self.average)
+
+
+class ReconstructionRequest(OfFrames):
+    """What to reconstruct and how."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": RECONSTRUCTION_EXAMPLES})
+
+    scan_id: Identifier = Field(description="Identifier of the scan")
+    parameters: ReconstructionParameters = ReconstructionParameters()
+    follow: bool = Field(
+        default=False, description="Begin while the scan runs: a revision every few seconds, the whole at its end"
+    )
+    interval: float = quantity("s", "Between two revisions while following", ge=0.2, le=3600, default=2.0)
+    through: Through | None = Field(default=None, description="Another mask, of a scan that is over")
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -115,11 +132,6 @@ class ReconstructionRequest(Request):
             raise InvalidInput("parameters.shots.bad_lines", treatment, "keep while following")
         FrameChoice(self.frame, self.wavelength, self.average)
         return self
-
-    @property
-    def frames(self) -> FrameChoice:
-        """The frames that the image is made of."""
-        return FrameChoice(self.frame, self.wavelength, self.average)
 
     @property
     def kind(self) -> Literal["reconstruction", "live", "what-if"]:
@@ -160,6 +172,28 @@ class QualityRequest(Request):
     threshold: float = quantity(
         "share", "Of the reference's maximum, from which a voxel is of interest", ge=0, lt=1, default=0.04
     )
+
+
+Place: TypeAlias = Annotated[tuple[float, ...], Field(min_length=3, max_length=3)]
+
+
+class WidthRequest(OfFrames):
+    """Measure an object's width in a reconstruction, with the point spread at its place and a corrected diameter."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [EXAMPLES["width"]]})
+
+    kind: Literal["width"] = "width"
+    scan_id: Identifier = Field(description="Identifier of the scan that the reconstruction was made of")
+    reconstruction_id: Identifier = Field(description="Identifier of the reconstruction, of a plane of sensors")
+    start: Place = Field(description="x, y, z of the start of a line across the object (m)")
+    end: Place = Field(description="x, y, z of its end (m)")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.start == self.end:
+            raise InvalidInput("end", self.end, "another place than start")
+        FrameChoice(self.frame, self.wavelength, self.average)
+        return self
 
 
 class ExportRequest(Request):
@@ -210,7 +244,7 @@ def check_described(description: dict[str, Any] | None) -> None:
         raise InvalidInput("description.positions", "a name", "numbers, or a file sent as companion_id")
 
 
-WorkRequest: TypeAlias = SoundSpeedRequest | QualityRequest | ExportRequest | ImportRequest
+WorkRequest: TypeAlias = SoundSpeedRequest | QualityRequest | WidthRequest | ExportRequest | ImportRequest
 """What may be asked for as a job of its own; reconstructions are resources of their own."""
 
 

@@ -183,6 +183,27 @@ def compare_volumes(work: Work, job: requests.QualityRequest) -> dict[str, Any]:
     return {"figures": whole, "files": ["quality.json"]}
 
 
+def measure_object(work: Work, job: requests.WidthRequest) -> dict[str, Any]:
+    """Measure the width of an object in a volume, and correct it for the point spread."""
+    from steradian.reconstructions.volume_file import read_parameters, read_volume
+    from steradian.reconstructions.widths import measure_width
+    from steradian.scans.opening import open_recording
+
+    file = work.arrays.open(result_name(job.reconstruction_id, VOLUME))
+    found = measure_width(
+        read_volume(file),
+        open_recording(work.scan(job.scan_id), job.frames),
+        job.start,
+        job.end,
+        parameters=read_parameters(file),
+        progress=work.progress,
+    )
+    whole = {"width": plain(asdict(found))}
+    with draft(work.folder / "width.json") as beside:
+        beside.write_text(json.dumps(whole, indent=2) + "\n")
+    return whole | {"files": ["width.json"]}
+
+
 def export(work: Work, job: requests.ExportRequest) -> dict[str, Any]:
     """Write a volume or scan in another format; a format that is a folder is packed into a zip archive."""
     wanted = work.folder / f"{job.reconstruction_id or job.scan_id}{requests.SUFFIXES[job.format]}"

@@ -9,9 +9,11 @@ from steradian.quality.pearson import correlation
 from steradian.quality.regions import disc, of_interest, rectangle
 from steradian.quality.sharpness import sobel, tenenbaum
 from steradian.quality.spread import Spread, direct_fwhm, edge_spread, line_spread
+from steradian.quality.width import Width, width
 
 __all__ = [
     "Spread",
+    "Width",
     "compare",
     "contrast",
     "contrast_to_noise",
@@ -26,4 +28,5 @@ __all__ = [
     "rectangle",
     "sobel",
     "tenenbaum",
+    "width",
 ]

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steradian.errors import InvalidInput
+from steradian.quality.width import find_width, samples
 
 Array = NDArray[np.float64]
 
@@ -72,7 +73,7 @@ def line_spread(z: ArrayLike, intensity: ArrayLike, *, points: int | None = 8) -
     InvalidInput
         When there are fewer than 4 samples, the maximum is not positive, or the fit finds no line.
     """
-    x, values = _samples("z", z, intensity, 4)
+    x, values = samples("z", z, intensity, 4)
     top = int(values.argmax())
     if values[top] <= 0:
         raise InvalidInput("intensity", f"maximum {values[top]:g}", "a line with a positive maximum")
@@ -108,7 +109,7 @@ def edge_spread(x: ArrayLike, intensity: ArrayLike) -> Spread:
     InvalidInput
         When there are fewer than 5 samples, they are constant, or the fit finds no edge.
     """
-    at, values = _samples("x", x, intensity, 5)
+    at, values = samples("x", x, intensity, 5)
     step = float(values[-1] - values[0]) or float(np.ptp(values))
     if np.ptp(values) == 0:
         raise InvalidInput("intensity", "constant", "samples across an edge")
@@ -126,33 +127,25 @@ def edge_spread(x: ArrayLike, intensity: ArrayLike) -> Spread:
     return Spread(w, error, direct, middle, height, base, residual)
 
 
-def direct_fwhm(x: ArrayLike, intensity: ArrayLike) -> float:
-    """Width between the half-maximum crossings on either side of the maximum, interpolated linearly.
+def direct_fwhm(x: ArrayLike, intensity: ArrayLike, *, base: float | None = None) -> float:
+    """Full width at half maximum without a model, as :func:`steradian.quality.width` defines it.
 
     Parameters
     ----------
     x
         Ascending coordinates (N,).
     intensity
-        Values (N,) above a base of 0.
+        Values (N,).
+    base
+        Level that the peak's height is counted from; ``None``: read from the samples beside the peak.
 
     Returns
     -------
     float
         In the unit of ``x``; not a number where the samples do not fall to a half on both sides.
     """
-    at, values = _samples("x", x, intensity, 2)
-    top = int(values.argmax())
-    half = values[top] / 2
-    ends = []
-    for order in (slice(top, None), slice(top, None, -1)):
-        side, where = values[order], at[order]
-        below = np.flatnonzero(side < half)
-        if not len(below):
-            return float("nan")
-        i = int(below[0])
-        ends.append(where[i - 1] + (where[i] - where[i - 1]) * (side[i - 1] - half) / (side[i - 1] - side[i]))
-    return float(ends[0] - ends[1])
+    found = find_width(*samples("x", x, intensity, 2), base)
+    return float("nan") if found is None else found.fwhm
 
 
 def _around(values: Array, top: int, points: int) -> slice:
@@ -163,15 +156,6 @@ def _around(values: Array, top: int, points: int) -> slice:
     first = top - (points - 1) // 2 if later or points % 2 else top - points // 2
     first = max(0, min(first, len(values) - points))
     return slice(first, first + points)
-
-
-def _samples(name: str, x: ArrayLike, intensity: ArrayLike, least: int) -> tuple[Array, Array]:
-    at, values = np.asarray(x, dtype=np.float64), np.asarray(intensity, dtype=np.float64)
-    if at.ndim != 1 or values.shape != at.shape or len(at) < least:
-        raise InvalidInput(name, f"shapes {at.shape} and {values.shape}", f"two vectors of one length ≥ {least}")
-    if not (np.isfinite(values).all() and (np.diff(at) > 0).all()):
-        raise InvalidInput(name, "not ascending, or values not finite", "ascending coordinates of finite values")
-    return at, values
 
 
 def _fit(

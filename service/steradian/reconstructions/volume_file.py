@@ -31,6 +31,7 @@ from steradian.errors import DamagedFile, NotFound
 from steradian.imaging import Axes, Volume
 from steradian.reconstructions.lattice import Lattice
 from steradian.reconstructions.levels import chunks_of, coarser_shapes
+from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.projections import Projections, project
 from steradian.scans.broken import reading
 
@@ -197,3 +198,13 @@ def read_volume(path: Path) -> Volume:
         x, *y, z = (first + step * np.arange(count) for first, step, count in lines)
         speed = json.loads(file.attrs["parameters"]).get("sound_speed")
         return Volume(np.asarray(values), Axes(x, y[0] if y else None, z), spacing, speed)
+
+
+def read_parameters(path: Path) -> ReconstructionParameters:
+    """Read the parameters that a volume file was reconstructed with; raises as :func:`read_volume`."""
+    if not path.is_file():
+        raise NotFound("file", str(path))
+    with reading(path, "volume"), h5py.File(path, "r") as file:
+        require_volume(file, path)
+        said = json.loads(file.attrs["parameters"])
+    return ReconstructionParameters.create(**said)

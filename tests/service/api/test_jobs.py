@@ -48,10 +48,20 @@ def reconstruction(server, http, ledger, scan_with_alines):
     return job_id
 
 
+LINE = {"start": [0, 0, 0], "end": [1, 0, 0]}
+
+
 def asked(kind, reconstruction, scan_id, upload=""):
     return {
         "sound-speed": {"kind": kind, "scan_id": scan_id, "first": 1400, "last": 1600, "parameters": {"modes": 16}},
         "quality": {"kind": kind, "reconstruction_id": reconstruction, "reference_id": reconstruction},
+        "width": {
+            "kind": kind,
+            "scan_id": scan_id,
+            "reconstruction_id": reconstruction,
+            "start": [0, 0, 0],
+            "end": [1, 0, 0],
+        },
         "export": {"kind": kind, "reconstruction_id": reconstruction, "format": "nrrd"},
         "import": {"kind": kind, "upload_id": upload, "labels": {"from": "elsewhere"}},
     }[kind]
@@ -96,7 +106,7 @@ def kept(request):
     return whole
 
 
-@pytest.mark.parametrize("kind", ["sound-speed", "quality", "export", "import"])
+@pytest.mark.parametrize("kind", ["sound-speed", "quality", "width", "export", "import"])
 def test_a_job_is_queued_once_shown_moved_and_cancelled(http, reconstruction, scan_with_alines, kind):
     upload = http.post("/uploads", content=b"anything").json()["id"]
     body = asked(kind, reconstruction, scan_with_alines["scan"]["id"], upload)
@@ -154,7 +164,7 @@ def test_a_waiting_reconstruction_is_moved_only_if_it_is_as_the_caller_saw_it(ht
 
 
 CASES = [
-    ({}, "#/kind", "sound-speed, quality, export, import"),
+    ({}, "#/kind", "sound-speed, quality, width, export, import"),
     ({"kind": "dance"}, "#/kind", "'export'"),
     ({"kind": "export", "format": "nrrd"}, "#/reconstruction_id", "not both"),
     ({"kind": "export", "reconstruction_id": "r1", "scan_id": "s1", "format": "nrrd"}, "#/reconstruction_id", "both"),
@@ -164,6 +174,11 @@ CASES = [
     ({"kind": "sound-speed", "scan_id": "s1", "first": 1500, "last": 1400}, "#/last", "> first"),
     ({"kind": "sound-speed", "scan_id": "s1", "first": 1, "last": 1400}, "#/first", "at least 300"),
     ({"kind": "quality", "reconstruction_id": "r1", "reference_id": "r1", "threshold": 2}, "#/threshold", "< 1"),
+    (
+        {"kind": "width", "scan_id": "s1", "reconstruction_id": "r1", "start": [1, 0, 0], "end": [1, 0, 0]},
+        "#/end",
+        "start",
+    ),
     ({"kind": "import", "upload_id": "u1", "description": {"positions": "/etc/passwd"}}, "", "companion_id"),
 ]
 
@@ -205,6 +220,11 @@ def test_a_log_of_any_size_takes_little_memory(server, http):
 def test_a_job_about_nothing_is_refused(http, body, status, code):
     answer = http.post("/jobs", json=body)
     assert (answer.status_code, answer.json()["code"]) == (status, code)
+
+
+def test_width_in_an_image_of_another_scan_is_refused_by_the_scan_s_name(http, reconstruction, scan):
+    answer = http.post("/jobs", json=asked("width", reconstruction, scan["id"]))
+    assert (answer.status_code, answer.json()["errors"][0]["pointer"]) == (422, "#/scan_id")
 
 
 def test_what_is_not_over_or_failed_cannot_be_exported_yet(http, scan, scan_with_alines):

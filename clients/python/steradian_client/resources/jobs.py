@@ -21,7 +21,7 @@ class Jobs(Working[World, Job]):
 
     @operation
     async def create(self, /, kind: str, *, idempotency_key: str | None = None, **asked: Any) -> Job:
-        """Queue a job of a kind: sound-speed, quality, export or import, with what is asked of it."""
+        """Queue a job of a kind: sound-speed, quality, width, export or import, with what is asked of it."""
         return await self._session.ask(Job, routes.CREATE_JOB, json={"kind": kind, **asked}, key=idempotency_key)
 
     @operation

@@ -139,7 +139,7 @@ def _widths(volume: Volume, bars: Sequence[tuple[float, float, float, float]]) -
     axial, direct = [], []
     for line in lines:
         positive = np.clip(line, 0, None)  # intensities: a limited view leaves negative values beside a line
-        direct.append(1e6 * quality.direct_fwhm(z, positive))
+        direct.append(1e6 * quality.direct_fwhm(z, positive, base=0.0))
         try:
             axial.append(1e6 * quality.line_spread(z, positive).fwhm)
         except InvalidInput:

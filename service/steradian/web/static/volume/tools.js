@@ -9,6 +9,7 @@ import { contrastToNoise, fwhm, profile, statistics } from "./measure.js";
 import { inMm, mmOf } from "./panes.js";
 import { lengthOf, lengthWithError, ticks } from "./scale.js";
 import { MOST_POINTS } from "./view_state.js";
+import { ObjectWidths } from "./widths.js";
 
 /** @typedef {import("./stage.js").Stage} Stage */
 /** @typedef {import("./slices.js").SliceView} SliceView */
@@ -32,6 +33,7 @@ export class Tools {
     this.about = about;
     /** @type {number | null | undefined} of the mask that sensed this (m); undefined: not asked for, null: not known */
     this.aperture = undefined;
+    this.widths = new ObjectWidths(stage, about);
     this.buttons = Object.entries(TOOLS).map(([name, [text]], n) =>
       h("button", { type: "button", dataset: { tool: name }, title: `Key ${n + 1}`, onclick: () => stage.store.change({ tool: name }) }, text));
     this.hint = h("p", { class: "dim small" });
@@ -80,7 +82,9 @@ export class Tools {
         ["Peak above base", width ? `${figure(width.height)} above ${Math.abs(width.base) < 1e-3 * width.height ? `0 ${PRESSURE}` : pressure(width.base)}` : "–"],
         ["Length", lengthOf(length)],
       ]),
-      width && width.error === null ? h("p", { class: "dim small" }, "A longer line tells the noise, and with it the width's error.") : null);
+      width && width.error !== null ? h("p", { class: "dim small" }, "± is the repeatability under the noise, not the accuracy: the width contains the mask's own point spread.") : null,
+      width ? this.widths.of(mark) : null,
+      width && width.error === null ? h("p", { class: "dim small" }, "A longer line tells the noise, and with it the width's repeatability.") : null);
   }
 
   /** @param {Mark} mark @param {string} title @param {"region" | "background"} name */
