@@ -92,6 +92,7 @@ def _run(program: str, folder: Path, **environment: str) -> list[str]:
     return done.stdout.splitlines()
 
 
+@pytest.mark.long
 def test_a_change_to_a_callee_in_another_file_is_noticed(tmp_path: Path) -> None:
     (tmp_path / "outer.py").write_text(CALLER)
     inner, found = tmp_path / "inner.py", []
@@ -104,6 +105,7 @@ def test_a_change_to_a_callee_in_another_file_is_noticed(tmp_path: Path) -> None
     assert _run(again, tmp_path) == ["1"]
 
 
+@pytest.mark.long
 def test_who_is_killed_while_a_new_form_is_kept_leaves_no_earlier_one_in_its_place(tmp_path: Path) -> None:
     outer = tmp_path / "outer.py"
     (tmp_path / "inner.py").write_text(CALLEE.format(2))
@@ -116,6 +118,7 @@ def test_who_is_killed_while_a_new_form_is_kept_leaves_no_earlier_one_in_its_pla
     assert _run(use, tmp_path) == ["21"]
 
 
+@pytest.mark.long
 def test_lacking_is_what_could_be_kept_on_disk_and_is_not(tmp_path: Path) -> None:
     (tmp_path / "inner.py").write_text(CALLEE.format(2))
     (tmp_path / "outer.py").write_text(CALLER + "nowhere = compiled(lambda x: x, kept=False)")
@@ -131,6 +134,7 @@ scaled(np.zeros(2, np.float32))
     assert _run(program, tmp_path, NUMBA_CPU_NAME="generic") == ["False False True True"]
 
 
+@pytest.mark.long
 def test_a_function_for_compiled_ones_only_refuses_a_call_from_python_instead_of_crashing(tmp_path: Path) -> None:
     callee = CALLEE.replace("@compiled", "@inner").replace("import compiled", "import inner")
     (tmp_path / "inner.py").write_text(callee.format(2))
@@ -140,6 +144,7 @@ def test_a_function_for_compiled_ones_only_refuses_a_call_from_python_instead_of
         assert _run(program, tmp_path) == ["20", "factor is called by compiled functions only"]
 
 
+@pytest.mark.long
 def test_what_lies_beside_the_source_is_found_from_any_cache_and_by_the_same_kind_of_processor_only(
     tmp_path: Path,
 ) -> None:
@@ -154,6 +159,7 @@ def test_what_lies_beside_the_source_is_found_from_any_cache_and_by_the_same_kin
     assert list(tmp_path.glob("cache/**/*.nbc"))
 
 
+@pytest.mark.long
 def test_of_processes_that_need_a_function_at_once_one_compiles_it(tmp_path: Path) -> None:
     (tmp_path / "inner.py").write_text(CALLEE.format(2))
     (tmp_path / "slow.py").write_text(SLOW.format(", ".join(f"i ** {power}.5" for power in range(12))))
@@ -169,6 +175,7 @@ def test_of_processes_that_need_a_function_at_once_one_compiles_it(tmp_path: Pat
     assert missed == [0, 0, 2]
 
 
+@pytest.mark.long
 def test_where_bounds_are_checked_no_vector_reaches_beyond_its_array(tmp_path: Path) -> None:
     (tmp_path / "beyond.py").write_text(BEYOND)
     told = [line.split() for line in _run("import beyond", tmp_path, NUMBA_BOUNDSCHECK="1")]

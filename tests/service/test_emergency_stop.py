@@ -130,6 +130,7 @@ def test_a_dead_database_server_delays_no_stop_and_a_key_is_known_without_it(tmp
         assert "ward" in _stop_of(service)["by"]
 
 
+@pytest.mark.long
 @BRIEF
 def test_a_stop_outlives_a_restart_and_only_a_release_ends_it(tmp_path):
     with running(tmp_path) as service:

@@ -63,6 +63,7 @@ def test_growth_is_that_of_a_line_of_least_squares_after_the_first_quarter():
     assert (told["first_mib"], told["last_mib"], told["most_mib"]) == (mib[0], mib[-1], mib.max())
 
 
+@pytest.mark.long
 def test_memory_is_told_for_each_process_over_time(tmp_path):
     """One that takes 4 MiB again and again grows, the one above it, which waits for it, hardly does.
 

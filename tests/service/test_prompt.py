@@ -56,6 +56,7 @@ def prompt(folder):
     child.close()
 
 
+@pytest.mark.long
 @pytest.mark.timeout(600)
 def test_the_transcript_of_a_session_at_the_prompt(prompt):
     for command, wanted in exchanges():
@@ -69,6 +70,7 @@ def test_the_transcript_of_a_session_at_the_prompt(prompt):
         assert all(re.fullmatch(a, b) for a, b in zip(shown, found, strict=True)), (command, found)
 
 
+@pytest.mark.long
 def test_what_is_imported_is_light_and_what_is_public_is_there():
     import subprocess
 

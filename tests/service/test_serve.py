@@ -52,6 +52,7 @@ def answers(service):
         return False
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300)  # the first reconstruction on a machine compiles its kernels
 def test_the_whole_walk_an_end_and_a_second_start(tmp_path, start):
     service = start()
@@ -122,6 +123,7 @@ def test_the_whole_walk_an_end_and_a_second_start(tmp_path, start):
     until(lambda: are_gone(processes))
 
 
+@pytest.mark.long
 def test_a_port_in_use_is_named(tmp_path):
     import socket
 

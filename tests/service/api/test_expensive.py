@@ -52,6 +52,7 @@ def worst_beside(server):
     return run
 
 
+@pytest.mark.long
 def test_a_mask_of_many_positions_is_made_beside_the_api(server, worst_beside):
     positions = np.random.default_rng(1).uniform(-5e-3, 5e-3, (100_000, 2))
     body = json.dumps({"arrangement": "points", "aperture": 0.01, "positions": positions.tolist()})
@@ -166,6 +167,7 @@ def test_a_workshop_outlives_the_death_of_its_processes():
     asyncio.run(run())
 
 
+@pytest.mark.long
 def test_what_works_too_long_is_ended_and_what_waits_for_others_is_not():
     """A limit in seconds of a processor: on a busy machine the same things are worked out as on an idle one."""
 

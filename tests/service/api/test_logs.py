@@ -119,6 +119,7 @@ def test_an_exception_and_what_was_given_beside_the_message_are_in_the_object():
     assert text.splitlines()[0].endswith("it failed [request r-7]"), "before the traceback, where it is looked for"
 
 
+@pytest.mark.long
 def test_a_log_that_nobody_reads_holds_up_no_request_and_no_emergency_stop(tmp_path):
     reader, writer = os.pipe()
     fcntl.fcntl(writer, fcntl.F_SETPIPE_SZ, 4096)

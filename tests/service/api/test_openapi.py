@@ -66,6 +66,7 @@ def document(tmp_path_factory):
         app.state.services.close()
 
 
+@pytest.mark.long
 def test_the_api_changes_only_with_its_committed_document(document):
     """After a change on purpose: python -m steradian.api.documents > docs/openapi.json."""
     assert json.loads(COMMITTED.read_text()) == document

@@ -103,6 +103,7 @@ def test_only_the_stops_own_path_lets_wrong_keys_be_tried_without_a_limit(limite
         assert client.post(limited.url + STOP, headers={"Authorization": "Bearer sk_1_y"}).status_code == 401
 
 
+@pytest.mark.long
 def test_without_keys_nobody_is_limited(server):
     """Whoever is on the machine itself can take its time anyhow."""
     seen = []

@@ -194,6 +194,7 @@ def test_a_node_that_is_taken_for_the_scanner_s_says_so_and_sends_nothing_on(pai
     assert "another node's" in released.json()["detail"]
 
 
+@pytest.mark.long
 def test_a_node_with_another_secret_is_told_so_and_not_that_the_key_is_wrong(pair):
     """A page that is told so takes its session for over."""
     stranger = ApiProcess(pair.folder, role="api", node_secret=SECRET[::-1]).wait()

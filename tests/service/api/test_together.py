@@ -76,6 +76,7 @@ def test_other_readers_other_things_and_other_deeds_share_nothing():
     asyncio.run(run())
 
 
+@pytest.mark.long
 def test_what_was_written_is_read_by_whoever_asks_afterwards(server, scan):
     """While many read the same scan without pause, a label that was set is there for the very next reader."""
     address, over, refused = f"{server.url}/api/v1/scans/{scan['id']}", threading.Event(), []
@@ -154,6 +155,7 @@ def test_only_what_a_stamp_says_all_of_is_stamped():
         assert asked("jobs", query) is None
 
 
+@pytest.mark.long
 def test_a_kept_answer_is_the_one_that_would_be_made(server, http, scan_with_alines):
     """Whatever changes of a row, also in other processes, the next reader is told."""
     scan, job = scan_with_alines["scan"]["id"], scan_with_alines["reconstruction"]["id"]

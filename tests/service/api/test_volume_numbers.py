@@ -233,6 +233,7 @@ def test_the_projections_of_a_running_scan_are_numbers_too(server, http, made):
     assert (refused.status_code, refused.json()["errors"][0]["pointer"]) == (422, "slab")
 
 
+@pytest.mark.long
 def test_zarr_python_opens_a_volume_by_its_address(server, long):
     """As a viewer does: metadata of the group, then of each level; voxel sizes and places in micrometres."""
     zarr = pytest.importorskip("zarr")

@@ -19,6 +19,7 @@ def rows():
     return amplitudes(count=900)
 
 
+@pytest.mark.long
 def test_amplitudes_are_those_of_a_dense_grid_over_the_same_area(rows):
     """Within 5 % for six arrangements and an imported rectangle, a ball and a vessel tree."""
     assert len(rows) == 7
@@ -45,6 +46,7 @@ def test_the_page_takes_the_table_between_its_marks(rows, tmp_path):
     assert first == f"before\n{BEGIN}\n{table(rows)}\n{END}\nafter\n"
 
 
+@pytest.mark.long
 def test_readmes_first_example_shows_the_amplitude_beside_its_truth():
     """Run word for word."""
     code = re.search(r"## A first reconstruction\n\n```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S)

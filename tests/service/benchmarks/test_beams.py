@@ -49,6 +49,7 @@ def test_with_an_eighth_more_places_volumes_are_as_good_and_with_the_fewest_they
         assert fewest["volume"] < ROWS[0]["volume"] - 2 * fewest["volume_sd"]
 
 
+@pytest.mark.long
 def test_the_simulated_hardware_takes_the_time_that_the_preview_says():
     alone = equi_steradian_mask(13.56e-3, 3.6e-3, 100)
     pattern = read_beams("3", 0.5e-3)

@@ -60,6 +60,7 @@ def test_the_command_leaves_page_pictures_and_json(quick) -> None:
     assert "--quick" in text
 
 
+@pytest.mark.long
 def test_the_command_fills_the_readme_between_its_markers(quick) -> None:
     text = (quick / "README.md").read_text("utf-8")
     assert text.startswith("before\n" + BEGIN)
@@ -67,6 +68,7 @@ def test_the_command_fills_the_readme_between_its_markers(quick) -> None:
     assert "\nold\n" not in text
 
 
+@pytest.mark.long
 def test_a_section_alone_keeps_what_the_others_measured(quick) -> None:
     before = json.loads((quick / "paper" / "paper.json").read_text("utf-8"))
     after = paper(quick, quick=True, only=("tree",))
@@ -74,6 +76,7 @@ def test_a_section_alone_keeps_what_the_others_measured(quick) -> None:
     assert [row["seed"] for row in after["sections"]["tree"]["rows"]] == [0] * 4
 
 
+@pytest.mark.long
 def test_it_stops_when_it_is_cancelled_and_reports_by_section(tmp_path) -> None:
     seen = []
     with pytest.raises(Cancelled):

@@ -1,6 +1,7 @@
 """Pictures for the documents: small, and in the colours that were drawn."""
 
 import numpy as np
+import pytest
 from PIL import Image
 
 from steradian.benchmarks.paper.pictures import few_colours
@@ -22,6 +23,7 @@ def test_few_colours_are_those_that_were_drawn():
     assert off(found, page.astype(int)) <= 12
 
 
+@pytest.mark.long
 def test_a_picture_of_too_many_colours_keeps_them():
     noise = np.random.default_rng(1).integers(0, 256, (200, 200, 3)).astype(np.uint8)
     assert off(few_colours(Image.fromarray(noise)), noise.astype(int)) == 0

@@ -45,6 +45,7 @@ def walk(tmp_path_factory):
     return folder
 
 
+@pytest.mark.long
 def test_each_command_leaves_its_file(walk):
     """Mask, plan, scan file, volume, projections and report lie where the commands say."""
     assert {path.name for path in walk.iterdir()} == {"mask.json", "plan.json", "scan.h5", "out"}
@@ -94,6 +95,7 @@ def test_a_line_of_sensors_gives_an_image_of_a_plane(tmp_path):
     assert (tmp_path / "tree" / "mip-y.png").is_file()
 
 
+@pytest.mark.long
 def test_a_killed_scan_leaves_what_it_acknowledged(walk, tmp_path):
     """Kill -9 in the middle of a scan: the file opens, and holds a part of the scan that can be reconstructed."""
     plan = walk / "plan.json"
@@ -111,6 +113,7 @@ def test_a_killed_scan_leaves_what_it_acknowledged(walk, tmp_path):
     run_here("reconstruct", "part.h5", "--modes", "32", cwd=tmp_path)
 
 
+@pytest.mark.long
 def test_ctrl_c_ends_a_scan_with_its_file_kept(walk, tmp_path):
     """Ctrl-C is no crash: exit code 130, no traceback, the A-lines so far are in the file."""
     command = [sys.executable, "-m", "steradian", "scan", walk / "plan.json", "--simulator-speed", "0.2"]

@@ -29,6 +29,7 @@ def walk(tmp_path_factory):
     return folder
 
 
+@pytest.mark.long
 def test_a_recording_goes_from_csv_to_nrrd(walk):
     """The ball of the CSV lies in the exported volume where it was, in millimetres."""
     import nrrd
@@ -40,6 +41,7 @@ def test_a_recording_goes_from_csv_to_nrrd(walk):
     np.testing.assert_allclose(place, 1e3 * BALL.centres[0], atol=0.15)
 
 
+@pytest.mark.long
 def test_a_scan_is_exported_as_ipasc_and_imported_again(walk):
     """A scan needs no format: it becomes IPASC, and comes back with the same samples."""
     run("export", "scan.h5", "ipasc.hdf5", cwd=walk)

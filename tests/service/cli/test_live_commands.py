@@ -35,6 +35,7 @@ def run(*arguments, cwd, code=0):
     return output
 
 
+@pytest.mark.long
 def test_a_running_scan_is_followed_to_its_full_reconstruction(tmp_path):
     plan = ScanPlan.create(mask=equi_steradian_mask(6e-3, 2e-3, 100), samples=512)
     write_value(plan, tmp_path / "plan.json")
@@ -55,6 +56,7 @@ def test_a_running_scan_is_followed_to_its_full_reconstruction(tmp_path):
     np.testing.assert_array_equal(live, whole)
 
 
+@pytest.mark.long
 def test_what_if_prints_and_writes_how_good_a_sparse_mask_would_have_been(tmp_path):
     with np.load(YARN) as archive:
         aperture = 64 * float(archive["dx"])

@@ -64,6 +64,7 @@ def test_the_tables_of_another_version_are_left_as_they_are(ledger, tmp_path):
     database.close()
 
 
+@pytest.mark.long
 def test_storage_shows_what_holds_how_much_and_deletes_it(ledger, tmp_path):
     def run(*words):
         return CliRunner().invoke(app, ["storage", *words, "--data", str(tmp_path)])

@@ -108,6 +108,7 @@ def read(path):
         return alines["samples"][:] * alines["scale"][:][:, None], alines["status"][:] == 1
 
 
+@pytest.mark.long
 def test_a_scan_is_stopped_by_ctrl_c_and_resumed(plan, terminal, tmp_path):
     """The first Ctrl-C answers with one line, and what that line says to type completes the scan, checked."""
     scan = terminal("scan", "run", plan, "--simulator-speed", "1")
@@ -134,6 +135,7 @@ def test_a_scan_is_stopped_by_ctrl_c_and_resumed(plan, terminal, tmp_path):
     assert check.exitstatus == 0
 
 
+@pytest.mark.long
 def test_after_ctrl_c_the_laser_is_off_and_every_shot_is_stored(plan, terminal, tmp_path):
     """The scanner's own account: no shot after the answer, as many fired as stored; the whole is as never stopped."""
     with launch(speed=1.0, seed=3, **EXACT) as simulator:
@@ -161,6 +163,7 @@ def test_after_ctrl_c_the_laser_is_off_and_every_shot_is_stored(plan, terminal, 
     np.testing.assert_array_equal(found, expected)
 
 
+@pytest.mark.long
 def test_a_second_ctrl_c_leaves_at_once_with_the_file_whole(plan, terminal, tmp_path):
     """Whoever presses Ctrl-C again is not kept waiting, even by a scanner that has gone silent; nothing is damaged."""
     with launch(speed=1.0, seed=3) as simulator:
@@ -242,6 +245,7 @@ def test_ctrl_c_is_heard_before_anything_else_is_read():
     assert read.stdout == "['steradian', 'steradian.cli']\n", read.stderr
 
 
+@pytest.mark.long
 def test_ctrl_c_before_the_scan_begins_leaves_nothing_behind(plan, terminal, tmp_path):
     """While the scanner does not answer yet, Ctrl-C ends the command, which says that nothing was measured."""
     with launch(speed=1.0, tcp="127.0.0.1:0") as simulator:

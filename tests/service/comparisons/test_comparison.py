@@ -30,6 +30,7 @@ def vessels():
     )
 
 
+@pytest.mark.long
 def test_an_equi_steradian_mask_wins_around_its_point_and_loses_the_wide_field(vessels):
     """Directly reconstructed; correlations of the volumes."""
     near, wide = (dict(vessels.ranking(region, "direct")) for region in ("around", "field"))
@@ -38,6 +39,7 @@ def test_an_equi_steradian_mask_wins_around_its_point_and_loses_the_wide_field(v
     assert vessels.as_json()["winners"]["direct"] == {"around": "steradian", "field": "grid"}
 
 
+@pytest.mark.long
 def test_a_mask_of_another_aperture_is_judged_by_the_object_on_its_own_voxels():
     thing = Balls(np.array([[0.5e-3, 0.0, 1.5e-3]]), np.array([120e-6]), np.array([1.0]))
     shared = Simulation(thing, (0.0, 0.0), 3e-3, None, 40, iterations=0)
@@ -156,6 +158,7 @@ def run(*words):
     return CliRunner().invoke(app, ["compare", *map(str, words)], catch_exceptions=False)
 
 
+@pytest.mark.long
 def test_the_command_takes_files_and_arrangements_and_prints_table_or_json(tmp_path):
     write_mask(STERADIAN, tmp_path / "mine.json")
     words = (tmp_path / "mine.json", "grid:289", "random", "--aperture", "6mm", "--depth", "1.5mm", "--count", 200)
@@ -183,6 +186,7 @@ def test_a_picture_of_an_unknown_kind_is_refused_before_any_work(tmp_path):
             run(tmp_path / "no-such-mask.json", "--plot", tmp_path / name)
 
 
+@pytest.mark.long
 def test_the_command_says_who_wins_where():
     words = ("equi-steradian", "grid", "--aperture", "6mm", "--depth", "1.5mm", "--count", 300)
     done = run(*words, "--phantom", "vessel-tree", "--modes", 60, "--iterations", 0)

@@ -133,6 +133,7 @@ def test_matplotlib_draws_the_same_pages(mask):
             assert bool(axes.child_axes) is (plot.colours is not None)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("ending", "first"), [(".svg", b"<?xml"), (".pdf", b"%PDF-"), (".png", b"\x89PNG"), ("", b"\x89PNG")]
 )

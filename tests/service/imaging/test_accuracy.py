@@ -81,6 +81,7 @@ def test_scattered_sensors_keep_the_tolerance(modes: tuple[int, ...], samples: i
     assert error(modes, samples, positions, sides, tolerance=tolerance) < tolerance
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-9])
 def test_tight_tolerances_are_kept_in_double_precision(tolerance: float) -> None:
     sides = (0.010, 0.012)
@@ -95,6 +96,7 @@ def test_flat_and_steep_kappa_keep_the_tolerance(steepness: float) -> None:
     assert error((16, 18), 64, positions, (0.01, 0.01), steepness) < 1e-4
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("shape", ["kaiser-bessel", "semicircle"])
 def test_each_window_keeps_the_tolerance(shape: str) -> None:
     positions = scattered(np.random.default_rng(3), 30, (0.01, 0.01))

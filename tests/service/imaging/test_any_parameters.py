@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -99,6 +100,7 @@ def test_any_finite_parameters_are_refused_by_name_or_give_a_finite_image(
     assert refused is None or refused in KNOWN
 
 
+@pytest.mark.long
 @settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     chosen=st.fixed_dictionaries(FITTED, optional={k: v for k, v in OPTIONAL.items() if k not in LEFT_OUT}),

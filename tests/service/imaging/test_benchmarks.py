@@ -43,6 +43,7 @@ def test_the_speed_benchmark_runs_every_case_in_small(rows: list[dict[str, Any]]
             assert row["extra_memory"] < 1.0, row["case"]
 
 
+@pytest.mark.long
 def test_what_is_timed_is_right(rows: list[dict[str, Any]]) -> None:
     """By direct sums; of the rows that have none the image shows a part, or the method is another."""
     errors = [row["error"] for row in rows if row["error"] is not None]

@@ -44,6 +44,7 @@ def test_auto_is_the_processor_where_there_is_no_gpu() -> None:
     assert (plan.chosen.device, plan.chosen.notes) == ("cpu", [])
 
 
+@pytest.mark.long
 def test_the_extra_is_not_imported_by_the_processor() -> None:
     code = (
         "import sys, numpy as np; from steradian import reconstruct; "

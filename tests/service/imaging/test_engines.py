@@ -63,6 +63,7 @@ def test_both_engines_make_the_same_image(setting: str) -> None:
     assert np.linalg.norm(found - expected) <= 1e-9 * np.linalg.norm(expected)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("setting", ["anywhere", "rows that are filled up", "odd", "grid", "line"])
 def test_both_engines_make_the_same_a_lines_and_their_transpose(setting: str) -> None:
     positions, options = (_grid(24), {"modes": 24}) if setting == "grid" else SETTINGS[setting]

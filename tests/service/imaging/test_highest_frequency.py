@@ -31,6 +31,7 @@ def _image(positions: np.ndarray, traces: np.ndarray, **options: Any) -> Volume:
     return volume
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("places", "modes", "samples", "highest", "options"),
     [

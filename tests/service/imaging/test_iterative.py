@@ -35,6 +35,7 @@ def scene(seed: int) -> tuple[Any, Balls, np.ndarray]:
     return mask, balls, (traces + noise).astype(np.float32)
 
 
+@pytest.mark.long
 def test_from_few_sensors_the_volume_s_correlation_rises_by_a_tenth_and_the_projection_s_does_not_fall() -> None:
     mask, balls, traces = scene(0)
     direct = reconstruct(traces, mask.positions, weights=mask.weights, **COMMON)
@@ -139,6 +140,7 @@ def test_it_reports_cancels_and_refuses() -> None:
             Iterative(**bad)  # type: ignore[arg-type]
 
 
+@pytest.mark.long
 def test_a_run_stays_within_the_memory_it_states() -> None:
     mask, _, traces = scene(0)
     for upsampling in (1, 2):

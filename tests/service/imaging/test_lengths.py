@@ -15,6 +15,7 @@ COMMON: dict[str, Any] = {"sampling_interval": 8e-9, "sound_speed": 1500.0, "ape
 RNG = np.random.default_rng(0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("samples", [131, 179, 2 * 149])
 def test_a_record_with_a_large_prime_is_the_direct_sums_of_one_a_little_longer(samples: int) -> None:
     positions, traces = (RNG.random((30, 2)) - 0.5) * SIDE, RNG.standard_normal((30, samples))

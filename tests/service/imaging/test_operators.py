@@ -66,6 +66,7 @@ def direct(operator: ForwardOperator, volume: np.ndarray, response: Any = None) 
     return total / (np.prod(g.padded_modes) * L)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("modes", "aperture", "on_grid", "padding"), CASES)
 def test_both_products_agree_and_are_the_direct_sums(
     modes: tuple[int, ...], aperture: tuple[float, ...], on_grid: bool, padding: float

@@ -61,6 +61,7 @@ def test_strided_traces_are_read_in_the_right_order() -> None:
     )
 
 
+@pytest.mark.long
 def test_who_wants_to_cancel_is_asked_between_small_pieces_and_progress_counts_up(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

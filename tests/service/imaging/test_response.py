@@ -39,6 +39,7 @@ def peak(traces: np.ndarray, sensors: np.ndarray, correction: Correction | None)
     return float(volume.values[38:43, 38:43, near].max())
 
 
+@pytest.mark.long
 def test_a_ball_seen_at_50_to_62_degrees_regains_its_amplitude_within_a_tenth() -> None:
     sensors, ball = ring(), Balls(np.array([[0.0, 0.0, DEPTH]]), np.array([90e-6]), np.array([1.0]))
     times = np.arange(400) * INTERVAL

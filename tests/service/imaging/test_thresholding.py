@@ -65,6 +65,7 @@ def amplitude(values: np.ndarray, truth: np.ndarray) -> float:
     return float((values * truth).sum() / (truth**2).sum())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("thickest", "noise_db", "low"), [(80e-6, 20.0, 0.88), (160e-6, 20.0, 0.93)])
 def test_strong_noise_takes_little_from_amplitudes(thickest: float, noise_db: float, low: float) -> None:
     """Of vessels as thin as the voxels a little, of thicker ones less."""
@@ -78,6 +79,7 @@ def test_strong_noise_takes_little_from_amplitudes(thickest: float, noise_db: fl
     assert low <= amplitude(found.values, truth) <= 1.05
 
 
+@pytest.mark.long
 def test_an_object_that_fills_the_volume_is_not_taken_for_streaks() -> None:
     """Wide balls everywhere: no voxel is empty, so the median of the image is the object's."""
     random = np.random.default_rng(0)
@@ -94,6 +96,7 @@ def test_an_object_that_fills_the_volume_is_not_taken_for_streaks() -> None:
     assert amplitude(found.values, truth) > 0.65
 
 
+@pytest.mark.long
 def test_k_waves_yarn_from_a_tenth_of_its_sensors() -> None:
     """A peer's wave solver, noise, depths from the film on: volume 0.97, where total variation reaches 0.961."""
     with np.load(KWAVE) as file:
@@ -124,6 +127,7 @@ def test_k_waves_yarn_from_a_tenth_of_its_sensors() -> None:
     assert amplitude(there, truth) == pytest.approx(1.0, abs=0.10)
 
 
+@pytest.mark.long
 def test_without_noise_amplitudes_come_back() -> None:
     """Three balls; the direct image shows half of each, which is what the aperture sees."""
     centres = np.array([[0.0, 0.0, 1.2e-3], [0.6e-3, -0.3e-3, 1.6e-3], [-0.5e-3, 0.6e-3, 1.4e-3]])
@@ -157,6 +161,7 @@ def test_a_step_that_makes_it_worse_is_not_taken() -> None:
     assert found.residuals[-1] < 1
 
 
+@pytest.mark.long
 def test_it_reports_cancels_refuses_and_keeps_to_its_memory() -> None:
     mask, traces = seen(phantoms.yarn(0, centre=(0.0, 0.0, DEPTH), radius=1.1e-3), 30.0)
     short = Iterative(regularisation="thresholding", iterations=2)

@@ -12,6 +12,7 @@ VALUES = np.arange(2 * 3 * 4, dtype=np.float32).reshape(2, 3, 4)
 AXES = Axes(x=np.array([-1e-4, 0.0]), y=np.array([-2e-4, 0.0, 2e-4]), z=np.array([1e-3, 1.1e-3, 1.2e-3, 1.3e-3]))
 
 
+@pytest.mark.long
 def test_a_volume_has_its_places_in_metres_and_shares_its_values():
     volume = Volume(VALUES, AXES, (1e-4, 2e-4, 1e-4), sound_speed=1500.0)
     image = volume.to_xarray()

@@ -15,6 +15,7 @@ def bench(tmp_path, make_bench):
     bench.close()
 
 
+@pytest.mark.long
 def test_a_worker_finishes_its_job_and_leaves_the_next_to_others(bench):
     bench.submit("first", "succeed", answer=1, seconds=1)
     bench.submit("second", "succeed", answer=2)

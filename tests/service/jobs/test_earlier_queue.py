@@ -5,6 +5,7 @@ import json
 import sqlite3
 from contextlib import closing
 
+import pytest
 from alembic import command
 from alembic.config import Config
 from dbos import DBOS, DBOSClient
@@ -59,6 +60,7 @@ def make_earlier(folder):
     return file
 
 
+@pytest.mark.long
 def test_unfinished_jobs_of_an_earlier_folder_are_queued_again_and_end_once(tmp_path, make_bench):
     file = make_earlier(tmp_path)
     before = hashlib.sha256(file.read_bytes()).digest()

@@ -112,6 +112,7 @@ def test_a_start_removes_the_drafts_that_killed_ones_left(tmp_path):
         assert {path.name for path in tmp_path.iterdir()} == {"lock"}
 
 
+@pytest.mark.long
 def test_a_job_that_an_earlier_start_is_still_at_is_put_back(bench):
     folder = DataDirectory(bench.settings.data).job("locked")
     folder.root.mkdir(parents=True)
@@ -146,6 +147,7 @@ def test_a_lost_file_system_or_database_interrupts_a_job(bench, lost, said):
     assert said in status.attempts[0]["detail"]
 
 
+@pytest.mark.long
 def test_the_newest_start_survives_in_the_folder(tmp_path):
     job = JobDirectory(tmp_path / "job")
     job.begin(3)

@@ -29,6 +29,7 @@ def test_a_job_runs_once_and_leaves_its_result(bench):
     assert status.created <= status.started <= status.ended
 
 
+@pytest.mark.long
 def test_all_workers_of_a_service_together_fill_the_machine_once(make_bench, tmp_path):
     bench = make_bench(tmp_path, workers=64)
     try:
@@ -140,6 +141,7 @@ def test_a_finished_job_cannot_be_cancelled_and_an_unknown_one_is_named(bench):
         bench.queue.status("nope")
 
 
+@pytest.mark.long
 def test_a_killed_workers_job_ends_with_it_and_is_started_again(bench):
     bench.submit("orphan", "hang")
     pid = bench.until_working("orphan")
@@ -151,6 +153,7 @@ def test_a_killed_workers_job_ends_with_it_and_is_started_again(bench):
     assert bench.queue.status("orphan").attempt == 2
 
 
+@pytest.mark.long
 def test_a_worker_that_is_asked_to_end_puts_its_job_back_without_counting_it(bench, slowed):
     bench.submit("back", "hang")
     if bench.queue.status("orphan").state is R.RUNNING:
@@ -168,6 +171,7 @@ def test_a_worker_that_is_asked_to_end_puts_its_job_back_without_counting_it(ben
     bench.queue.cancel("back")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("expression", ["unixepoch('subsec') * 1000", "strftime('%s','now') * 1000"])
 def test_a_queue_made_by_any_python_is_used_by_this_one(tmp_path, make_bench, expression):
     """The engine writes the one from Python 3.12 on and the other before; SQLite knows the first from 3.42 on."""
@@ -194,6 +198,7 @@ def test_a_queue_made_by_any_python_is_used_by_this_one(tmp_path, make_bench, ex
     assert int(before) * 1000 <= created <= updated <= (after + 0.001) * 1000
 
 
+@pytest.mark.long
 def test_only_who_uses_the_queue_loads_its_engine():
     code = "import steradian.jobs.model, steradian.api.services, sys; print('dbos' in sys.modules)"
     assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "False"

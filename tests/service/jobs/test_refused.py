@@ -110,6 +110,7 @@ class Overtaken(JobLedger):
         return super().settle(job_id, fence, outcome, worker)
 
 
+@pytest.mark.long
 def test_a_result_of_a_start_that_was_overtaken_in_that_moment_is_refused_by_the_ledger_alone(make_bench, tmp_path):
     """No lock, no look at the job and no file is in its way."""
     bench = make_bench(tmp_path)
@@ -135,6 +136,7 @@ def test_a_result_of_a_start_that_was_overtaken_in_that_moment_is_refused_by_the
     bench.queue.close()
 
 
+@pytest.mark.long
 def test_a_job_that_comes_while_the_worker_is_asked_to_end_is_not_begun(make_bench, tmp_path):
     """Its process ends without waiting for it: a start would be left behind that counts as dead."""
     bench = make_bench(tmp_path)

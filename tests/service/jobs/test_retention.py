@@ -184,6 +184,7 @@ def test_a_result_that_a_waiting_job_has_still_to_read_stays_until_that_is_over(
     assert [folder.exists() for folder in (image, reference)] == [False, False]
 
 
+@pytest.mark.long
 def test_what_killed_imports_were_writing_goes_and_scans_and_running_imports_keep_theirs(services):
     """A draft is a file, or the folder in which a file is read; a scan that is to run has one too."""
     scans, plan = services.data.root / "scans", ScanPlan.create(mask=grid_mask(0.01, 3, 1e-3), samples=64)

@@ -31,6 +31,7 @@ def in_engine(bench, statement):
         return session.execute(text(statement))
 
 
+@pytest.mark.long
 def test_a_job_that_the_engine_has_given_up_is_not_left_running(idle):
     """As after a full disk, where the engine noted its end and the ledger could not."""
     idle.submit("lost", "succeed", answer=1)

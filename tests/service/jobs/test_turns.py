@@ -41,6 +41,7 @@ def finish(ledger, job_id):
     ledger.settle(job_id, ledger.get(job_id).fence, Succeeded({}), "worker")
 
 
+@pytest.mark.long
 @settings(max_examples=12, deadline=None)
 @given(st.data())
 def test_who_has_jobs_waiting_is_served_as_often_as_any_other_who_has(ledger, data):
@@ -112,6 +113,7 @@ def test_what_else_one_has_is_nobodys_gain_or_loss(ledger, why):
     assert [row.id for row in _waiting(ledger)].index(asked) <= 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("store", ["embedded", "postgres"])
 def test_what_waited_before_there_were_turns_keeps_its_order(store, tmp_path, request):
     """The engine's numbers of an earlier version, the priority and one, are made anew when the service starts."""
@@ -146,6 +148,7 @@ def test_the_worker_takes_them_in_turns_and_their_places_say_so(bench):
     assert [job.started for job in jobs] == sorted(job.started for job in jobs)
 
 
+@pytest.mark.long
 def test_those_that_are_moved_to_one_priority_take_turns_there(bench):
     bench.submit("busy again", "hang")
     bench.until_working("busy again")

@@ -70,6 +70,7 @@ def arrangements(draw):
     )
 
 
+@pytest.mark.long
 @settings(max_examples=20, deadline=None)
 @given(arrangement=arrangements())
 def test_a_mask_is_sound_and_can_be_made_again(arrangement):
@@ -136,6 +137,7 @@ def test_sensors_of_a_line_enclose_equal_angles(depth, offset, count):
     np.testing.assert_allclose([mask.positions.min(), mask.positions.max()], [-5e-3, 5e-3], rtol=1e-12)
 
 
+@pytest.mark.long
 def test_several_points_of_interest_are_each_sensed_as_asked():
     """Near each point of interest the combined mask is as dense as one for it alone; far points are shared."""
     focus = [PointOfInterest(depth=2e-3, count=300, offset=(x, 0.0)) for x in (-3e-3, 3e-3)]

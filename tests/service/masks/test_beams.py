@@ -30,6 +30,7 @@ def paper():
     return mask, beams_mask(mask, SQUARE)
 
 
+@pytest.mark.long
 def test_points_are_the_pattern_moved_as_a_whole_and_as_few_places_as_there_can_be(mask, covered):
     assert covered.arrangement["places"] == -(-mask.count // 16)
     shots = covered.positions.reshape(-1, 16, 2)
@@ -44,6 +45,7 @@ def test_points_lie_in_what_the_mask_senses_and_stand_for_all_of_it(mask, covere
     assert (covered.depth, covered.aperture) == (mask.depth, mask.aperture)
 
 
+@pytest.mark.long
 def test_the_density_is_the_masks(paper):
     """As many points, within a tenth, where the mask has its densest third of points, its middle and its sparsest."""
     mask, covered = paper
@@ -80,6 +82,7 @@ def test_what_was_asked_for_and_how_far_it_is_from_what_is_measured_is_stated(ma
     np.testing.assert_array_equal(told["beams"], SQUARE)
 
 
+@pytest.mark.long
 def test_one_beam_is_any_mask_of_as_many_points_and_the_same_call_gives_the_same_mask():
     small = grid_mask(1e-2, 6, 1e-3)
     alone = beams_mask(small, [(0, 0)])
@@ -113,6 +116,7 @@ def test_beams_on_a_small_grid_stay_in_the_aperture_though_its_cells_reach_beyon
     assert outlines.holds(outlines.widened(small.outline, 1e-9), made.positions).all()
 
 
+@pytest.mark.long
 def test_a_pattern_that_is_too_wide_is_told_beside_what_would_fit():
     with pytest.raises(InvalidInput, match=r"beams is a pattern of 8 mm × 0 mm.* at its widest 7 mm × 7 mm"):
         beams_mask(grid_mask(8e-3, 4, 2e-3), [(0, 0), (8e-3, 0)])

@@ -41,6 +41,7 @@ def _common_area(radius, centre, aperture):
     return np.maximum(high - low, 0).mean() * aperture
 
 
+@pytest.mark.long
 @settings(max_examples=12, deadline=None)
 @given(
     aperture=st.floats(1e-3, 0.2),

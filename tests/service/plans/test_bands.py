@@ -149,6 +149,7 @@ def test_no_point_loses_more_than_is_allowed_however_tolerant_the_laser_is(order
         assert 0 < preview(plan).sensitivity_loss["max"] <= 1e-3
 
 
+@pytest.mark.long
 def test_50_000_points_are_put_into_bands():
     """Nothing grows with the square of their number."""
     mask = equi_steradian_mask(13.56e-3, 3.6e-3, 50_000)

@@ -23,6 +23,7 @@ def mask(alone):
     return beams_mask(alone, BEAMS)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("order", ["given", "snake", "hilbert", "shortest"])
 def test_a_place_is_visited_once_with_all_its_beams_in_their_order(mask, order):
     plan = ScanPlan.create(mask=mask, beams=BEAMS, order=order)

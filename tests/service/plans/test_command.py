@@ -72,6 +72,7 @@ def test_wavelengths_are_read_in_nanometres(mask, tmp_path):
         run(*words)
 
 
+@pytest.mark.long
 def test_beams_make_a_plan_of_the_points_that_they_measure(mask, tmp_path):
     result = run(mask, "--beams", "2x2", "--beam-spacing", "1mm", "--baud", 0, "-o", tmp_path / "plan.json")
     assert result.exit_code == 0, result.output

@@ -51,6 +51,7 @@ def test_the_shortest_way_through_the_papers_mask(mask):
     assert lengths["shortest"] < lengths["snake"] < lengths["given"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["random", "equi-steradian"])
 def test_large_masks_get_orders_near_the_nearest_neighbours(kind):
     """Hilbert is within 30 % of nearest neighbour, and the improved way is shorter than both."""

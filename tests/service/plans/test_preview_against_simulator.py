@@ -39,6 +39,7 @@ def device_seconds(plan: ScanPlan, *, speed: float, baud: int = 0) -> float:
     return (fired[-1] - fired[0]) / (len(fired) - 1) * len(fired)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("limiting", "plan", "run"),
     [

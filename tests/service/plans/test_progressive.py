@@ -38,6 +38,7 @@ def test_every_prefix_is_spread_as_evenly_as_a_mask_of_its_size(mask):
         assert closest.std() / closest.mean() < 0.2
 
 
+@pytest.mark.long
 def test_images_get_better_with_every_pass_and_sooner_than_in_rows(mask):
     """Correlation with the full image rises at 25, 50 and 100 %; a quarter beats the first quarter of rows."""
     traces = pressure(yarn(1), mask.positions, np.arange(896) * 8e-9, 1500.0)
@@ -78,6 +79,7 @@ def others():
     ]
 
 
+@pytest.mark.long
 @settings(max_examples=15, deadline=None)
 @given(
     mask=st.deferred(lambda: st.sampled_from(others())),

@@ -112,6 +112,7 @@ def test_of_two_processes_one_is_at_it_and_it_ends_with_whoever_is_killed(fresh)
     until(lambda: not fresh.compiling(), 60)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "words", ["scan run plan.json --simulator-speed 0.5", "reconstruct scan.h5"], ids=["scan", "image"]
 )

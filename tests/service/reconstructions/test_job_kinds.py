@@ -114,6 +114,7 @@ def test_what_if_shows_the_other_mask_and_how_much_it_is_like_the_whole(place):
     assert "what-if.json" in report["files"]
 
 
+@pytest.mark.long
 def test_a_sweep_of_masks_costs_one_reconstruction_more_than_it_has_masks(place, monkeypatch):
     from steradian.reconstructions import job, what_if
 
@@ -183,6 +184,7 @@ def test_a_scan_that_was_exported_comes_back_by_import_with_the_same_alines(plac
         np.testing.assert_allclose(np.sort(counts[0], axis=0), np.sort(counts[1], axis=0), rtol=1e-6)
 
 
+@pytest.mark.long
 def test_text_is_imported_with_a_description_and_a_file_of_positions(place):
     rows = "\n".join(",".join(str(int(v)) for v in place._wave(p, np.arange(64) * 25e-9)) for p in place.mask.positions)
     upload = place.upload(rows.encode(), "u2")
@@ -206,6 +208,7 @@ def test_a_description_cannot_name_a_file_of_the_service(place):
         place.do("import", upload_id="u5", description={"positions": "../../../../etc/passwd"})
 
 
+@pytest.mark.long
 def test_the_speed_of_sound_is_found_again(place):
     asked = {"scan_id": place.scan, "first": 1350.0, "last": 1650.0, "steps": 7, "parameters": {"modes": 16}}
     _, report = place.do("sound-speed", **asked)

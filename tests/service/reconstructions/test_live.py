@@ -110,6 +110,7 @@ def _from_scratch(scan: GrowingScan, view: LiveView, parameters: ReconstructionP
     return image_by(chosen, view.preview.reduce(traces), recording.positions)
 
 
+@pytest.mark.long
 def test_revisions_appear_as_alines_come_and_the_last_is_the_reconstruction_from_the_file(
     scan: GrowingScan, tmp_path: Path
 ) -> None:
@@ -172,6 +173,7 @@ def test_what_a_stopped_scan_has_sensed_is_told_as_area_not_as_a_share_of_points
     assert abs(sensed - 60 / len(weights)) > 0.01
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("detail", ["full", "preview"])
 @pytest.mark.parametrize("order", ["progressive", "snake"])
 def test_the_image_grown_from_all_alines_is_the_one_made_from_the_file_at_once(
@@ -319,6 +321,7 @@ def test_a_preview_keeps_what_its_samples_carry_and_drops_the_rest() -> None:
     assert np.abs(reduced[1]).max() < 1e-3
 
 
+@pytest.mark.long
 def test_revisions_while_another_process_scans_1605_points(scan: GrowingScan, tmp_path: Path) -> None:
     """The paper's mask on a simulated scanner, about 4 s long; the image is small so that the test is quick."""
     scan.measure(10)
@@ -409,6 +412,7 @@ def test_a_view_that_begins_late_takes_the_alines_in_pieces(
     assert _distance(view.volume().values, _from_scratch(scan, view).values) < 1e-4
 
 
+@pytest.mark.long
 def test_the_benchmark_finds_the_grown_image_equal_to_the_one_made_at_once() -> None:
     rows = benchmark(quick=True, revisions=3)
     assert {(row["detail"], row["order"]) for row in rows} == {

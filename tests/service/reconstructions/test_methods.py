@@ -86,6 +86,7 @@ def test_a_corrected_film_changes_the_image_with_kept_plans_as_well(recording: P
     np.testing.assert_allclose(images[1], reconstruct_recording(found, filtered).values)
 
 
+@pytest.mark.long
 def test_the_command_line_leaves_out_what_is_above_a_frequency_and_says_so(recording: Path, tmp_path: Path) -> None:
     """The ball's A-lines end near 5 MHz; Nyquist is 25 MHz."""
 
@@ -168,6 +169,7 @@ def test_the_report_states_the_sensed_area_and_notes_weights_that_are_not_areas(
     assert mended.sensed_area_m2 == pytest.approx(report.sensed_area_m2)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", ["nedner", "iterative"])
 def test_the_report_names_the_device(
     method: str, recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -89,6 +89,7 @@ def test_the_command_warns_and_the_report_tells(whole, tmp_path):
     assert missing["hole_m"] == pytest.approx(20 * STEP)
 
 
+@pytest.mark.long
 def test_the_iterative_method_tells_iterations_and_misfit(whole, tmp_path):
     """While it runs and at its end: the figures are those of the library's own account of the same image."""
     stages = []

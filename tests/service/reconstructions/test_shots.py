@@ -82,6 +82,7 @@ def image(path, **shots):
     return reconstruct_recording(recording, PARAMETERS.replace(shots=ShotTreatment.create(**shots)))
 
 
+@pytest.mark.long
 def test_a_ball_recorded_with_uneven_energies_and_time_zeros_has_its_true_depth_and_amplitude(even, uneven):
     place, height = peak(image(even))
     step = SPEED * INTERVAL
@@ -165,6 +166,7 @@ def test_the_live_view_evens_out_what_the_reconstruction_does(even, uneven, tmp_
     assert np.abs(views[1] - views[0]).max() < 0.02 * views[0].max()
 
 
+@pytest.mark.long
 def test_dark_a_lines_that_come_first_are_not_left_in_the_live_view(even, tmp_path):
     """Whether energies are known is a matter of the whole scan, not of the few A-lines of one look."""
     counts, first, path = np.array(read_scan(even).traces), PLAN.visit[:40], tmp_path / "scan.h5"

@@ -37,6 +37,7 @@ def find(speed: float, seed: int, first: float, last: float, steps: int, **optio
     )  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("speed", "seed"), [(1400.0, 0), (1463.0, 1), (1540.0, 2), (1600.0, 3)])
 def test_the_speed_is_found_within_three_thousandths_at_30_db(speed: float, seed: int) -> None:
     curve = find(speed, seed, 1380, 1620, 13, standard_error=False, criterion="sharpness")
@@ -46,6 +47,7 @@ def test_the_speed_is_found_within_three_thousandths_at_30_db(speed: float, seed
     assert max(curve.sharpness) > 1.02 * curve.sharpness[0]
 
 
+@pytest.mark.long
 def test_the_standard_error_says_how_far_off_it_is() -> None:
     curve = find(1500.0, 4, 1460, 1540, 5, criterion="sharpness")
     assert curve.standard_error is not None

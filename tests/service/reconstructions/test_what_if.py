@@ -45,6 +45,7 @@ def balls(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("points", ["nearest", "exact"])
 def test_through_all_of_its_own_points_a_scan_is_the_full_image(balls: Path, tmp_path: Path, points: str) -> None:
     report = what_if(balls, _grid(SIDE, PITCH), tmp_path, points=points)  # type: ignore[arg-type]
@@ -66,6 +67,7 @@ def test_the_report_and_both_pictures_are_written(balls: Path, tmp_path: Path) -
     assert report.diameter_m == pytest.approx(2 * DEPTH)
 
 
+@pytest.mark.long
 def test_equal_steradians_beat_grids_of_more_points_around_the_point_of_interest(balls: Path, tmp_path: Path) -> None:
     """The paper's finding: correlation of the z-projection within a disc around the point of interest."""
     sparse = what_if(balls, equi_steradian_mask(APERTURE, DEPTH, 150), tmp_path / "steradian", diameter=1.6e-3)
@@ -82,6 +84,7 @@ def test_equal_steradians_beat_grids_of_more_points_around_the_point_of_interest
     assert 1 - ours < 0.8 * (1 - best), (ours, best)
 
 
+@pytest.mark.long
 def test_on_data_this_project_did_not_write_equal_steradians_beat_the_same_number_at_random(tmp_path: Path) -> None:
     """k-Wave's yarn, an eighth of its sensors, with the mask's weights against equal ones as well."""
     recording = open_recording(YARN)

@@ -92,12 +92,14 @@ def test_a_start_on_a_damaged_folder_is_one_clear_sentence(kept, damage, said):
         assert (kept.file.read_bytes() if kept.file.exists() else None) == before, "what may be got back is untouched"
 
 
+@pytest.mark.long
 def test_the_sentence_is_all_that_a_person_sees(kept):
     truncated(kept)
     done = steradian("serve", "--port", "0", "--data", str(kept.folder))
     assert (done.returncode, done.stdout, len(done.stderr.splitlines())) == (3, "", 1), done.stderr
 
 
+@pytest.mark.long
 def test_a_folder_that_is_well_has_nothing_to_report(kept):
     kept.serve()
     assert kept.found() == {}
@@ -156,6 +158,7 @@ def test_half_a_log_of_the_database_is_seen_by_the_volumes_it_forgot(kept):
     assert kept.kinds() == {"third": "unfinished-result", "fourth": "unknown-result"}
 
 
+@pytest.mark.long
 def test_the_check_names_rows_without_files_and_files_without_rows(kept):
     shutil.copy(kept.data.scan_file(kept.scan), kept.data.scan_file("s01foreign"))
     (kept.data.root / "scans" / "s01broken.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
@@ -182,6 +185,7 @@ def test_a_service_that_knows_some_of_the_scans_starts_and_says_what_it_does_not
     assert "steradian check" in caplog.text
 
 
+@pytest.mark.long
 def test_a_check_of_a_folder_in_use_or_of_none_is_one_clear_sentence(kept, tmp_path):
     with kept.data.lock():
         done = steradian("check", str(kept.folder))
@@ -190,6 +194,7 @@ def test_a_check_of_a_folder_in_use_or_of_none_is_one_clear_sentence(kept, tmp_p
     assert (done.returncode, "nowhere" in done.stderr, (tmp_path / "nowhere").exists()) == (3, True, False)
 
 
+@pytest.mark.long
 def test_a_scan_with_a_damaged_header_is_told_as_one_that_cannot_be_read(kept):
     foreign = kept.data.scan_file("s01foreign")
     shutil.copy(kept.data.scan_file(kept.scan), foreign)

@@ -83,12 +83,14 @@ def watched(tmp_path_factory):
     watched.close()
 
 
+@pytest.mark.long
 def test_the_threads_of_a_worker_share_a_heap(watched):
     """With one for each, every one of them grew to the most that any job took there, for an hour and longer."""
     watched.run(20)
     assert watched.look()["heaps"] == 1
 
 
+@pytest.mark.long
 def test_garbage_waits_for_the_end_of_a_job_and_not_for_tens_of_thousands_of_objects(watched):
     """Rings of garbage that are old when they become it, as a long job leaves them."""
     watched.run(1)

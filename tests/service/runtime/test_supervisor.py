@@ -33,6 +33,7 @@ def test_a_child_that_keeps_ending_is_started_after_ever_longer_pauses(tmp_path)
     assert pauses[:4] == pytest.approx([1.0, 2.0, 4.0, 8.0], abs=0.35)
 
 
+@pytest.mark.long
 def test_a_worker_alone_owns_the_data_directory_while_its_block_lasts(tmp_path, monkeypatch):
     monkeypatch.setenv("STERADIAN_API_KEY", "a secret of the service")
     settings = Settings.create(data=tmp_path)
@@ -75,6 +76,7 @@ def test_processes_that_are_stopped_are_named_and_a_stopped_api_is_replaced(tmp_
         service.close()
 
 
+@pytest.mark.long
 def test_a_service_that_ends_removes_its_own_signs_of_life_and_leaves_those_of_other_hosts(tmp_path):
     data, service = DataDirectory(tmp_path), Service(tmp_path).start()
     try:

@@ -153,6 +153,7 @@ def test_the_speed_of_sound_is_looked_for(service, scan):
     assert picture.startswith(b"\x89PNG")
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not Path("/proc").exists(), reason="memory of processes is read from /proc")
 def test_cancelling_a_running_reconstruction_frees_its_memory_and_core_within_a_second(tmp_path, capsys, slowed):
     settings = Settings.create(data=tmp_path)
@@ -190,6 +191,7 @@ def test_cancelling_a_running_reconstruction_frees_its_memory_and_core_within_a_
     assert took < 1.0 * slow
 
 
+@pytest.mark.long
 def test_a_service_that_is_asked_to_end_puts_jobs_back_and_makes_the_scan_safe(tmp_path, capsys, slowed):
     service = Service(tmp_path, simulator_speed=20.0).start()
     done = service.make("/scans", plan_id=service.plan())

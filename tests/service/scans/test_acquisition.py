@@ -70,6 +70,7 @@ def test_what_a_scan_missed_is_measured_by_one_that_begins_with_its_a_lines(benc
         assert (new.attrs["scan_id"], new.attrs["completes"]) == (following, earlier)
 
 
+@pytest.mark.long
 def test_a_scan_whose_beginning_is_gone_fails_and_says_so(bench):
     earlier = bench.queue()
     bench.work.step()
@@ -157,6 +158,7 @@ def test_a_scanner_that_is_not_there_interrupts_the_scan_which_may_be_settled_by
     bench.close()
 
 
+@pytest.mark.long
 def test_a_scan_that_cannot_be_kept_yet_holds_up_no_other_and_is_kept_in_the_end(tmp_path):
     """Its own file is lost with an earlier node, and the store's copy cannot be fetched, then is damaged."""
 
@@ -276,6 +278,7 @@ def test_a_wish_that_nobody_was_there_to_hear_fires_nothing_later(bench):
     assert bench.scans.get(identifier).state is S.PARTIAL
 
 
+@pytest.mark.long
 def test_a_resume_is_refused_while_the_film_is_not_what_it_was(tmp_path):
     """The difference is named, the scan stays interrupted, and it goes on when things are as before."""
 
@@ -296,6 +299,7 @@ def test_a_resume_is_refused_while_the_film_is_not_what_it_was(tmp_path):
         bench.close()
 
 
+@pytest.mark.long
 def test_a_resume_is_refused_where_the_a_lines_that_were_stored_are_not(tmp_path):
     """On a node with a new folder: begun anew it would fire at all points again and replace what is kept elsewhere."""
     bench = Bench(tmp_path)

@@ -74,6 +74,7 @@ def test_while_the_disk_is_full_the_laser_rests_and_the_scan_says_so(bench, full
     assert row.summary == {"points": 53, "stored": 53, "fired": 53}
 
 
+@pytest.mark.long
 def test_a_laser_that_rested_for_a_full_disk_for_too_long_comes_back_only_when_wished(tmp_path, full):
     """Everything that was fired before is stored once there is room."""
     bench = Bench(tmp_path, within=0.0)
@@ -96,6 +97,7 @@ def test_a_laser_that_rested_for_a_full_disk_for_too_long_comes_back_only_when_w
     bench.close()
 
 
+@pytest.mark.long
 def test_an_interlock_opened_while_the_laser_rested_for_a_full_disk_keeps_it_off_until_wished(tmp_path, full):
     """Somebody has opened the enclosure meanwhile, so a person decides, however soon there is room again."""
     with launch(speed=50.0) as simulator:

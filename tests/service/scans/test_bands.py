@@ -41,6 +41,7 @@ def measured(folder, name):
         return np.asarray(alines["wavelength_m"]), np.asarray(alines["samples"]) * np.asarray(alines["scale"])[:, None]
 
 
+@pytest.mark.long
 def test_each_point_is_measured_at_its_bands_wavelength(scanned):
     """The wavelength that the scanner says it had, to a picometre; and retunings are few."""
     plans, folder = scanned

@@ -42,6 +42,7 @@ def whole(simulator, plan, tmp_path_factory):
     return run_scan(plan, simulator.url, path), path
 
 
+@pytest.mark.long
 def test_each_row_is_the_pressure_at_its_own_point_and_a_places_rows_share_their_shot(plan, whole):
     """Closed form at the mask's points, whatever the order of visit."""
     summary, path = whole
@@ -75,6 +76,7 @@ def test_a_scan_that_was_stopped_goes_on_with_whole_places_and_ends_the_same(pla
     np.testing.assert_array_equal(samples(path), samples(whole[1]))
 
 
+@pytest.mark.long
 def test_a_scanner_whose_beams_are_elsewhere_is_refused_before_a_file_is_made(plan, tmp_path):
     path = tmp_path / "scan.h5"
     for settings, match in (({"beams": "3x2", "beam_spacing": 0.6e-3}, r"beams\[2\]"), ({}, "at most 1")):

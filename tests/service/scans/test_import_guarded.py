@@ -28,6 +28,7 @@ def _endless(path):
     path.write_bytes(data)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits of a process are Linux's")
 def test_a_file_that_sends_its_reader_in_circles_is_refused(tmp_path):
     """The format's name cannot be read in any time; the message says what became of the reader."""
@@ -38,6 +39,7 @@ def test_a_file_that_sends_its_reader_in_circles_is_refused(tmp_path):
     assert not (tmp_path / "new").exists() or not list((tmp_path / "new").iterdir())
 
 
+@pytest.mark.long
 def test_the_result_is_that_of_an_import_without_a_guard(tmp_path):
     """Same file, same summary, progress on the way."""
     source, description = foreign.npy_time_first(tmp_path)
@@ -81,6 +83,7 @@ def test_a_stopped_import_leaves_nothing(tmp_path):
     assert list((tmp_path / "new").iterdir()) == []
 
 
+@pytest.mark.long
 def test_an_import_that_is_stopped_when_its_file_is_whole_leaves_nothing_either(tmp_path):
     """The process may be done before somebody who stops it is heard."""
     source, description = foreign.npy_time_first(tmp_path)

@@ -65,6 +65,7 @@ def test_any_flipped_or_missing_byte_is_an_error_or_no_harm(tmp_path):
                 assert not scan.exists()
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="memory is read from /proc, which Linux has")
 def test_memory_stays_bounded_by_blocks(tmp_path):
     """100 MB of A-lines with time first, a chunk a time step, pass within 80 MB beyond what the libraries take."""

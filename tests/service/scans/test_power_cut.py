@@ -95,6 +95,7 @@ def disk_after_scan(tmp_path, plan, alines, monkeypatch):
     return disk
 
 
+@pytest.mark.long
 def test_what_was_acknowledged_is_there_whenever_the_power_failed(disk_after_scan, plan, alines, tmp_path):
     """… what is called stored is what was measured, and the rest of the scan fits into the same file."""
     chance = random.Random(5)
@@ -118,6 +119,7 @@ def test_what_was_acknowledged_is_there_whenever_the_power_failed(disk_after_sca
         np.testing.assert_array_equal(read_scan(path).traces, truth)
 
 
+@pytest.mark.long
 def test_what_is_taken_for_stored_has_its_own_samples_and_columns(disk_after_scan, plan, alines, tmp_path):
     """Any subset of the sectors that were not synchronised may be there; then the check, which may list more rows."""
     accepted = cut_and_compare(disk_after_scan, plan, alines, tmp_path, SUBSETS, random.Random(8))
@@ -155,6 +157,7 @@ def cut_and_compare(disk, plan, alines, tmp_path, subsets, chance):
     return accepted
 
 
+@pytest.mark.long
 def test_a_cut_between_writes_can_damage_an_aline_and_the_check_sees_it(disk_after_scan, plan, tmp_path):
     """The simulation is worth its name: some cuts leave torn A-lines, which are told from whole ones."""
     chance, torn = random.Random(6), 0

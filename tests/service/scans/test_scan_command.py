@@ -108,6 +108,7 @@ def test_positions_that_were_changed_are_no_scan_any_more(part):
     call("scan", "check", part.with_name("none.h5"), raises=NotFound)
 
 
+@pytest.mark.long
 def test_the_simulated_scanner_looks_at_what_is_asked_for(plan, tmp_path):
     """Each phantom gives other A-lines, a file of balls those of its own; the line to go on with names it."""
     write_value(plan, tmp_path / "plan.json")

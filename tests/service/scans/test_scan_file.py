@@ -36,6 +36,7 @@ def path(tmp_path, plan, alines):
     return file
 
 
+@pytest.mark.long
 def test_every_object_is_documented_with_its_type_and_every_documented_one_exists(path, tmp_path):
     rows = re.findall(r"^\| `(/[\w/]*)`(?: attributes)? \|([^|]*)\|([^|]*)\|$", DOCUMENT.read_text(), re.M)
     found = {}

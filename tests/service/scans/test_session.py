@@ -93,6 +93,7 @@ def test_another_plan_is_refused_and_named(plan, simulator, tmp_path):
     assert resume_scan(path, simulator.url).fired - fired == plan.mask.count - fired + 16
 
 
+@pytest.mark.long
 def test_another_scanner_and_another_object_are_refused_and_named(plan, simulator, tmp_path):
     path = tmp_path / "a.h5"
     stop_at(plan, simulator, path, 20)
@@ -187,6 +188,7 @@ def test_averages_are_averaged_by_the_scanner_and_counted(plan, simulator, tmp_p
     assert summary.fired == 4 * summary.stored == 4 * plan.mask.count
 
 
+@pytest.mark.long
 def test_a_lost_link_that_comes_back_is_told_and_costs_nothing(plan, whole, tmp_path):
     class Unplugs(Script):
         def progress(self, done, total):
@@ -231,6 +233,7 @@ def test_a_scan_that_is_not_wanted_before_it_begins_fires_nothing(plan, simulato
     assert simulator.command("report")["shots"] == before
 
 
+@pytest.mark.long
 def test_a_scanner_that_vanishes_leaves_a_scan_that_another_session_ends(plan, whole, tmp_path):
     class Goes(Script):
         def progress(self, done, total):
@@ -267,6 +270,7 @@ def test_the_size_of_a_scan_file_is_known_before_it_is_made(plan, simulator, tmp
     assert size <= said < size + 65_536
 
 
+@pytest.mark.long
 def test_an_existing_file_is_no_place_for_a_new_scan(plan, simulator, tmp_path):
     path = tmp_path / "a.h5"
     path.write_text("mine")

@@ -7,6 +7,8 @@ import threading
 import time
 from pathlib import Path
 
+import pytest
+
 sys.path.insert(0, str(Path(__file__).parent))
 from acquisition_bench import Bench
 
@@ -14,6 +16,7 @@ from fabry_perot.simulator import launch
 from steradian.storage.states import DesiredScanState, ScanState
 
 
+@pytest.mark.long
 def test_a_scan_whose_scanner_falls_silent_does_not_count_as_running(tmp_path):
     class Port:
         def url(self):

@@ -77,6 +77,7 @@ def desk(tmp_path):
     desk.database.close()
 
 
+@pytest.mark.long
 def test_a_locked_database_takes_nothing_from_the_rate_of_a_lines(desk, tmp_path):
     """By the scanner's clock: the laser fires on, a shot every 20 ms, while the database is locked; later it learns."""
     lock = desk.locked()

@@ -45,6 +45,7 @@ def in_time(ask):
     return answers[0]
 
 
+@pytest.mark.long
 def test_one_holds_a_name_and_the_next_when_its_session_is_gone(url, lock):
     other = SessionLock(url, "me")
     assert other.renew() is Hold.TAKEN

@@ -57,6 +57,7 @@ def test_one_looks_again_in_time_and_whenever_the_file_tells_nothing(database, t
     assert [missing.any() for _ in range(3)] == [True] * 3
 
 
+@pytest.mark.long
 def test_its_connection_goes_with_it(database):
     changes = Changes(database)
     changes.any()

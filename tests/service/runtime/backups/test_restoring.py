@@ -49,6 +49,7 @@ def test_nobody_is_signed_in_where_a_backup_is_restored(kept, tmp_path):
     elsewhere.close()
 
 
+@pytest.mark.long
 def test_a_backup_goes_from_one_kind_of_database_to_the_other_and_back(made, tmp_path, postgres):
     kept, backup = made
     distributed = restored(backup, tmp_path / "distributed", postgres.database())
