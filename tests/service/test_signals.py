@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from steradian.errors import Cancelled, InvalidInput
 from steradian.quality.signals import inspect_signals
@@ -92,8 +93,14 @@ def test_look_command_lists_the_bad_lines_of_a_recording(tmp_path):
     lengths["grid"] = {"count": [SIDE, SIDE], "interval": [100e-6, 100e-6]}
     (tmp_path / "about.json").write_text(json.dumps(lengths))
     run_here("import", "lines.csv", "scan.h5", "--description", "about.json", cwd=tmp_path)
-    output = run_here("look", "scan.h5", "--json", "look.json", cwd=tmp_path)
+    options = ("--json", "look.json", "--picture", "look.png", "--all-frames")
+    output = run_here("look", "scan.h5", *options, cwd=tmp_path)
     report = json.loads((tmp_path / "look.json").read_text())
     assert [(line["aline"], line["kind"], line["mend"]) for line in report["bad"]] == [(290, "inverted", "sign")]
     assert (report["looked_at"], report["complete"]) == (len(positions), True)
     assert "inverted  A-line    290" in output
+    assert f"frame 0: {len(positions)} A-lines" in output
+    (frame,) = report["frames"]
+    assert (frame["bad"], frame["power"]) == (1, pytest.approx(traces.round().var(axis=1).mean(), rel=1e-3))
+    with Image.open(tmp_path / "look.png") as picture:
+        assert picture.size[0] > 1000

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from steradian.cli.console import progress_bar, show_end, show_figures
+from steradian.scans.frames import Frame
+
+if TYPE_CHECKING:
+    from steradian.scans.inspection import Inspection
 
 LISTED = 20
 """Bad A-lines of each kind that are printed; the file of ``--json`` has more."""
@@ -18,6 +22,8 @@ def look(
     file: Annotated[Path, typer.Argument(help="A scan file or another known recording.")],
     frame: Annotated[int, typer.Option(help="Which frame of several, from 0.")] = 0,
     to: Annotated[Path | None, typer.Option("--json", help="Write the whole report into this file.")] = None,
+    picture: Annotated[Path | None, typer.Option(help="Draw histogram, spectrum and maps into this PNG.")] = None,
+    all_frames: Annotated[bool, typer.Option("--all-frames", help="Compare all frames: power, baseline, bad.")] = False,
 ) -> None:
     """Inspect A-lines before imaging: codes, noise, baseline, and bad A-lines by kind. Changes nothing."""
     from steradian.scans.inspection import inspect_scan
@@ -47,6 +53,34 @@ def look(
             typer.echo(f"{kind:<9} A-line {line['aline']:>6} at {place}: {line['detail']}")
         if found.kinds[kind] > LISTED:
             typer.echo(f"{kind:<9} and {found.kinds[kind] - LISTED} more")
+    if all_frames:
+        report["frames"] = _compare(file, found)
+    if picture is not None:
+        from steradian.scans.inspection_figure import draw_inspection
+
+        draw_inspection(found, picture)
+        show_end(("picture", picture))
     if to is not None:
         to.write_text(json.dumps(report) + "\n", encoding="utf-8")
         show_end(("report", to))
+
+
+def _compare(file: Path, one: Inspection) -> list[dict[str, object]]:
+    """Print a line for each frame, and return its statistics."""
+    from steradian.scans.importing.opening import is_own
+    from steradian.scans.inspection import inspect_scan
+    from steradian.scans.reading import list_frames
+
+    rows: list[dict[str, object]] = []
+    for frame in list_frames(file) if is_own(file) else [Frame(0, 0.0, len(one.rows))]:
+        if not frame.stored:
+            continue
+        with progress_bar() as progress:
+            found = one if frame.index == one.frame else inspect_scan(file, frame.index, progress=progress)
+        row = found.statistics() | {"bad": sum(found.kinds.values())}
+        light = f" at {1e9 * frame.excitation:.4g} nm" if frame.excitation else ""
+        power = f"power {row['power']:.3g} +- {row['power_spread']:.2g}"
+        baseline = f"baseline {row['baseline']:.3g} +- {row['baseline_spread']:.2g}"
+        typer.echo(f"frame {frame.index}{light}: {row['alines']} A-lines, {power}, {baseline}, {row['bad']} bad")
+        rows.append(row)
+    return rows

@@ -95,11 +95,15 @@ class Inspection:
             },
             "maps": maps,
             "beams": self._beams(),
-            "frames": [{"frame": self.frame, **self._statistics(slice(None))}],
+            "frames": [self.statistics()],
             "bad": bad,
             "bad_counts": self.kinds,
         }
         return dict(plain(answer))
+
+    def statistics(self) -> dict[str, Any]:
+        """Return mean and standard deviation of power and baseline over the frame's A-lines, in plain values."""
+        return dict(plain({"frame": self.frame, **self._statistics(slice(None))}))
 
     def _beams(self) -> list[dict[str, Any]]:
         beams = int(self.recording.provenance.get("beams", "1"))
