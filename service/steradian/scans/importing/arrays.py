@@ -25,7 +25,7 @@ from steradian.scans.importing import names
 from steradian.scans.importing.axes import axes_of, table_of
 from steradian.scans.importing.description import Description, grid_points
 from steradian.scans.importing.geometry import MOST_POINTS
-from steradian.scans.importing.kwave_p import order_of_p, require_line
+from steradian.scans.importing.kwave_p import order_of_p, order_of_square, require_line
 from steradian.scans.importing.remarks import remark
 from steradian.scans.importing.source import Source, Stated, make_source
 from steradian.scans.importing.tables import RawTable, Table, mapped, scratch, spill
@@ -53,8 +53,10 @@ def open_npy(path: Path, said: Description) -> Iterator[Source]:
         shape, kind, fortran = _header(file, path.name)
         if path.stat().st_size - file.tell() != prod(shape) * kind.itemsize:
             raise DamagedFile(f"{path.name} is truncated, or has more than its {shape} numbers")
-        order = order_in(shape, said, path.name)
-        table, lateral = table_in(file, file.tell(), kind, shape, order, fortran=fortran)
+        order, start = order_in(shape, said, path.name), file.tell()
+        if len(shape) == 2 and shape[0] == shape[1] and said.order is None:
+            order = order_of_square(mapped(file, start, kind, shape, fortran=fortran), order)
+        table, lateral = table_in(file, start, kind, shape, order, fortran=fortran)
         yield make_source("npy", table, Stated(), said, path.name, lateral)
 
 
@@ -206,10 +208,13 @@ def _member_table(
         spill(_pieces(file, kind), spare, count, 1, time_first=False)
     known = next((_shape(archive, held[each])[0] for each in names.POSITIONS if each in held), 0)
     guessed = is_p and said.order is None
+    is_square = len(shape) == 2 and shape[0] == shape[1] and said.order is None
     order = order_in(shape, said, member.filename, ("time", "point") if is_p else ("point", "time"), known)
     on_grid = not known and said.positions is None and said.grid is None
-    if guessed and (on_grid or len(shape) == 3):
+    if guessed and (on_grid or is_square or len(shape) == 3):
         order = order_of_p(mapped(spare, 0, kind, shape, fortran=fortran))
+    elif is_square:
+        order = order_of_square(mapped(spare, 0, kind, shape, fortran=fortran), order)
     table, lateral = table_in(spare, 0, kind, shape, order, fortran=fortran)
     return table, lateral, is_p
 

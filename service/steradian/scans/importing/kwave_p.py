@@ -36,6 +36,16 @@ def order_of_p(values: NDArray[Any]) -> tuple[str, ...]:
     return order
 
 
+def order_of_square(values: NDArray[Any], usual: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the axes of an array with as many samples as sensors: the usual ones, unless the samples say otherwise."""
+    time = time_axis(values, (0, 1))
+    if time is None or usual[time] == "time":
+        return usual
+    words = "(time, sensor)" if time == 0 else "(sensor, time)"
+    remark(f"the A-lines were taken as {words}: along that time axis their beginning is quiet")
+    return usual[::-1]
+
+
 def require_line(table: Table, stated: Stated, said: Description, pitch: float) -> None:
     """Refuse sensors that would be a line for want of positions, where neighbouring A-lines say they are none."""
     if not isinstance(table, RawTable) or table.points < 3:

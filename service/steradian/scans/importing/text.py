@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from steradian.errors import DamagedFile
 from steradian.scans.importing.arrays import order_in, table_in
 from steradian.scans.importing.description import Description
+from steradian.scans.importing.kwave_p import order_of_square
 from steradian.scans.importing.remarks import remark
 from steradian.scans.importing.source import Source, Stated, make_source
-from steradian.scans.importing.tables import scratch
+from steradian.scans.importing.tables import mapped, scratch
 
 LINE_BYTES = 16 << 20
 SHOWN = 40
@@ -70,6 +71,8 @@ def open_csv(path: Path, said: Description, folder: Path | None = None) -> Itera
         if not rows:
             raise DamagedFile(f"{path.name} holds no numbers")
         order = order_in((rows, columns), said, path.name)
+        if rows == columns and said.order is None:
+            order = order_of_square(mapped(spare, 0, np.dtype(np.float64), (rows, columns)), order)
         table, lateral = table_in(spare, 0, np.dtype(np.float64), (rows, columns), order)
         yield make_source("csv", table, Stated(), said, path.name, lateral)
 
