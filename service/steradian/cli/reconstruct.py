@@ -144,6 +144,7 @@ def reconstruct(
     """Reconstruct the initial pressure and write the volume, its projections and a report into a folder."""
     from steradian.reconstructions.parameters import ReconstructionParameters
     from steradian.scans.frames import FrameChoice
+    from steradian.scans.importing.opening import is_own
     from steradian.scans.opening import FIRST
 
     parameters = ReconstructionParameters.create(
@@ -201,7 +202,7 @@ def reconstruct(
         raise InvalidInput("follow", "true", "without frame, wavelength and average")
     if each == "frame" and average:
         raise InvalidInput("average", "true", "not of each frame; with --each wavelength or alone")
-    if description is not None:
+    if description is not None or ((each is not None or choice != FIRST) and file.is_file() and not is_own(file)):
         from steradian.scans.importing.guarded import import_guarded
 
         path, options = parse_description(description)

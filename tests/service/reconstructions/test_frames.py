@@ -12,6 +12,7 @@ from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.shots import ShotTreatment, even_out
 from steradian.reconstructions.sound_speed import scan_sound_speed
 from steradian.reconstructions.what_if import what_if
+from steradian.scans.exporting import export_scan
 from steradian.scans.frames import Frame, distinct_wavelengths
 from steradian.scans.opening import open_recording
 from steradian.scans.store import AlineStore, create_scan_file
@@ -169,6 +170,15 @@ def test_reconstruct_command_takes_a_wavelength_an_average_or_each(scan, tmp_pat
     assert "note" not in out
     values = [steradian.open(tmp_path / "all" / light / "volume.h5").values.max() for light in ("750nm", "850nm")]
     assert values[1] / values[0] == pytest.approx(2, rel=0.01)
+
+
+def test_reconstruct_command_takes_frames_of_a_file_that_is_not_imported(scan, tmp_path):
+    """The file is imported beside the image first; its pulse energies, which differ by half, are not read."""
+    export_scan(scan, tmp_path / "lab.hdf5", format="ipasc")
+    words = ("--modes", 24, "--each", "wavelength", "--average", "-o", "all")
+    run_here("reconstruct", "lab.hdf5", *words, cwd=tmp_path)
+    values = [steradian.open(tmp_path / "all" / light / "volume.h5").values.max() for light in ("750nm", "850nm")]
+    assert values[1] / values[0] == pytest.approx(2, rel=0.1)
 
 
 @pytest.mark.parametrize(
