@@ -274,6 +274,7 @@ def _stated_in(
         sound_speed=number(*names.SPEED),
         time_zero=time_zero(),
         depth=number(*names.DEPTH),
+        energies=small(*names.ENERGIES),
         simulated=simulated,
     )
 

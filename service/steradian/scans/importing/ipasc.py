@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -60,7 +61,7 @@ def open_ipasc(path: Path, said: Description, note: Progress | None = None) -> I
         table = _table(series, said)
         points = _positions(file, table.points, note)
         refuse_sideways(points, _directions(file))
-        stated = _stated(file, points, _excitation(file, series, said))
+        stated = replace(_stated(file, points, _excitation(file, series, said)), energies=_energies(file, series, said))
         yield make_source(FORMAT, table, stated, said, path.name)
 
 
@@ -110,6 +111,17 @@ def _excitation(file: h5py.File, series: h5py.Dataset, said: Description) -> tup
         remark("wavelengths of the light were taken in nm: the standard's metres make no sense of them")
         found = found / 1e9
     return tuple(map(float, found if said.wavelength is None else found[[said.wavelength]]))
+
+
+def _energies(file: h5py.File, series: h5py.Dataset, said: Description) -> NDArray[np.float64] | None:
+    """Return the pulse energy of each A-line that is imported (frames, detectors), where our own export states it."""
+    name, shape = f"{ACQUISITION}/{ENERGY}", (series.shape[0], *series.shape[2:])
+    if name not in file or file[name].shape != shape:
+        return None
+    found = untrusted.array(file, name).astype(np.float64).reshape(shape[0], -1, shape[2] if len(shape) > 2 else 1)
+    found = found[:, slice(None) if said.wavelength is None else [said.wavelength]]
+    found = found[:, :, slice(None) if said.frame is None else [said.frame]]
+    return found.reshape(shape[0], -1).T
 
 
 def _sound_speed(file: h5py.File) -> float | None:

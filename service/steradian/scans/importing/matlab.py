@@ -202,7 +202,7 @@ def _stated(file: h5py.File, lateral: tuple[int, ...], points: NDArray[np.float6
     interval, rate, speed = (_number(file, wanted) for wanted in (names.INTERVAL, names.RATE, names.SPEED))
     if interval is None and rate:
         interval = 1 / rate
-    weights = _find(file, names.WEIGHTS)
+    weights, energies = _find(file, names.WEIGHTS), _find(file, names.ENERGIES)
     return Stated(
         points=points,
         weights=None if weights is None else untrusted.array(file, weights).astype(np.float64).reshape(-1),
@@ -211,6 +211,7 @@ def _stated(file: h5py.File, lateral: tuple[int, ...], points: NDArray[np.float6
         sampling_interval=interval,
         sound_speed=speed,
         time_zero=_time_zero(file, lateral),
+        energies=None if energies is None else untrusted.array(file, energies).astype(np.float64),
     )
 
 

@@ -16,6 +16,7 @@ MASK = ("mask", "sensor_mask", "sensor/mask")
 WEIGHTS = ("weights",)
 APERTURE = ("aperture",)
 DEPTH = ("depth",)
+ENERGIES = ("energies", "energy", "pulse_energies", "pulse_energy")
 STEPS = ("dx", "dy", "dz")
 """Pitches along the axes of a mask or of an array of sensors."""
 KGRID = tuple(f"kgrid/{name}" for name in STEPS)
@@ -24,4 +25,4 @@ LATERAL_STEPS = (("dy", "dx"), ("dz", "dy", "dx"))
 """Pitches along our x and y of k-Wave's ``p`` (time, y, z); its ``dx`` is the step in depth where there are others."""
 
 NUMBERS = (*INTERVAL, *RATE, *SPEED, *TIME_ZERO, *APERTURE, *DEPTH, *STEPS, *KGRID)
-GEOMETRY = (*POSITIONS, *MASK, *WEIGHTS)
+GEOMETRY = (*POSITIONS, *MASK, *WEIGHTS, *ENERGIES)

@@ -6,18 +6,20 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steradian.errors import InvalidInput
-from steradian.ranges import LENGTH, SAMPLING_INTERVAL, TIME_ZERO
-from steradian.scans.importing.description import LENGTHS, TIMES, Description, grid_points
+from steradian.ranges import SAMPLING_INTERVAL, TIME_ZERO
+from steradian.scans.importing.description import Description, grid_points
 from steradian.scans.importing.geometry import Sensors, place_sensors
 from steradian.scans.importing.noticing import noticed
+from steradian.scans.importing.pulse_energies import relative_energies
 from steradian.scans.importing.remarks import remark, remarks
 from steradian.scans.importing.tables import Table
+from steradian.scans.importing.units import require_extent, unit_hint, unit_of_times
 from steradian.scans.recording import Recording, Shots
 
 _T = TypeVar("_T")
@@ -72,6 +74,8 @@ class Stated:
     """Of all A-lines, or (M,) of each sensor."""
     depth: float | None = None
     averages: int = 1
+    energies: NDArray[np.float64] | None = None
+    """Of the pulses, in any unit: of each A-line (frames, M), of each sensor (M,) or of each frame."""
     details: dict[str, Any] = field(default_factory=dict)
     """What the scan file's record of its source keeps beside all this."""
     excitation: tuple[float, ...] = ()
@@ -102,6 +106,8 @@ class Source:
         Provenance.
     time_zeros
         (M,) seconds of each sensor where they differ; ``time_zero`` is then the earliest.
+    energies
+        (frames·M,) pulse energies over their mean; ``None``: not known.
     averages, details
         Pulses averaged into an A-line; what the scan file's record of its source keeps.
     notes
@@ -121,6 +127,7 @@ class Source:
     simulated: bool
     provenance: dict[str, str] = field(default_factory=dict)
     time_zeros: NDArray[np.float64] | None = None
+    energies: NDArray[np.float64] | None = None
     averages: int = 1
     details: dict[str, Any] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
@@ -149,8 +156,16 @@ class Source:
             planned=self.table.points,
             provenance=self.provenance,
             notes=tuple(self.notes),
-            shots=None if self.time_zeros is None else Shots.usual(self.time_zeros),
+            shots=self._shots(),
         )
+
+    def _shots(self) -> Shots | None:
+        """Return what differs among the A-lines of the first frame, if anything does."""
+        if self.time_zeros is None and self.energies is None:
+            return None
+        points = self.table.points
+        shots = Shots.usual(np.full(points, self.time_zero) if self.time_zeros is None else self.time_zeros)
+        return shots if self.energies is None else replace(shots, energy=self.energies[:points])
 
 
 def make_source(
@@ -182,11 +197,11 @@ def make_source(
         interval = _lacking("sampling_interval", "> 0 (s), which the file does not state", 1e-8)
     if interval not in SAMPLING_INTERVAL:
         given = f"{said.sampling_interval:g} {said.times}" if said.sampling_interval else f"{interval:g} s"
-        hint = _hint(
-            said.sampling_interval is not None, "times", said.times if said.sampling_interval else _times(said)
+        hint = unit_hint(
+            said.sampling_interval is not None, "times", said.times if said.sampling_interval else unit_of_times(said)
         )
         raise InvalidInput("sampling_interval", given, f"{SAMPLING_INTERVAL}; {hint}")
-    _require_extent(points, said)
+    require_extent(points, said)
     weights = said.weights if said.weights is not None else stated.weights
     aperture = said.metres(said.aperture) or stated.aperture
     area = None if said.weights is not None or weights is None else float(weights.sum())
@@ -203,6 +218,7 @@ def make_source(
         sound_speed=said.sound_speed or stated.sound_speed,
         time_zero=earliest,
         time_zeros=each,
+        energies=relative_energies(stated.energies, table.frames, table.points),
         depth=said.metres(said.depth) or stated.depth,
         scale=said.scale,
         excitation=stated.excitation,
@@ -213,11 +229,6 @@ def make_source(
         details=stated.details,
         notes=remarks(),
     )
-
-
-def _times(said: Description) -> Literal["s", "us", "ns"]:
-    """Return the unit of a file's own times."""
-    return "s" if said.has_times else said.times
 
 
 def _in_units(stated: Stated, said: Description) -> Stated:
@@ -254,34 +265,9 @@ def _time_zeros(
     wrong = [value for value in values.reshape(-1).tolist() if value not in TIME_ZERO]
     if wrong:
         given = f"{wrong[0]:g} s" if said.time_zero is None else f"{said.time_zero:g} {said.times}"
-        raise InvalidInput("time_zero", given, f"{TIME_ZERO}; {_hint(said.time_zero is not None, 'times', said.times)}")
+        hint = unit_hint(said.time_zero is not None, "times", said.times)
+        raise InvalidInput("time_zero", given, f"{TIME_ZERO}; {hint}")
     return float(values.min()), values if values.ndim else None
-
-
-def _require_extent(points: NDArray[np.floating[Any]], said: Description) -> None:
-    """Refuse sensors, or an aperture, that are wider than any scanner, in the words and the unit of what was given."""
-    if said.aperture is not None and said.aperture * said.length_unit not in LENGTH:
-        given = f"{said.aperture:g} {said.lengths}"
-        raise InvalidInput("aperture", given, f"{LENGTH}; {_hint(True, 'lengths', said.lengths)}")
-    spread = float(np.ptp(points, axis=0).max()) if np.isfinite(points).all() else 0.0
-    if spread > LENGTH.high:
-        field = "positions" if said.grid is None else "grid.interval"
-        described = said.grid is not None or isinstance(said.positions, np.ndarray)
-        unit = said.lengths if described or not said.has_lengths else "m"
-        given = f"sensors over {spread / LENGTHS[unit]:.4g} {unit}"
-        raise InvalidInput(field, given, f"over at most {LENGTH.high:g} m; {_hint(described, 'lengths', unit)}")
-
-
-def _hint(described: bool, field: Literal["lengths", "times"], unit: str) -> str:
-    """Say how to state the unit of a description's numbers, or what unit a file's own count as."""
-    if not described:
-        kind, example = ("length", "mm") if field == "lengths" else ("time", "us")
-        return (
-            f'numbers of a file count as {unit}; a description with no {kind} of its own, {{"{field}": "{example}"}}, '
-            "says their unit"
-        )
-    others = " or ".join(f'"{name}"' for name in (LENGTHS if field == "lengths" else TIMES) if name != unit)
-    return f'the description\'s numbers are in {unit}; it may say "{field}": {others}'
 
 
 def _described_points(

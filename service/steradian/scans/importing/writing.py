@@ -177,4 +177,7 @@ def _alines(start: int, block: NDArray[Any], kind: np.dtype[Any], source: Source
     each, points = source.time_zeros, source.table.points
     for index, row in enumerate(samples, start):
         zero = source.time_zero if each is None else float(each[index % points])
-        yield ImportedAline(index, row, source.scale, index + 1, time_zero_offset_s=zero, averages=source.averages)
+        about: dict[str, Any] = {"time_zero_offset_s": zero, "averages": source.averages}
+        if source.energies is not None:
+            about["energy"] = float(source.energies[index])
+        yield ImportedAline(index, row, source.scale, index + 1, **about)
