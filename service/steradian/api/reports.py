@@ -247,7 +247,7 @@ class ImageView(Figures):
     modes: int | None = None
 
 
-Result: TypeAlias = SoundSpeedView | ComparisonView | WidthView | ExportView | ImportView | ReportView
+Result: TypeAlias = SoundSpeedView | ComparisonView | ExportView | ImportView | ReportView | WidthView
 """What a job found."""
 _RESULTS: dict[str, type[Result]] = {
     "sound-speed": SoundSpeedView,
