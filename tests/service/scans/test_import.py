@@ -248,6 +248,7 @@ def test_the_formats_page_lists_every_name_that_is_understood(tmp_path):
         "samples a second": names.RATE,
         "speed of sound": names.SPEED,
         "time of the first sample": names.TIME_ZERO,
+        "pulse energies, of each A-line, sensor or frame, in any unit": names.ENERGIES,
         "positions": names.POSITIONS,
         "mask": names.MASK,
         "areas": names.WEIGHTS,
