@@ -95,8 +95,10 @@ class Feed:
             while True:
                 changed = self._moved if progress else self._changed
                 yield
+                # Python 3.11's wait_for loses a cancellation that comes in the same moment as the change.
                 with suppress(TimeoutError):
-                    await asyncio.wait_for(changed.wait(), ANYWAY)
+                    async with asyncio.timeout(ANYWAY):
+                        await changed.wait()
         finally:
             self._listeners -= 1
             self._watchers -= progress
