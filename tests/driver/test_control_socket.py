@@ -75,7 +75,8 @@ def test_clients_that_say_nothing_hold_up_no_stop(simulator):
             for each in idle:
                 each.connect(listener.address)
             answer = fabry_perot.emergency_stop(simulator.url, timeout=20.0)
-            assert (answer.laser, answer.holder) == ("off", f"{ports.own_name()} (process {os.getpid()})")
+            assert answer.laser == "off"
+            assert answer.holder.endswith(f"(process {os.getpid()})")
         finally:
             for each in idle:
                 each.close()

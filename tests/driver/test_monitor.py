@@ -112,7 +112,9 @@ def test_a_monitor_shows_the_laser_of_a_program_that_scans_and_stops_it(line, tm
             assert monitor.connection == "busy"
             assert monitor.holder == monitor.status.holder == f"fabry_perot (process {scan.pid})"
             answer = monitor.stop("Pat", timeout=20.0)
-            assert (answer.laser, answer.holder) == ("off", monitor.holder)
+            assert answer.laser == "off"
+            # A program that has not answered at once is passed by; over TCP nobody knows its name then.
+            assert not answer.holder or f"(process {scan.pid})" in answer.holder
             assert not report(simulator)["shutter"]
             assert "stopped by an emergency stop from Pat" in scan.communicate(timeout=250)[1]
         connected(monitor)
