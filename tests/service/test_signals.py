@@ -9,6 +9,7 @@ from PIL import Image
 from steradian.errors import Cancelled, InvalidInput
 from steradian.quality.signals import inspect_signals
 from support.commands import run_here
+from support.faulty import points, pressure, spoil, square, vessels
 
 STEP = 8e-9
 SPEED = 1500.0
@@ -42,6 +43,32 @@ def test_inspect_signals_five_kinds_of_bad_lines_finds_them_and_no_other():
     report = inspect_signals(traces.round().astype(np.int16), STEP, positions, sound_speed=SPEED)
     assert {line.aline: line.kind for line in report.bad} == truth
     assert report.bad[-1].shift == pytest.approx(40 * STEP, abs=8 * STEP)
+
+
+def test_inspect_signals_shift_below_the_lag_of_sound_is_an_outlier_among_neighbours():
+    """96 ns late or early, where sound needs 94 ns between the farthest of the neighbours."""
+    traces, positions, _, _ = made()
+    truth = {140: 12, 233: -12, 315: 12, 410: -12}
+    for aline, samples in truth.items():
+        traces[aline] = np.roll(traces[aline], samples)
+    report = inspect_signals(traces.round().astype(np.int16), STEP, positions, sound_speed=SPEED)
+    assert {line.aline: line.kind for line in report.bad} == dict.fromkeys(truth, "shifted")
+    for line in report.bad:
+        assert line.shift == pytest.approx(truth[line.aline] * STEP, abs=4 * STEP)
+
+
+@pytest.mark.long
+def test_inspect_signals_small_shifts_among_10000_are_found_at_the_share_that_the_docs_state():
+    """Shifts of 96 ns, a pitch of 70 um, points and vessels, a peak SNR of 30 dB and of 20 dB."""
+    positions, found, count = square(100, 7e-3), 0, 0
+    for made_of, noise in ((points, 0.03), (points, 0.1), (vessels, 0.03), (vessels, 0.1)):
+        clean = pressure(positions, *made_of(np.random.default_rng(11), 7e-3))
+        faulty = spoil(clean, np.random.default_rng(12), noise, 0.02, (6, 7))
+        report = inspect_signals(faulty.codes, 16e-9, positions, sound_speed=SPEED)
+        bad = {line.aline for line in report.bad}
+        assert len(bad - set(faulty.truth)) <= 0.001 * len(positions)
+        found, count = found + len(bad & set(faulty.of("shifted"))), count + len(faulty.of("shifted"))
+    assert found >= 0.9 * count
 
 
 def test_inspect_signals_noise_alone_flags_nothing_and_says_not_decidable():

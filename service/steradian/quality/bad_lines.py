@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.progress import IsCancelled, Progress
-from steradian.quality.likeness import Neighbourhood, compare
+from steradian.quality.likeness import Likeness, Neighbourhood, compare
 
 NEIGHBOURS: Final = 6
 ALIKE: Final = 0.35
@@ -85,6 +85,7 @@ def find_bad_lines(
     inverted = (like.opposite > 1.2 * same) & (like.opposite > np.maximum(0.6 * usual, like.elsewhere))
     far = (like.elsewhere > 1.5 * same) & (like.elsewhere > np.maximum(0.7 * usual, 1.1 * usual_elsewhere))
     slightly = (np.abs(like.near) > like.reach) & (like.same > 0.4 * usual) & (like.same < 0.7 * usual)
+    slightly |= _outlying(like, around, step) & (like.same > 0.4 * usual)
     shifted = far | (slightly & (usual >= 1.5 * ALIKE))
     silent = like.power < 1.3 * like.floor + 0.1 * np.maximum(around.median(like.power) - like.floor, 0)
     dead = (same < 0.55 * usual) & silent & ~noisy & ~inverted & ~shifted
@@ -103,6 +104,18 @@ def find_bad_lines(
         "shifted": "{:+.0f} ns against its neighbours",
     }
     return _as_lines(found, np.where(far, like.lag, like.near), details), bool(np.mean(decidable) >= MOSTLY)
+
+
+def _outlying(like: Likeness, around: Neighbourhood, step: float) -> NDArray[np.bool_]:
+    """Return (n,) whether an A-line's lag to its neighbours is an outlier among theirs.
+
+    The lag has to exceed five robust standard deviations (1.4826 times the median absolute deviation) of all, three of
+    its neighbours, twice the scatter among its own neighbours, and three samples.
+    """
+    off = np.abs(like.near - np.median(like.near[around.index], axis=1))
+    nearby = np.median(off[around.index], axis=1)
+    least = np.maximum(5 * 1.4826 * np.median(off), 3 * step)
+    return np.asarray(off > np.maximum.reduce([np.full_like(off, least), 3 * 1.4826 * nearby, 2 * like.scatter]))
 
 
 def _as_lines(

@@ -61,6 +61,8 @@ class Likeness:
         That lag in s, to the plausible one.
     near
         Median over neighbours of the lag in s of the largest correlation within three plausible ones.
+    scatter
+        Median over neighbours of how far in s that lag is from its median.
     reach
         Largest plausible lag in s.
     power
@@ -74,6 +76,7 @@ class Likeness:
     elsewhere: NDArray[np.float32]
     lag: NDArray[np.float64]
     near: NDArray[np.float64]
+    scatter: NDArray[np.float64]
     reach: NDArray[np.float64]
     power: NDArray[np.float32]
     floor: float
@@ -106,7 +109,7 @@ def compare(
         low *= np.exp(np.outer(zeros, np.arange(low.shape[1])) * (-2j * np.pi / (samples * step))).astype(np.complex64)
     farthest = around.distance.max(axis=1)
     same, opposite, elsewhere = (np.zeros(count, np.float32) for _ in range(3))
-    lag, near = np.zeros(count), np.zeros(count)
+    lag, near, scatter = np.zeros(count), np.zeros(count), np.zeros(count)
     order = np.argsort(farthest, kind="stable")  # so that those with the same plausible lag come together
     for first in range(0, count, CHUNK):
         if cancelled is not None and cancelled():
@@ -124,6 +127,7 @@ def compare(
         opposite[rows] /= lags.shape[1]
         total /= lags.shape[1]
         same[rows], near[rows] = total[:, 0], np.median(lags, axis=1)
+        scatter[rows] = np.median(np.abs(lags - near[rows, None]), axis=1)
         total[:, : 2 * most + 2], total[:, samples - 2 * most - 1 :] = -1, -1
         best = total.argmax(axis=1)
         elsewhere[rows] = total[np.arange(len(rows)), best]
@@ -131,7 +135,8 @@ def compare(
             lag[rows[row]] = _middle(total[row], int(best[row]), 2 * most)
         if progress is not None:
             progress("compare neighbours", min(first + CHUNK, count), count)
-    return Likeness(same, opposite, elsewhere, step * lag, step * near, farthest / sound_speed + step, power, floor)
+    reach = farthest / sound_speed + step
+    return Likeness(same, opposite, elsewhere, step * lag, step * near, step * scatter, reach, power, floor)
 
 
 def _filtered(low: NDArray[np.complex64]) -> tuple[NDArray[np.complex64], NDArray[np.float32], float]:
