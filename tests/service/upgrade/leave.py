@@ -56,6 +56,12 @@ def leave(folder):
         "what-if": {"scan_id": said["whole"], "through": {"mask_id": masks[1]}, "parameters": MODES},
         "sound-speed": {"scan_id": said["whole"], "first": 1450, "last": 1550, "steps": 3, "parameters": MODES},
         "quality": {"reconstruction_id": made[0], "reference_id": made[1]},
+        "width": {
+            "scan_id": said["whole"],
+            "reconstruction_id": made[0],
+            "start": [-5e-3, 0, 2.7e-3],
+            "end": [5e-3, 0, 2.7e-3],
+        },
         "export": {"reconstruction_id": made[0], "format": "hdf5"},
         "import": {"upload_id": said["upload"]},
     }
