@@ -14,6 +14,8 @@ from steradian.storage.tables import ScannerRow
 
 PATIENCE = 1.8
 """Seconds for which the acquisition's answer is waited for: it asks the scanner for up to 1.5 s."""
+SECOND_LOOK = 0.6
+"""Seconds within which an unconfirmed answer may become a confirmed one: a connection that ends as it is asked."""
 RECORDING = 0.2
 """Seconds for which an answer waits until the stop stands in the database, too."""
 ERRANDS = 100
@@ -79,10 +81,16 @@ class EmergencyDesk:
             if len(self._errands) > ERRANDS:
                 del self._errands[next(iter(self._errands))]
         self._pressed.set()
+        began = time.monotonic()
         await until(lambda: self.deed(press) is not None, PATIENCE)
+        await until(lambda: self._is_confirmed(press), min(SECOND_LOOK, began + PATIENCE - time.monotonic()))
         self._pressed.set()  # what came of it is noted at once, too: other nodes know it from the database
         await until(lambda: self.is_recorded(press), RECORDING)
         return press, self.deed(press)
+
+    def _is_confirmed(self, press: Press) -> bool:
+        deed = self.deed(press)
+        return deed is not None and deed.laser != "unconfirmed"
 
     def release(self, who: str, number: str | None = None, reason: str | None = None) -> None:
         """Release the stop, in the latch and then in the database.

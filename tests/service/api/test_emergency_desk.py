@@ -147,3 +147,21 @@ def test_what_came_of_a_press_is_in_the_database_as_soon_as_the_answer_says_it(d
         until(lambda: desk.scanner.get(SCANNER_ID).stop_laser == "off", 100)
     finally:
         desk.close()
+
+
+def test_press_returns_the_confirmation_that_follows_an_unconfirmed_answer(desk, monkeypatch):
+    """The acquisition asks again after 0.25 s: its connection may end just as it is asked first."""
+    monkeypatch.setattr(emergency, "PATIENCE", 250.0)
+    monkeypatch.setattr(emergency, "SECOND_LOOK", 250.0)
+
+    async def press():
+        pressing = asyncio.create_task(desk.press("Ada", "smoke"))
+        await emergency.until(lambda: desk.standing is not None, 250.0)
+        press = desk.standing
+        desk.latch.answer(Deed(press.number, "unconfirmed", None, "the port is gone"))
+        await asyncio.sleep(0.1)
+        desk.latch.answer(Deed(press.number, "off", 0.3, "laser off"))
+        return await pressing
+
+    _, deed = asyncio.run(press())
+    assert deed.laser == "off"
