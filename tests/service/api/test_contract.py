@@ -32,7 +32,8 @@ def operations():
 
 @pytest.fixture(autouse=True)
 def free_scanner(http):
-    """Undo what a generated request did to the one scanner."""
+    """Undo what a generated request did to the one scanner, also for the tests of other modules."""
+    yield
     http.delete("/scanners/scanner-0/emergency-stop")
     if lease := http.get("/scanners/scanner-0").json()["lease"]:
         http.delete("/scanners/scanner-0/lease", headers={"Scanner-Lease": str(lease["fence"])})
