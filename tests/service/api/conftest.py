@@ -37,8 +37,30 @@ def database(request):
 def server(database, tmp_path_factory):
     """An API on SQLite, or on PostgreSQL."""
     server = api_of(tmp_path_factory.mktemp("api"), **database()).wait()
+    _shared.append(server)
     yield server
+    _shared.remove(server)
     server.close()
+
+
+_shared = []
+"""The server that all modules share, once a test has asked for it."""
+
+
+def free_scanner(http):
+    """Release the emergency stop and the lease of the one scanner."""
+    http.delete("/scanners/scanner-0/emergency-stop")
+    if lease := http.get("/scanners/scanner-0").json()["lease"]:
+        http.delete("/scanners/scanner-0/lease", headers={"Scanner-Lease": str(lease["fence"])})
+
+
+@pytest.fixture(scope="module", autouse=True)
+def scanner_is_free_for_the_next_module():
+    """Undo what generated requests did: the next module would be refused its scans."""
+    yield
+    for server in _shared:
+        with httpx.Client(base_url=f"{server.url}/api/v1", timeout=250) as client:
+            free_scanner(client)
 
 
 @pytest.fixture(scope="session")

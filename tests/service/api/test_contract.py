@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, given, settings
 
+from .conftest import free_scanner
+
 CHECKED = [
     "not_a_server_error",
     "status_code_conformance",
@@ -31,16 +33,13 @@ def operations():
 
 
 @pytest.fixture(autouse=True)
-def free_scanner(http):
-    """Undo what a generated request did to the one scanner, also for the tests of other modules."""
-    yield
-    http.delete("/scanners/scanner-0/emergency-stop")
-    if lease := http.get("/scanners/scanner-0").json()["lease"]:
-        http.delete("/scanners/scanner-0/lease", headers={"Scanner-Lease": str(lease["fence"])})
+def free(http):
+    """Undo what a generated request of the test before did."""
+    free_scanner(http)
 
 
 @pytest.fixture
-def existing(http, free_scanner, mask, plan, scan, scan_with_alines):
+def existing(http, free, mask, plan, scan, scan_with_alines):
     """Identifiers that lead somewhere: generated ones hardly ever do."""
     job = scan_with_alines["reconstruction"]
     return {
