@@ -1,4 +1,4 @@
-"""Problems: every answer of 400 and above is RFC 9457 ``application/problem+json``.
+"""Exception handlers that map errors to RFC 9457 problem responses.
 
 Only our own exceptions are mapped, by their code and the table of kinds; anything else is a 500 that says nothing of
 the inside and is in the log under the request's id.
@@ -38,7 +38,7 @@ _log = logging.getLogger(__name__)
 
 
 class NotReady(Conflict):
-    """What was asked for will exist once a job or scan is over."""
+    """The requested result does not exist until its job or scan has ended."""
 
     code = "not-ready"
 
@@ -66,38 +66,40 @@ class Problem(BaseModel):
     """A refusal or failure (RFC 9457)."""
 
     type: str = Field(
-        description="Address that says what this kind of problem means and what to do", examples=["/problems/not-found"]
+        description="URL of the page that explains this kind of problem", examples=["/problems/not-found"]
     )
-    title: str = Field(description="The kind in words", examples=["There is no such thing"])
+    title: str = Field(description="Title of this kind of problem", examples=["Resource not found"])
     status: int = Field(examples=[404])
-    detail: str = Field(description="What is wrong this time", examples=["there is no mask 'm1'"])
-    instance: str = Field(description="The address that was asked, without its query", examples=["/api/v1/masks/m1"])
-    code: str = Field(description="Stable name of the kind of problem", examples=["not-found"])
-    request_id: str = Field(description="Also in the X-Request-ID header and in the service's log")
-    retryable: bool = Field(description="Whether the same request may succeed later")
-    errors: list[Finding] = Field(default_factory=list, description="The fields that are wrong")
-    dependents: list[str] | None = Field(default=None, description="What needs the thing that was to be deleted (409)")
-    needed_bytes: int | None = Field(default=None, description="Of a full disk (507): what the request needs")
-    available_bytes: int | None = Field(default=None, description="Of a full disk (507): what it may take")
-    promised_bytes: int | None = Field(
-        default=None, description="Of a full disk (507): what jobs that wait or run will still write"
+    detail: str = Field(description="Explanation of this occurrence", examples=["there is no mask 'm1'"])
+    instance: str = Field(description="Path of the request, without the query", examples=["/api/v1/masks/m1"])
+    code: str = Field(description="Stable name of this kind of problem", examples=["not-found"])
+    request_id: str = Field(
+        description="Identifier of the request, also in the X-Request-ID header and in the service's log"
     )
+    retryable: bool = Field(description="Whether the same request may succeed later")
+    errors: list[Finding] = Field(default_factory=list, description="Invalid fields")
+    dependents: list[str] | None = Field(
+        default=None, description="Resources that depend on the resource to delete (409)"
+    )
+    needed_bytes: int | None = Field(default=None, description="Bytes that the request needs (507)")
+    available_bytes: int | None = Field(default=None, description="Bytes available for the request (507)")
+    promised_bytes: int | None = Field(default=None, description="Bytes reserved for queued and running jobs (507)")
 
 
 _REFUSALS: dict[str, str] = {
-    "400": "The body is no JSON, or the request is malformed",
-    "401": "A key is needed, or the one sent is unknown, revoked or expired",
-    "403": "The key does not allow this",
-    "404": "Nothing has that identifier",
-    "406": "It cannot be had in any of the formats that are accepted",
-    "409": "The request does not fit the present state",
-    "412": "The resource has changed since If-Match's ETag",
-    "413": "The body is too large",
-    "415": "The body is not application/json",
-    "416": "The file ends before the range",
-    "422": "Something in the request is not allowed",
-    "429": "The key is used more often than it may be; Retry-After says when to go on",
-    "5XX": "The service failed; the log has more under the request id",
+    "400": "Malformed JSON body or malformed request",
+    "401": "Authentication required: the key is missing, unknown, revoked or expired",
+    "403": "Permission denied",
+    "404": "Resource not found",
+    "406": "No acceptable representation",
+    "409": "Conflict with the current state",
+    "412": "Precondition failed: the resource was modified since the ETag in If-Match",
+    "413": "Request body too large",
+    "415": "Unsupported media type: the body must be application/json",
+    "416": "Range not satisfiable",
+    "422": "Invalid input",
+    "429": "Too many requests; retry after Retry-After seconds",
+    "5XX": "Internal server error; the log has the details under request_id",
 }
 NO_DATABASE: Final = (DBAPIError, NoConnection)
 """What is raised where the database does not answer: by itself, or as all connections to it are busy."""
@@ -109,7 +111,7 @@ RESPONSES: dict[str, dict[str, Any]] = {
 
 
 def install(app: FastAPI) -> None:
-    """Make every error of an app a problem."""
+    """Install exception handlers that turn every error of an application into a problem document."""
     app.add_exception_handler(SteradianError, _ours)
     app.add_exception_handler(RequestValidationError, _invalid)
     app.add_exception_handler(HTTPException, _refused)
@@ -215,7 +217,7 @@ async def _not_modified(_request: Request, error: Exception) -> Response:
 
 
 async def _gone(request: Request, error: Exception) -> Response:
-    """Answer a client that left in the middle of its request; nobody reads it."""
+    """Handle a client that disconnected during its request; the response is discarded."""
     _log.info("request %s: the client left before it had sent everything", request_id_of(request.scope))
     return Response(status_code=400)
 
@@ -230,7 +232,7 @@ async def _system_problem(request: Request, error: Exception) -> JSONResponse:
 
 
 def _is_deleted(request: Request, error: FileNotFoundError) -> bool:
-    """Whether what was to be read is a file that is gone from the data folder, and not the folder itself."""
+    """Whether an error is caused by a file deleted from the data folder, rather than by a missing folder."""
     root = request.app.state.services.data.root.absolute()
     name = error.filename  # the HDF5 library tells none
     ours = name is None or Path(os.fsdecode(name)).absolute().is_relative_to(root)
@@ -243,7 +245,7 @@ def _disk_full(request: Request) -> JSONResponse:
 
 
 async def database_problem(request: Request, error: Exception) -> JSONResponse:
-    """Tell a database that does not answer, which passes, from one that refuses, which is a fault."""
+    """Map a database error to a problem: unavailability is temporary, a rejected statement is an internal error."""
     if isinstance(error, DBAPIError):
         if "disk is full" in str(error.orig):  # SQLITE_FULL
             return _disk_full(request)
