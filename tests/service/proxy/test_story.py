@@ -15,14 +15,14 @@ from support.services import Service
 
 from .conftest import BEARER, KEY
 
-README = Path(__file__).parents[3] / "README.md"
+PAGE = Path(__file__).parents[3] / "clients" / "http" / "README.md"
 FEWER = {'"count": 1600': '"count": 160', '"depth_range"': '"modes": 32, "depth_range"'}
 pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
 
 
 def block(at, **replaced):
-    """The README's requests, sent elsewhere."""
-    (found,) = [part for part in re.findall(r"```sh\n(.*?)```", README.read_text(), re.DOTALL) if "api/v1" in part]
+    """Return the page's requests for another address."""
+    (found,) = [part for part in re.findall(r"```sh\n(.*?)```", PAGE.read_text(), re.DOTALL) if "api/v1" in part]
     for old, new in {"http://127.0.0.1:8000": at, **replaced}.items():
         assert old in found, old
         found = found.replace(old, new)
@@ -38,7 +38,7 @@ def run(script, folder, laboratory):
 
 
 @pytest.mark.skipif(shutil.which("curl") is None, reason="needs curl: apt-get install curl")
-def test_the_readmes_requests_work_below_a_path_with_tls_and_may_be_sent_again(laboratory, service, tmp_path):
+def test_the_pages_requests_work_below_a_path_with_tls_and_may_be_sent_again(laboratory, service, tmp_path):
     for _ in range(2):
         ran = run(block(laboratory.url, **FEWER), tmp_path, laboratory)
         assert ran.returncode == 0, ran.stdout + ran.stderr
@@ -48,7 +48,7 @@ def test_the_readmes_requests_work_below_a_path_with_tls_and_may_be_sent_again(l
         assert len(service.get("/scans").json()["items"]) == len(service.get("/reconstructions").json()["items"]) == 1
 
 
-def test_the_readmes_requests_begin_no_second_scan_after_a_proxys_504(tmp_path):
+def test_the_pages_requests_begin_no_second_scan_after_a_proxys_504(tmp_path):
     """A proxy gives up before the answer; the scan goes on, and the same requests again are answered with it."""
     needed()
     service = Service(tmp_path / "data", log=tmp_path / "log", api_key=KEY, require_key=True, simulator_speed=1).start()
