@@ -1,4 +1,4 @@
-"""Driver, protocol and simulator of a Fabry–Pérot photoacoustic scanner on a serial line.
+"""Driver, protocol and simulator of a Fabry–Pérot scanner on a serial line.
 
 The *device* is the scanner's firmware side (:mod:`fabry_perot.device`), the *driver* the host side
 (:mod:`fabry_perot.host`, :func:`connect`), the *link* the bytes between them (``PROTOCOL.md``). Hardware is described

@@ -45,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _list(given: argparse.Namespace) -> None:
-    """Show ports, and with --probe what is there, or why no scanner could be asked."""
+    """List ports, and with --probe the scanners there, or the reason why a port could not be probed."""
     found = discover(given.urls or None, probe=given.probe, silent=True)
     for port in found:
         what = f"{port.model} {port.serial}".strip() or port.reason.removeprefix(f"{port.url} ") or port.description
@@ -55,7 +55,7 @@ def _list(given: argparse.Namespace) -> None:
 
 
 def _status(given: argparse.Namespace) -> None:
-    """Show what the scanner is, its state, and the counters of both sides."""
+    """Print a scanner's identity, its state, and the counters of host and device."""
     with _connect(given) as scanner:
         known = scanner.capabilities
         figures = {name: getattr(known, name) for name in known.__dataclass_fields__}
@@ -72,7 +72,7 @@ def _status(given: argparse.Namespace) -> None:
 
 
 def _statistics(scanner: Scanner) -> dict[str, object]:
-    """Return counters of both sides; of a device whose hardware does not answer, as far as it tells them."""
+    """Return counters of host and device; of a device with failed hardware, those that it still reports."""
     for _ in range(2):  # a refusal latches the fault, after which the device answers without its hardware
         with suppress(Refused):
             return scanner.statistics()
@@ -97,7 +97,7 @@ def _watch(given: argparse.Namespace) -> None:
 
 
 def _stop(given: argparse.Namespace) -> int:
-    """Turn the laser off, whichever program holds the port, and show what the scanner says; code 1: not confirmed."""
+    """Turn the laser off, whichever program holds the port, and print the scanner's state; exit code 1: unconfirmed."""
     outcome = emergency_stop(given.url, baudrate=given.baud, who=given.by)
     by = f"; the port is held by {outcome.holder}" if outcome.holder else ""
     off = outcome.laser == "off"
@@ -114,7 +114,7 @@ def _clear_fault(given: argparse.Namespace) -> None:
 
 
 def _tune(given: argparse.Namespace) -> None:
-    """Sweep the interrogation wavelength at points of the film, and show or keep where it is most sensitive."""
+    """Sweep the interrogation wavelength at points of the film, and print or save the optimum wavelengths."""
     points = np.zeros((1, 2)) if given.points is None else scanfile.read_points(given.points)
     with _connect(given) as scanner:
         tuned = scanner.pretune(points, steps=given.steps)
@@ -130,7 +130,7 @@ def _tune(given: argparse.Namespace) -> None:
 
 
 def _scan(given: argparse.Namespace) -> int:
-    """Measure points and keep the A-lines in a NumPy file; Ctrl-C turns the laser off and keeps what was fired."""
+    """Measure points and save the A-lines in a NumPy file; Ctrl-C turns the laser off and saves the A-lines so far."""
     points, asked = scanfile.read_points(given.points), False
 
     def stop(*_: object) -> None:
@@ -166,7 +166,7 @@ def _monitor(given: argparse.Namespace) -> None:
 
 
 def _conformance(given: argparse.Namespace) -> int:
-    """Try whether a device does what PROTOCOL.md says; disconnect the laser first, whatever comes of it."""
+    """Test whether a device conforms to PROTOCOL.md; disconnect the laser first."""
     transport = open_transport(given.url, given.baud)
     try:
         outcomes = conformance.run(

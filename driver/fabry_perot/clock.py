@@ -1,4 +1,4 @@
-"""Explicit time: every state machine is told the time, none asks for it.
+"""Clocks passed explicitly to the state machines.
 
 All times are whole microseconds (``int``), so that equal inputs give equal behaviour on every machine.
 """
@@ -13,7 +13,7 @@ MICROSECONDS = 1_000_000
 
 
 class Clock(Protocol):
-    """Anything that tells the time in µs."""
+    """Protocol of a clock in µs."""
 
     def now(self) -> int:
         """Return the present time in µs; it never runs backwards."""
@@ -25,7 +25,7 @@ _ASLEEP_TOO = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", N
 
 
 class RealClock:
-    """The host's monotonic clock, which goes on while the computer is suspended."""
+    """Monotonic clock of the host, which also advances while the computer is suspended."""
 
     def now(self) -> int:
         """Return the monotonic time in µs."""

@@ -1,4 +1,4 @@
-"""What can go wrong between a host and a scanner, as a tree.
+"""Exceptions between host and scanner, as a tree.
 
 ScannerError
 ├── PlanInvalid            a plan or parameter lies outside the device's limits (also a ``ValueError``)
@@ -36,7 +36,7 @@ class ScannerError(Exception):
 
 
 class PlanInvalid(ScannerError, ValueError):
-    """A value lies outside what the device allows.
+    """A value is outside of the device's limits.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class LinkError(ScannerError, ConnectionError):
 
 
 class PortUnavailable(LinkError):
-    """No such port, or it cannot be opened."""
+    """The port does not exist or cannot be opened."""
 
     code = "port-unavailable"
 
@@ -113,7 +113,7 @@ class DeviceError(ScannerError):
 
 
 class Refused(DeviceError):
-    """A request does not fit the device's state or limits.
+    """The device rejected a request.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ class ScanAborted(DeviceError):
 
 
 class DeviceRestarted(DeviceError):
-    """The device booted anew; A-lines it had not delivered are gone."""
+    """The device has rebooted; undelivered A-lines are lost."""
 
     code = "device-restarted"
 

@@ -91,7 +91,7 @@ def standing(code: int, *, interlock_closed: bool, key_on: bool, light: bool) ->
 
 
 def advice(code: int, port: str = "PORT") -> str:
-    """Return one sentence with what happened, the remedy and the command that clears the fault.
+    """Return one sentence with the event, its remedy and the command that clears the fault.
 
     Parameters
     ----------

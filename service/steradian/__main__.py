@@ -1,4 +1,4 @@
-"""``python -m steradian``: the command line."""
+"""Run the command-line interface with ``python -m steradian``."""
 
 from steradian.cli import main
 

@@ -1,4 +1,4 @@
-"""How inner loops are compiled: one set of options for the whole package.
+"""Numba decorators and the on-disk kernel cache.
 
 Importing this module imports Numba, so only modules that hold kernels import it, and they are imported when first used.
 
@@ -65,13 +65,13 @@ inner: Any = partial(compiled, inner=True)
 
 
 def is_lacking(function: Any, numbers: str = "float32") -> bool:
-    """Whether a function can be kept on disk and no form of it, for this processor and arrays of such numbers, is."""
+    """Whether a cacheable function has no compiled version for this processor and these argument types."""
     cache = getattr(function, "_cache", None)
     return isinstance(cache, _Cache) and not cache.holds(numbers, function.targetctx.codegen())
 
 
 def lock_beside(function: Any, name: str) -> FileLock:
-    """Make a lock, for one who does not wait, in the folder where a function is kept that is lacking."""
+    """Return a non-blocking lock in the cache folder of a function."""
     function._cache._impl.locator.ensure_cache_path()
     return FileLock(Path(function._cache.cache_path) / f"{name}.lock", timeout=0)
 
@@ -117,7 +117,7 @@ class _Cache(FunctionCache):
         return found
 
     def holds(self, numbers: str, codegen: Any) -> bool:
-        """Whether there is a form for such numbers."""
+        """Whether the cache has a version for these argument types."""
         wanted = self._index_key(None, codegen)[1:]
         keys = (key for file in (self._cache_file, self._brought) for key in file._load_index())  # type: ignore[no-untyped-call]
         return any(key[1:] == wanted and numbers in str(key[0]) for key in keys)
@@ -130,7 +130,7 @@ class _Cache(FunctionCache):
             self._end_turn()
 
     def _forget_earlier(self) -> None:
-        """Remove what was compiled of earlier sources: Numba lists a form, then writes it over a file of that name.
+        """Remove versions compiled from earlier sources, because Numba would reuse their file names.
 
         Whoever is killed between the two would leave the new form listed and the earlier one in its file.
         """

@@ -1,4 +1,4 @@
-"""Shutting a process in before it opens a stranger's file: what it may see, reach and use up from then on.
+"""Sandbox a process with Landlock before it opens untrusted files.
 
 Landlock (Linux 5.13 and later, no privilege needed) leaves a process the files it is told of, no program to start, no
 TCP connection (6.7) and no signal to processes outside (6.12); it also ends looking into the memory and environment of
@@ -58,13 +58,13 @@ class _Beneath(ctypes.Structure):
 
 
 def poor_environment(given: Mapping[str, str], folder: Path) -> dict[str, str]:
-    """Return what a confined process may know of an environment; temporary files go into ``folder``."""
+    """Return the environment variables for a sandboxed process; temporary files go into ``folder``."""
     known = {name: value for name, value in given.items() if name in KNOWN or name.startswith("LC_")}
     return known | {"TMPDIR": str(folder), "HOME": str(folder)}
 
 
 def die_first(score: int) -> None:
-    """Have the kernel end this process before others when memory runs out: 0 as any other, 1000 first of all."""
+    """Set the kernel's preference to kill this process when memory runs out: 0 normal, 1000 first."""
     with suppress(OSError):
         Path("/proc/self/oom_score_adj").write_text(str(score))
 

@@ -1,4 +1,4 @@
-"""Files that appear under their name only when they are whole, and only while their writer is the one that may.
+"""Atomic file writes: write to a temporary name, fsync, rename.
 
 A job may be started again while an earlier start of it still lives somewhere, cut off. Each start therefore signs its
 drafts, so that two of them never write into one, and asks before a draft takes the place of a result.

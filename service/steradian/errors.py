@@ -1,4 +1,4 @@
-"""What can go wrong, as a tree.
+"""Exception hierarchy.
 
 SteradianError
 ├── InvalidInput      a value is outside its allowed range (also a ``ValueError``)
@@ -74,7 +74,7 @@ class Conflict(SteradianError):
 
 
 class Superseded(Conflict):
-    """A newer start of the same job has begun, so what this one does counts no more."""
+    """A newer attempt of the same job has started, so this attempt's results are discarded."""
 
     code = "superseded"
 
@@ -90,7 +90,7 @@ class FolderNotWritable(DamagedFile):
 
 
 class DiskFull(SteradianError):
-    """The disk cannot hold what is to be written.
+    """The disk has insufficient space.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a class's docstring says of its parameters, in the JSON schema: plain dataclasses are documented once."""
+"""Replaced by attribute docstrings and ConfigDict(use_attribute_docstrings=True)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Opening what Steradian has written, whatever it is."""
+"""open(): open a mask, plan, scan or volume by content."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ KNOWN = "a mask or plan (.json), a scan or a volume (.h5) of Steradian, or the f
 
 
 def open(path: str | Path) -> Opened:
-    """Open a mask, a plan, a scan or a volume; what a file is, is told by its content.
+    """Open a mask, a plan, a scan or a volume, recognised by its content.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A process whose standard input is a pipe to its parent ends with it, however the parent went."""
+"""Exit when the parent process closes the pipe."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 
 def end_with_stdin(end: Callable[[], object]) -> None:
-    """Call ``end`` when standard input closes, that is when the process at its other end is gone."""
+    """Call ``end`` when standard input closes because the process at its other end has exited."""
     while os.read(0, 4096):
         pass
     end()

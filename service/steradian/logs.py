@@ -1,4 +1,4 @@
-"""Logs: one line an entry on standard error, for people or, as JSON, for machines."""
+"""Logging configuration: text or JSON, asynchronous, rate-limited."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _STANDARD = frozenset(logging.makeLogRecord({}).__dict__) | {"message", "asctime
 
 @contextmanager
 def caused_by(identifier: str | None) -> Iterator[None]:
-    """Have what is logged until the block ends bear the identifier of the request that it goes back to."""
+    """Context manager that binds a request identifier to log records."""
     token = request_id.set(identifier or "")
     try:
         yield
@@ -46,7 +46,7 @@ def mark() -> str:
 
 
 class _Json(logging.Formatter):
-    """An entry as one JSON object; what was given as ``extra`` becomes members of it."""
+    """Formatter of log records as JSON objects; ``extra`` fields become members."""
 
     def __init__(self, process: str) -> None:
         super().__init__()
@@ -109,7 +109,7 @@ class _Limit(logging.Filter):
 
 
 class _Apart(logging.Handler):
-    """Has a thread write the lines: a pipe that nobody reads, or a slow disk, holds up nobody who logs.
+    """Handler that writes lines in a thread, so that a blocked pipe or slow disk does not delay logging code.
 
     An emergency stop is logged, too. The queue's kind is the one that a signal handler may put into at any moment.
     """

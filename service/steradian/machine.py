@@ -1,4 +1,4 @@
-"""The memory and processors of this machine that this process may use."""
+"""Memory and CPUs available to this process, cgroup-aware."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def available() -> int | None:
 
 
 def cores(mine: Path = _MINE, groups: Path = _GROUPS) -> int:
-    """Processors that this process may use, at least one: those it is bound to, or what its control groups allow."""
+    """Return the number of processors available to this process, at least one: CPU affinity and control groups."""
     try:
         found: float = len(os.sched_getaffinity(0))
     except AttributeError:  # not on macOS or Windows
@@ -46,7 +46,7 @@ def cores(mine: Path = _MINE, groups: Path = _GROUPS) -> int:
 
 
 def room_of_groups(mine: Path, groups: Path) -> Iterator[int]:
-    """Room in the control groups of a process, told by the file ``mine``, and in those around them; version 2 or 1."""
+    """Memory headroom of the control groups in the file ``mine`` and of their parents; version 2 or 1."""
     for limit, taken, statistics in _limits(mine, groups):
         if taken is not None:
             yield limit - taken + _cached(statistics)
@@ -72,7 +72,7 @@ def _physical() -> int | None:
 
 
 def _limits(mine: Path, groups: Path) -> Iterator[tuple[int, int | None, Path]]:
-    """Find each group's limit of memory, what it has taken of that, and its file of statistics; version 2 or 1."""
+    """Yield each group's memory limit, usage and statistics file; version 2 or 1."""
     for group in _of_process(mine, groups, "memory"):
         for most, used in (("memory.max", "memory.current"), ("memory.limit_in_bytes", "memory.usage_in_bytes")):
             limit, taken = _number(group / most), _number(group / used)
@@ -81,7 +81,7 @@ def _limits(mine: Path, groups: Path) -> Iterator[tuple[int, int | None, Path]]:
 
 
 def _of_process(mine: Path, groups: Path, controller: str) -> Iterator[Path]:
-    """Find the control groups of a process, told by the file ``mine``, and those around them, inner ones first."""
+    """Yield the control groups in the file ``mine`` and their parents, inner ones first."""
     for line in _lines(mine):
         _, controllers, path = line.split(":", 2)
         if controllers == "" or controller in controllers.split(","):

@@ -1,4 +1,4 @@
-"""Figures as plain JSON."""
+"""Convert dataclasses and arrays to JSON-compatible values."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 
 def plain(figures: Any) -> Any:
-    """Turn figures into what JSON knows: dataclasses into objects, arrays into lists, what is no number into null.
+    """Convert values to JSON types: dataclasses to objects, arrays to lists, non-finite numbers to null.
 
     Examples
     --------
@@ -32,7 +32,7 @@ def plain(figures: Any) -> Any:
 
 
 def nulls(values: Any) -> Any:
-    """Return an array as nested lists, with None for what is no finite number."""
+    """Return an array as nested lists, with None for non-finite numbers."""
     array = np.asarray(values)
     if array.dtype.kind != "f" or np.isfinite(array).all():
         return array.tolist()

@@ -1,4 +1,4 @@
-"""Ranges of physical quantities, the same wherever they are asked for: library, command line, service and files.
+"""Allowed ranges of physical quantities.
 
 They are wide, and yet no usual number in nanoseconds, hertz or millimetres a microsecond falls into one of them, and of
 lengths in millimetres or micrometres only those of at most 1.

@@ -1,4 +1,4 @@
-"""What a deployment may choose: one frozen object, read from ``STERADIAN_…`` variables or given in code."""
+"""Deployment settings: one frozen object, read from ``STERADIAN_…`` variables or given in code."""
 
 from __future__ import annotations
 
@@ -232,7 +232,7 @@ class Settings(BaseSettings):
 
     @property
     def needs_key(self) -> bool:
-        """Whether nobody is let in without a key."""
+        """Whether every request requires a key."""
         return self.require_key or not self.is_local
 
     @property
@@ -242,7 +242,7 @@ class Settings(BaseSettings):
 
     @property
     def follows(self) -> bool:
-        """Whether this node's workers do nothing but images that grow with its scanner's scans."""
+        """Whether this node's workers only run live jobs of its scanner's scans."""
         return self.role == "acquisition" and self.workers > 0
 
     def executor(self, slot: int) -> str:

@@ -1,4 +1,4 @@
-"""What is stopped: an event that signal handlers may set, and the exit code."""
+"""Event that may be set from a signal handler."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ STOPPED = 130
 
 
 class StopEvent(threading.Event):
-    """An event that may be set by a signal handler, whatever the main thread is doing at that moment.
+    """Event that can be set by a signal handler without a deadlock.
 
     A plain event takes a lock: a handler that interrupts a wait as it begins, or another handler that sets the event,
     would wait for itself. This one sets a flag and writes to a socket on which the waiting is done. It stays set.
@@ -40,7 +40,7 @@ class StopEvent(threading.Event):
         return self._over
 
     def clear(self) -> None:
-        """Refuse: who was told to stop has stopped."""
+        """Raise, because a stop cannot be revoked."""
         raise RuntimeError("a StopEvent stays set")
 
     def __del__(self) -> None:

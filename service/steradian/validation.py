@@ -1,4 +1,4 @@
-"""Frozen, validated values: what :class:`Value` adds to pydantic.
+"""Frozen, validated values: the base class :class:`Value` on top of pydantic.
 
 A person reads "depth is -1; allowed: > 0, at most 1 (m)", not a library's error dump, so a failed validation is
 turned into :class:`~steradian.errors.InvalidInput` with the field's own limits and unit.
@@ -70,7 +70,7 @@ class Value(BaseModel):
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Let the numbers of all fields be numbers alone."""
+        """Restrict numeric fields to numbers, without strings or booleans."""
         schema = handler(source)
         _refuse_booleans(handler.resolve_ref_schema(schema))
         return schema
@@ -139,7 +139,7 @@ def allowed_range(info: FieldInfo) -> str:
 
 
 def quantity(unit: str, description: str, **limits: Any) -> Any:
-    """Declare a field with a unit, so that errors and the HTTP schema can state it."""
+    """Declare a field with a unit, which errors and the HTTP schema then state."""
     return Field(description=f"{description} ({unit})", json_schema_extra={"unit": unit}, **limits)
 
 

@@ -1,4 +1,4 @@
-"""Where the service is, and the key it asks for: as given, of the environment, or of a file."""
+"""Service URL and API key from arguments, environment or file."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Address:
 
     @classmethod
     def find(cls, url: str | None = None, key: str | None = None, environment: Mapping[str, str] = os.environ) -> Self:
-        """Take what is given, else what the environment says, else the configuration file (``url`` and ``key``).
+        """Return the address and key: from the arguments, the environment or the configuration file (``url``, ``key``).
 
         A key goes only to the address that it was written beside: never the file's to another address.
 
@@ -46,7 +46,7 @@ class Address:
 
 
 def config_file(environment: Mapping[str, str] = os.environ) -> Path:
-    """Tell where the configuration file lies."""
+    """Return the path of the configuration file."""
     if sys.platform == "win32":
         base = Path(environment.get("APPDATA") or Path.home() / "AppData" / "Roaming")
     else:

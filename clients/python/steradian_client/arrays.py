@@ -41,7 +41,7 @@ class Volume:
 
 
 def array_of(answer: httpx.Response) -> Array:
-    """Read an answer of raw bytes, whose headers say what they are.
+    """Decode a response of raw bytes according to its headers.
 
     Raises
     ------

@@ -23,7 +23,7 @@ from steradian_client.worlds import Awaited, Blocking, Resource, World, operatio
 
 
 class _Nouns(Resource[World]):
-    """What both clients have.
+    """Common base of the blocking and the asynchronous client.
 
     Parameters
     ----------
@@ -60,12 +60,12 @@ class _Nouns(Resource[World]):
 
     @operation
     async def about(self) -> Service:
-        """Read what the service is: its version, mode and limits."""
+        """Return the service's version, mode and limits."""
         return await self._session.ask(Service, routes.READ_ROOT)
 
     @operation
     async def storage(self) -> Storage:
-        """Read what the data folder holds, by what it is for, and what may still come."""
+        """Return the bytes used in the data folder by category, and the bytes available."""
         return await self._session.ask(Storage, routes.READ_STORAGE)
 
     @operation
@@ -75,12 +75,12 @@ class _Nouns(Resource[World]):
 
     @operation
     async def readiness(self) -> Readiness:
-        """Ask whether work can be taken, and what is missing."""
+        """Return whether the service is ready, and the failed checks."""
         return await self._session.ask(Readiness, routes.READINESS, accepted=frozenset({503}))
 
     @operation
     async def metrics(self) -> str:
-        """Read the figures for whoever watches the service, in Prometheus's text format."""
+        """Return the metrics in Prometheus's text format."""
         return (await self._session.exchange(routes.METRICS)).text
 
     @operation

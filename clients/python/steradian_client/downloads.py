@@ -40,7 +40,7 @@ class Download:
         """SHA-256 that the service states, base64."""
 
     async def run(self, route: Route, identifiers: Mapping[str, str], headers: Mapping[str, str], **more: Any) -> None:
-        """Fetch it, taking it up again where it breaks off, until it is whole.
+        """Download the file, resuming after interruptions, until it is complete.
 
         Raises
         ------
@@ -72,7 +72,7 @@ class Download:
             pause = min(2 * pause, LONGEST_PAUSE)
 
     def _range(self) -> dict[str, str]:
-        """Ask for the rest, if what there is can be told to be of the same version."""
+        """Return the headers that request the remaining bytes, if the partial file is of the same version."""
         if not self._done or self._etag is None or self._etag.startswith("W/"):
             return {}
         return {"Range": f"bytes={self._done}-", "If-Range": self._etag}

@@ -1,4 +1,4 @@
-"""What can go wrong between a client and a service, as a tree.
+"""Exceptions of the client, as a tree.
 
 ClientError
 ├── Unreachable       no service answers at that address, or the connection broke off
@@ -31,7 +31,7 @@ class Unreachable(ClientError):
 
 
 class Damaged(ClientError):
-    """A transfer ended, but what came is not what was sent."""
+    """The received content differs from the sent content."""
 
 
 class ServiceError(ClientError):
@@ -88,11 +88,11 @@ class Conflict(ServiceError):
 
 
 class NotReady(Conflict):
-    """What was asked for will exist once a job or scan is over."""
+    """The requested result does not exist until its job or scan has ended."""
 
 
 class HasDependents(Conflict):
-    """What was to be deleted is needed by ``dependents``."""
+    """The resource to delete is needed by ``dependents``."""
 
 
 class Outdated(ServiceError):

@@ -31,7 +31,7 @@ class Decoder:
         self.forget()
 
     def forget(self) -> None:
-        """Drop what was begun when the stream broke."""
+        """Discard a partial event of an interrupted stream."""
         self._rest, self._kind = b"", "message"
         self._data: list[str] = []
 
@@ -99,7 +99,7 @@ async def follow(
 
 
 class Events(Resource[World]):
-    """What happens, as it happens."""
+    """Live events of a service."""
 
     @stream
     async def follow(

@@ -1,4 +1,4 @@
-"""Answers of the service, typed; what a newer service says beside these fields is kept, as further attributes."""
+"""Typed responses of the service; fields of a newer service are kept as further attributes."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from pydantic import BaseModel, ConfigDict, Field
 
 
 class Answer(BaseModel):
-    """Root of all answers."""
+    """Base class of all typed responses."""
 
     model_config = ConfigDict(frozen=True, extra="allow")
 
 
 class Progress(Answer):
-    """How far work has come; ``total`` is 0 while unknown."""
+    """Progress of a scan or job; ``total`` is 0 while unknown."""
 
     stage: str | None
     done: int
@@ -39,7 +39,7 @@ class Service(Answer):
 
 
 class Storage(Answer):
-    """What the service's data folder holds, by what it is for, and what may still come, in bytes."""
+    """Bytes used in the service's data folder by category, and bytes available."""
 
     used_bytes: dict[str, int]
     quota_bytes: int | None
@@ -57,7 +57,7 @@ class Health(Answer):
 
 
 class Readiness(Answer):
-    """What the service needs to do its work, each by name; ``reasons`` says of failed checks what there is to say."""
+    """Readiness checks by name; ``reasons`` explains failed ones."""
 
     ready: bool
     checks: dict[str, bool]
@@ -77,7 +77,7 @@ class Mask(Answer):
 
 
 class MaskPreview(Answer):
-    """What a mask would be and promises; lengths in metres, angles in radians."""
+    """Preview of a mask with its metrics; lengths in metres, angles in radians."""
 
     id: str
     arrangement: dict[str, Any]
@@ -107,7 +107,7 @@ class Points(Answer):
 
 
 class Plan(Answer):
-    """A plan and what it costs; SI units."""
+    """Plan and its cost; SI units."""
 
     id: str
     mask_id: str
@@ -128,11 +128,11 @@ class Plan(Answer):
 
 
 class Preview(Answer):
-    """What a plan would cost: times, bytes and findings, as attributes."""
+    """Preview of a plan's cost: times, bytes and findings, as attributes."""
 
 
 class Design(Answer):
-    """What a mask and its plan would be: points, their order, what they see from a place, and what they cost."""
+    """Preview of a mask and its plan: points, order, coverage seen from a place, and cost."""
 
     mask: MaskPreview
     positions: list[list[float]]
@@ -156,7 +156,7 @@ class PointSpread(Answer):
 
 
 class Place(Answer):
-    """Where a job stands that is not over: its place among those that wait, and when it should be over.
+    """Queue position of a job that has not ended, and its expected end.
 
     ``awaited`` says which worker it waits for, where none that is present can do it.
     """
@@ -167,7 +167,7 @@ class Place(Answer):
 
 
 class Work(Answer):
-    """What takes time: a scan, reconstruction or job."""
+    """Base class of resources that take time: scans, reconstructions and jobs."""
 
     id: str
     state: str
@@ -186,7 +186,7 @@ class Work(Answer):
 
     @property
     def is_good(self) -> bool:
-        """Whether it left what was asked for."""
+        """Whether the resource ended with a usable result."""
         return self.state == "succeeded"
 
 
@@ -206,7 +206,7 @@ class Scan(Work):
 
     @property
     def is_over(self) -> bool:
-        """Whether the scan changes no more by itself; one that is interrupted goes on only when it is asked to."""
+        """Whether the scan has ended; an interrupted scan is resumed on request only."""
         return self.state in {"complete", "partial", "aborted", "failed", "interrupted"}
 
     @property
@@ -216,7 +216,7 @@ class Scan(Work):
 
 
 class Signals(Answer):
-    """What a scan's A-lines look like before any image; ``bad`` lists those that look bad, with their kind."""
+    """Statistics of a scan's A-lines before reconstruction; ``bad`` lists bad A-lines with their kind."""
 
     alines: int
     samples: int
@@ -249,7 +249,7 @@ class Shots(Answer):
 
 
 class Coverage(Answer):
-    """How much of the mask is measured."""
+    """Share of the mask's points that are measured."""
 
     points: int
     stored: int
@@ -260,7 +260,7 @@ class Coverage(Answer):
 
 
 class Reconstruction(Work):
-    """A reconstruction: what was asked and how far it is."""
+    """Reconstruction: its request and progress."""
 
     scan_id: str
     kind: str = "reconstruction"
@@ -299,7 +299,7 @@ class Quality(Answer):
 
 
 class Job(Work):
-    """A job of any kind: what was asked, how far it is, what it found and the files it left."""
+    """Job of any kind: its request, progress, results and files."""
 
     kind: str
     asked: dict[str, Any]
@@ -320,7 +320,7 @@ class Attempt(Answer):
 
 
 class Member(Answer):
-    """One job of a batch: what was varied, and its report's figures."""
+    """Job of a batch: its varied parameters, and its report's figures."""
 
     id: str
     varied: dict[str, Any]
@@ -345,7 +345,7 @@ class Batch(Answer):
 
     @property
     def progress(self) -> Progress:
-        """How many of its jobs are over."""
+        """Number of ended jobs of the batch."""
         going = sum(self.counts.get(state, 0) for state in ("queued", "running", "cancelling"))
         total = sum(self.counts.values())
         return Progress(stage="jobs", done=total - going, total=total)
@@ -371,14 +371,14 @@ class Upload(Answer):
 
 
 class Missing(Answer):
-    """Something that must be said before a file can be imported: a field of the description, and what is allowed."""
+    """Field of the description that an import requires, with its allowed values."""
 
     field: str
     allowed: str
 
 
 class UploadPreview(Answer):
-    """What an import would understand of a file, in SI units; ``None``: it does not say."""
+    """Preview of an import of a file, in SI units; ``None`` for fields that the file does not state."""
 
     format: str
     points: int
@@ -398,7 +398,7 @@ class UploadPreview(Answer):
 
 
 class Lease(Answer):
-    """Who holds a scanner, until when; ``fence`` is the lease's number."""
+    """Lease of a scanner: holder and expiry; ``fence`` is its number (fencing token)."""
 
     holder: str
     principal: str
@@ -408,7 +408,7 @@ class Lease(Answer):
 
 
 class EmergencyStop(Answer):
-    """An emergency stop that nobody has released.
+    """Active emergency stop.
 
     ``laser`` is off (the scanner itself said so), idle (there is no scanner) or unconfirmed: use the hardware switch.
     ``detail`` is what the scanner said, or why it could not be asked.
@@ -425,7 +425,7 @@ class EmergencyStop(Answer):
 
 
 class Fault(Answer):
-    """A latched fault of a scanner; ``clearable`` once its cause is gone."""
+    """Latched fault of a scanner; ``clearable`` once its cause is removed."""
 
     code: int
     name: str
@@ -435,7 +435,7 @@ class Fault(Answer):
 
 
 class Scanner(Answer):
-    """A scanner: its connection, what the service does with it, and what it says of itself.
+    """Scanner: its connection, the service's activity on it, and the device's reported state.
 
     What it says is ``age`` seconds old, and unknown when that is more than a second (ten for the scanner of another
     node): unknown is not off.
@@ -463,7 +463,7 @@ class Scanner(Answer):
 
 
 class Ticket(Answer):
-    """What lets a browser open one event stream."""
+    """Single-use ticket with which a browser opens an event stream."""
 
     ticket: str
     seconds: float

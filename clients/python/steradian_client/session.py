@@ -25,7 +25,7 @@ PAGE: Final = 1000
 
 
 class Session:
-    """What all resources of a client share.
+    """Session shared by a client's resource collections: requests with retries, responses as models or exceptions.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def problem_of(answer: httpx.Response) -> ServiceError:
 
 
 def _not_ours(answer: httpx.Response) -> dict[str, Any]:
-    """Describe a refusal without a problem document: what stands between client and service gave it."""
+    """Describe a refusal without a problem document: its sender is a proxy between client and service."""
     if answer.status_code != 413:
         return {"title": answer.reason_phrase}
     server = answer.headers.get("Server", "")

@@ -20,7 +20,7 @@ PIECE: Final = 2**18
 
 
 class Sending:
-    """A file on its way, with the checksum of what has left.
+    """File being sent, with the checksum of the bytes sent so far.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class Sending:
         self.size, self.sha256, self.start = path.stat().st_size, "", 0
 
     def pieces(self) -> Iterator[bytes]:
-        """Read it, from the beginning each time, and give what is behind the start."""
+        """Yield the content after the offset, read from the beginning each time."""
         digest, done = hashlib.sha256(), 0
         with self.path.open("rb") as source:
             while piece := source.read(PIECE):
@@ -56,7 +56,7 @@ class Sending:
 
 @dataclass(frozen=True)
 class Request:
-    """What to send.
+    """Request to send.
 
     Attributes
     ----------
@@ -122,7 +122,7 @@ class Transport(ABC):
 
     @abstractmethod
     async def call(self, function: Callable[[], T]) -> T:
-        """Call what may take a while, such as a look at a file, without holding up others."""
+        """Run a slow call, such as reading a file, without blocking other tasks."""
 
     @abstractmethod
     async def close(self) -> None:
@@ -179,7 +179,7 @@ class BlockingTransport(Transport):
 
 
 class AwaitedTransport(Transport):
-    """Lets others go on while it waits, under asyncio or trio."""
+    """Asynchronous transport, under asyncio or trio."""
 
     blocks = False
 

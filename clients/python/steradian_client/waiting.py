@@ -1,4 +1,4 @@
-"""Waiting for work: told of every advance by the event stream, asking again where there is none."""
+"""Wait for completion using events, with polling as fallback."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Waiting(Generic[Kind]):
         return work
 
     async def _ask(self, seconds: float) -> Kind:
-        """Look, which takes so many seconds, whether the service holds its answer or not."""
+        """Poll once for up to ``seconds``, whether or not the service holds its answer."""
         begun = time.monotonic()
         work = await self._look(max(1.0, seconds))
         if not work.is_over and (rest := begun + seconds - time.monotonic()) > 0:
@@ -98,7 +98,7 @@ class Waiting(Generic[Kind]):
         return work
 
     def _concerns(self, work: Kind, event: Event | None) -> bool:
-        """Whether an event says that it is worth looking; what progress says is passed on as it is."""
+        """Whether an event is a reason to poll; progress events are passed on."""
         if event is None or event.kind in {"ready", "reset"}:
             return event is not None
         if event.subject != work.id:

@@ -1,4 +1,4 @@
-"""Blocking and awaited clients from one source.
+"""Decorators that expose one coroutine as a sync and an async method.
 
 Every method is written once, as a coroutine. With an awaited transport it is awaited by the caller; with a blocking
 one, whose every wait is over when it returns, the coroutine is run to its end on the spot.

@@ -192,7 +192,7 @@ class GatedPulses:
 
 
 class LinesShutter:
-    """A :class:`~fabry_perot.hardware.Shutter` on lines: 0 opens; 1 is its end switch, 2 interlock, 3 key."""
+    """A :class:`~fabry_perot.hardware.Shutter` on digital lines: 0 opens; 1 is its end switch, 2 interlock, 3 key."""
 
     def __init__(self, daq: Any, device: str) -> None:
         self._drive, self._sense = daq.Task(), [daq.Task() for _ in range(3)]

@@ -1,4 +1,4 @@
-"""Whether a device does what ``PROTOCOL.md`` says: scenarios against any port, for whoever writes firmware."""
+"""Conformance tests of PROTOCOL.md, runnable against any port."""
 
 from fabry_perot.conformance import data, emission, wire  # noqa: F401  # they fill the list
 from fabry_perot.conformance.peer import Peer

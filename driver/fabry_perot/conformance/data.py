@@ -1,4 +1,4 @@
-"""Plans and A-lines: limits, credit, repair."""
+"""Conformance tests: plans, credit, ring buffer and retransmission."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fabry_perot.wire.states import DeviceState
 
 @scenario("limits")
 def limits(peer: Peer, ask: Asking) -> None:
-    """What lies beyond the capabilities is refused by its name, and changes nothing."""
+    """Parameters beyond the capabilities are rejected by name, without any change."""
     for name in ("samples", "interval_ps", "pulse_rate_mhz"):
         for value in (peer.limits[name][0] - 1, peer.limits[name][1] + 1):
             if 0 <= value < 1 << 32:
@@ -94,7 +94,7 @@ def gate(peer: Peer, ask: Asking) -> None:
 
 @scenario("credit")
 def gaps(peer: Peer, ask: Asking) -> None:
-    """A gap in the plan is not filled by what comes behind it; an overlap is harmless."""
+    """A gap in the plan is not closed by later points; an overlap is harmless."""
     peer.succeed(Operation.PLAN_NEW, **peer.plan_new(8))
     points = peer.points(8)
 
@@ -125,7 +125,7 @@ def credit(peer: Peer, ask: Asking) -> None:
 
 @scenario("credit", fires=True)
 def full_ring(peer: Peer, ask: Asking) -> None:
-    """A full ring stops the laser, overwrites nothing, and goes on when it is freed."""
+    """A full ring stops the laser, overwrites no A-line, and the scan continues when space is freed."""
     assert peer.hello is not None  # noqa: S101
     ring = peer.hello.ring
     peer.upload(ring + 40)

@@ -1,4 +1,4 @@
-"""What turns the laser off, and what must not turn it on."""
+"""Tests of laser emission: conditions that must turn the laser off, and those that must not turn it on."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fabry_perot.wire.states import DeviceState, HoldCause
 
 @scenario("lease", fires=True)  # it does where the device starts although it must not
 def token(peer: Peer, ask: Asking) -> None:
-    """START is granted to the present token, a fresh echo and nothing else; each ARM makes a new token."""
+    """START requires the current token and a fresh echo; each ARM creates a new token."""
     peer.upload(many(peer))
     first = peer.succeed(Operation.ARM)["token"]
     echo = peer.fresh()

@@ -1,4 +1,4 @@
-"""A host that does as it is told, right or wrong: it sends any frame, and remembers all that comes."""
+"""Scripted host that sends arbitrary frames, valid or invalid, and records all received frames."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Reply(NamedTuple):
 
 
 class Peer:
-    """The host's end of a line.
+    """Scripted host end of a line, for conformance tests.
 
     Parameters
     ----------
@@ -244,7 +244,7 @@ class Peer:
             self.send(Type.PLAN_DATA, PLAN_HEAD.pack(self.plan, first + at, len(part)) + part.tobytes())
 
     def upload(self, count: int, *, beams: int = 1, start: int = 0) -> None:
-        """Give the device a plan that it takes; what its memory does not hold yet follows while it scans."""
+        """Upload a valid plan; points beyond the device's memory follow during the scan."""
         self.fragments.clear()
         self.again.clear()
         asked = {"beams": beams, "start": start} if beams > 1 else {}
@@ -269,7 +269,7 @@ class Peer:
         self.renewing = renewing
 
     def prepare(self) -> None:
-        """Begin a new session and bring the device to where it takes a plan, whatever came before."""
+        """Open a new session and bring the device into the state in which it accepts a plan."""
         self.renewing = False
         self.forget()
         self.connect()
@@ -318,12 +318,12 @@ class Peer:
         return [frame for frame in self.frames if frame.type == kind]
 
     def need(self, condition: object, what: str) -> None:
-        """Fail unless ``condition``; ``what`` is what the document promises."""
+        """Fail unless ``condition`` holds; ``what`` is the requirement of the protocol document."""
         if not condition:
             raise Failed(f"expected: {what}")
 
     def wait(self, over: Callable[[], bool], seconds: float) -> bool:
-        """Take in frames until ``over()``, at most so long; return whether it is."""
+        """Process frames until ``over()`` or a timeout; return whether the condition holds."""
         deadline = self._clock.now() + int(seconds * 1e6)
         while not over() and self._clock.now() < deadline:
             self.absence = max(self.absence, (self._clock.now() - self._looked_at) * 1e-6)
@@ -338,7 +338,7 @@ class Peer:
         return over()
 
     def listen(self, seconds: float) -> None:
-        """Take in frames for so long."""
+        """Process frames for a given time."""
         self.wait(lambda: False, seconds)
 
     def _take(self, frame: Frame) -> None:

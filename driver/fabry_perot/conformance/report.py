@@ -18,7 +18,7 @@ TRIES = 4
 
 
 class Outcome(NamedTuple):
-    """How a scenario ended."""
+    """Outcome of a conformance test."""
 
     scenario: Scenario
     failure: str
@@ -89,7 +89,7 @@ def _run(scenario: Scenario, peer: Peer, fire: bool, ask: Asking | None) -> Outc
 
 
 def _make_safe(peer: Peer) -> None:
-    """Leave no scan running, whatever the scenario left."""
+    """Stop any running scan after a test."""
     peer.renewing = False
     try:
         peer.abort(AbortLevel.LASER_OFF)

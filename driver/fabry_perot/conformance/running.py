@@ -1,4 +1,4 @@
-"""A scan in progress, as scenarios look at it."""
+"""Helpers for conformance tests during a scan."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def many(peer: Peer) -> int:
 
 
 def scanning(peer: Peer) -> None:
-    """Start a scan that goes on as long as its lease is renewed."""
+    """Start a scan that continues as long as its lease is renewed."""
     peer.upload(many(peer))
     peer.acknowledge(0, ROOM)
     peer.start()
@@ -36,7 +36,10 @@ def scanning(peer: Peer) -> None:
 
 
 def renewed(peer: Peer, echo: Callable[[], int]) -> None:
-    """Renew the lease with what proves nothing, for longer than a lease lasts: by then the laser must be off."""
+    """Renew the lease with messages that do not prove reception, for longer than a lease.
+
+    The laser must then be off.
+    """
     for _ in range(round((peer.ttl / peer.rate * 1e-6 + PROMPT) / 0.05)):
         peer.lease(echo())
         if peer.wait(lambda: peer.state not in RUNNING, 0.05):
@@ -45,7 +48,7 @@ def renewed(peer: Peer, echo: Callable[[], int]) -> None:
 
 
 def lapsed(peer: Peer, what: str) -> None:
-    """Have the lease lapse, and look that no shot was fired outside it."""
+    """Wait until the lease has expired, and check that no shot was fired outside of it."""
     longest = (peer.ttl / peer.rate) * 1e-6 + PROMPT
     peer.need(peer.wait(lambda: peer.state not in RUNNING, longest), f"the laser off: {what}")
     peer.need(peer.state is DeviceState.SAFE_HOLD, f"SAFE_HOLD: {what}")

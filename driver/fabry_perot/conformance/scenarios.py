@@ -1,4 +1,4 @@
-"""The list of what is tried on a device."""
+"""Registry of the conformance tests."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ SCENARIOS: list[Scenario] = []
 def scenario(
     group: str, *, fires: bool = False, asks: bool = False
 ) -> Callable[[Callable[[Peer, Asking], None]], Callable[[Peer, Asking], None]]:
-    """Put a function on the list; its docstring says what is tried."""
+    """Decorator that registers a conformance test; its docstring describes it."""
 
     def add(run: Callable[[Peer, Asking], None]) -> Callable[[Peer, Asking], None]:
         SCENARIOS.append(Scenario(group, (run.__doc__ or "").rstrip("."), run, fires, asks))

@@ -13,7 +13,7 @@ from fabry_perot.wire.messages import REQUEST_HEAD
 
 @scenario("wire")
 def hello(peer: Peer, ask: Asking) -> None:
-    """HELLO again with the same nonce changes nothing; with another one it begins another session."""
+    """HELLO with the same nonce changes nothing; with another nonce it begins another session."""
     first = peer.connect()
     peer.forget()
     again = peer.say_hello(peer.nonce)
@@ -26,7 +26,7 @@ def hello(peer: Peer, ask: Asking) -> None:
 
 @scenario("wire")
 def versions(peer: Peer, ask: Asking) -> None:
-    """HELLO of versions that the device does not speak is answered by version 0, and the session goes on."""
+    """A HELLO with unsupported versions is answered by version 0, and the session continues."""
     nonce = peer.nonce
     ack = peer.say_hello(nonce ^ 1, 200, 201)
     peer.nonce = nonce

@@ -1,4 +1,4 @@
-"""The scanner's firmware side: a state machine of bytes in, bytes out and an explicit time."""
+"""Device side of the protocol as a sans-I/O state machine."""
 
 from fabry_perot.device.core import Device
 from fabry_perot.device.timing import DeviceTiming

@@ -1,4 +1,4 @@
-"""What a device is made of, and what messages, requests and the hardware do to it."""
+"""State of the device: plan, ring buffer, lease and hardware."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ class DeviceBody:
         self.step(Event.SELF_TEST_PASSED)
 
     def watch(self) -> bool:
-        """Look at interlock, key and shutter, and act on what should not be; return whether the laser may fire."""
+        """Check interlock, key and shutter, and react to violations; return whether the laser may fire."""
         bits = self.hardware_bits()
         if bits & SECURED != SECURED:
             if self.state in RUNNING or self.state is DeviceState.ARMED:
@@ -123,7 +123,7 @@ class DeviceBody:
         return bits & SECURED == SECURED and not self.fault
 
     def hardware(self, call: Callable[[], T], otherwise: T) -> T:
-        """Return what a call to the hardware returns; a fault it reports is latched, and ``otherwise`` returned."""
+        """Call the hardware and return its result; a reported fault is latched, and ``otherwise`` returned."""
         try:
             return call()
         except InstrumentError as error:
@@ -131,7 +131,7 @@ class DeviceBody:
             return otherwise
 
     def _rest(self) -> None:
-        """Have the hardware end, and forget, what an earlier boot had it do."""
+        """Stop and discard operations that an earlier boot started on the hardware."""
         self.instrument.stop(self.now)
         self.instrument.poll(self.now)
 
@@ -169,7 +169,7 @@ class DeviceBody:
         return True
 
     def end_job(self, result: Result | None, body: dict[str, Any] | None = None) -> None:
-        """Answer the request whose sweep is under way, if any; without a result nobody waits for one any more."""
+        """Answer the request whose sweep is in progress, if any; without a result the request is dropped."""
         number, self.job = self.job, None
         if number is None:
             return
@@ -233,7 +233,7 @@ class DeviceBody:
         return PlanStatus(self.plan.plan, self.plan.expected, self.plan.limit, int(self.plan_refused) << 1)
 
     def hardware_bits(self) -> int:
-        """Return what the hardware says of itself, as STATUS' laser bits; of what it does not say, the worse."""
+        """Return the hardware's state as STATUS' laser bits; unknown states are reported as the unsafe ones."""
         asked = (
             (LASER_EMITTING, self.instrument.emitting, True),
             (SHUTTER_OPEN, self.instrument.shutter_open, True),

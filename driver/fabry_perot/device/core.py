@@ -1,4 +1,4 @@
-"""The device: sans-I/O, every input is bytes and a time, every output is bytes."""
+"""Sans-I/O device: bytes and time in, bytes out."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Device(DeviceBody):
         self.poll(now)
 
     def poll(self, now: int) -> None:
-        """Do what is due at device time ``now``."""
+        """Execute actions due at device time ``now``."""
         self.now = max(self.now, now)
         if self.state in RUNNING and not self.lease.permits(self.now):
             self.step(Event.LEASE_LAPSED)

@@ -1,4 +1,4 @@
-"""Where a device's line comes out: a serial port, a pair of sockets in one process; neither of them blocks.
+"""Endpoints of a device's line: a serial port, or a socket pair in one process; both are non-blocking.
 
 A TCP port is in :mod:`fabry_perot.device.tcp`.
 """
@@ -33,11 +33,11 @@ class Endpoint(Protocol):
         ...
 
     def read(self, limit: int) -> bytes:
-        """Return what has arrived, at most ``limit`` bytes, without waiting."""
+        """Return received bytes, at most ``limit``, without waiting."""
         ...
 
     def write(self, data: bytes) -> int:
-        """Send what the line takes now and return how many bytes that was."""
+        """Send as many bytes as the line accepts now, and return their number."""
         ...
 
     def close(self) -> None:
@@ -69,14 +69,14 @@ class PairEndpoint:
         return self._end.fileno()
 
     def read(self, limit: int) -> bytes:
-        """Return what has arrived."""
+        """Return received bytes."""
         try:
             return self._end.recv(min(limit, CHUNK))
         except OSError:
             return b""
 
     def write(self, data: bytes) -> int:
-        """Send what fits; to a host that has gone, into the void."""
+        """Send as many bytes as fit; bytes to a disconnected host are dropped."""
         try:
             return self._end.send(data)
         except BlockingIOError:
@@ -115,11 +115,11 @@ class SerialEndpoint:
         return [self._port.fileno()] if self._port is not None and hasattr(self._port, "fileno") else []
 
     def writable_descriptor(self) -> int | None:
-        """Return nothing: what may wait is limited by :data:`QUEUED`, not by the system."""
+        """Return None: the buffer is limited by :data:`QUEUED`, not by the system."""
         return None
 
     def read(self, limit: int) -> bytes:
-        """Return what has arrived; opens a lost port anew when it is back."""
+        """Return received bytes; reopens a lost port when it is available again."""
         if self._port is None:
             self._reopen()
             return b""

@@ -1,4 +1,4 @@
-"""What the device does with each message, one function each, in one table."""
+"""Message handlers of the device: one function per message, in one table."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ def _abort(device: DeviceBody, frame: Frame) -> None:
 
 
 def _keep_held(device: DeviceBody) -> None:
-    """Have a scan that is interrupted for a moment wait for a person: somebody has asked for laser off meanwhile."""
+    """Keep a briefly interrupted scan paused for a person, because laser off was requested meanwhile."""
     if device.state is DeviceState.SAFE_HOLD and device.cause is not HoldCause.INTERLOCK:
         device.cause, device._status_due = HoldCause.REQUEST, True
 

@@ -39,7 +39,7 @@ class LaserLease:
         return now < self.until
 
     def left(self, now: int) -> int:
-        """Return the µs left, 0 when lapsed."""
+        """Return the remaining µs, 0 when expired."""
         return max(0, self.until - now)
 
     def clear(self, now: int) -> None:

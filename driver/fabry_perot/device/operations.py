@@ -34,7 +34,7 @@ Outcome = tuple[Result, Body]
 
 
 def carry_out(device: DeviceBody, operation: int, body: Body) -> Outcome | None:
-    """Carry out one request on ``device`` and return its outcome; ``None`` where it has begun a sweep."""
+    """Execute a request on ``device`` and return its outcome; ``None`` if it has started a sweep."""
     try:
         function = _TABLE[Operation(operation)]
     except (ValueError, KeyError):
@@ -140,7 +140,7 @@ def _release(device: DeviceBody, body: Body) -> Outcome:
 
 
 def _cause_stands(device: DeviceBody) -> bool:
-    """Return whether what is latched has a cause that the hardware still reads: it cannot be cleared then."""
+    """Return whether the cause of a latched fault is still present, so that it cannot be cleared."""
     bits = device.hardware_bits()
     cause = faults.standing(
         device.fault,

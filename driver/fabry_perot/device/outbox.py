@@ -1,4 +1,4 @@
-"""What the device still has to say: control messages first, A-lines when there is room."""
+"""Transmit queue: control frames before data frames."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Outbox:
             self._control.append((kind, payload, 0))
 
     def clear(self) -> None:
-        """Drop what was meant for an earlier session."""
+        """Drop messages of an earlier session."""
         self._control.clear()
 
     def next_control(self) -> bytes | None:

@@ -1,4 +1,4 @@
-"""The device's memory of the plan: a window of points by absolute index."""
+"""Sliding window of plan points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""At-most-once requests: a repeated request id gets the stored reply, never a second execution."""
+"""Reply cache for at-most-once request execution."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The ring of A-lines that wait for durable acknowledgement."""
+"""Ring buffer of A-lines until they are acknowledged."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class ALineRing:
         self.clear(0)
 
     def clear(self, plan: int, start: int = 0) -> int:
-        """Start anew for ``plan`` at number ``start``; return how many unacknowledged A-lines that purged."""
+        """Restart for ``plan`` at number ``start``; return the number of unacknowledged A-lines dropped."""
         purged = len(self._blobs) if hasattr(self, "_blobs") else 0
         self.plan, self._fragment, self.peak = plan, 0, 0
         self.acknowledged = self.produced = self.sent = self.limit = start
@@ -67,7 +67,7 @@ class ALineRing:
                 self._again.append(item)
 
     def offer_again(self) -> None:
-        """Send everything unacknowledged once more, from the start, when the host grants credit anew."""
+        """Resend all unacknowledged A-lines from the start, when the host grants credit again."""
         self.sent, self._fragment, self.limit = self.acknowledged, 0, 0
         self._again.clear()
 

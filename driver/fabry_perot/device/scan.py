@@ -88,7 +88,7 @@ class Scan:
         self.due = self._instrument.next_due(now) if self._state() in RUNNING else None
 
     def _collect(self, now: int) -> None:
-        """Take what the instrument has finished into the ring."""
+        """Move finished records from the instrument into the ring."""
         for taken in self._instrument.poll(now):
             if taken.beam == 0:
                 self._used += taken.averages

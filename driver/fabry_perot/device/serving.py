@@ -1,4 +1,4 @@
-"""A device in real time: an instrument on a line, so that a computer with cards in it is a scanner to its host."""
+"""Event loop that serves an instrument on a port."""
 
 from __future__ import annotations
 
@@ -52,7 +52,10 @@ class Service:
         return self._clock.now() - self._start
 
     def run(self, stopping: Callable[[], bool], ready: Callable[[str], None] = lambda url: None) -> None:
-        """Serve until ``stopping()`` or told to end; however that ends, the shutter closes and the hardware stops."""
+        """Serve until ``stopping()`` returns true or an end is requested.
+
+        The shutter then closes and the hardware stops.
+        """
         try:
             ready(self._endpoint.url)
             while not (self.told_to_end or stopping()):
@@ -65,7 +68,7 @@ class Service:
                 ending.callback(self._instrument.close)
 
     def turn(self) -> None:
-        """Take in what arrived, let the device do what is due, send what the line takes."""
+        """Process received bytes, execute due actions, and send as many bytes as the line accepts."""
         self.device.receive(self._endpoint.read(CHUNK), self.now())
         if not self._out:
             self._out = self.device.pull(PULL)
@@ -143,7 +146,7 @@ def serve(
 
 @contextmanager
 def _told_by_sigterm(service: Service) -> Iterator[None]:
-    """Have SIGTERM tell the service to end, unless the program has said otherwise: it would end the program at once.
+    """Install a SIGTERM handler that ends the service, unless the program has its own.
 
     The handler raises nothing, so that it cannot come between the service and the closing of the shutter.
     """

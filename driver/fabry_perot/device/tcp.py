@@ -39,7 +39,7 @@ class _Client:
     pending: bytearray = field(default_factory=bytearray)
 
     def receive(self, limit: int, now: float) -> bytes | None:
-        """Return what has arrived, ``None`` if nothing has, no bytes when the connection is over."""
+        """Return received bytes, ``None`` if there are none, and empty bytes at the end of the connection."""
         try:
             data = self.socket.recv(limit)
         except BlockingIOError:
@@ -50,7 +50,7 @@ class _Client:
         return data
 
     def send(self, data: bytes) -> None:
-        """Send ``data`` if there is room; what an observer does not read is lost to it."""
+        """Send ``data`` if there is space; observers lose data that they do not read."""
         try:
             self.socket.send(data)
         except OSError:
@@ -68,7 +68,7 @@ class _Client:
         return chunk
 
     def has_left(self) -> bool:
-        """Tell whether the client has closed its end, even if bytes of it wait to be read (where the system tells)."""
+        """Return whether the client has closed its end, even with unread bytes (where the system reports it)."""
         if not hasattr(select, "poll"):  # Windows
             try:
                 return not self.socket.recv(1, socket.MSG_PEEK)
@@ -113,7 +113,7 @@ class TcpEndpoint:
         return self._host.socket.fileno() if self._host else None
 
     def read(self, limit: int) -> bytes:
-        """Return what the host sent, at most ``limit`` bytes, and before it the ABORTs of observers."""
+        """Return the host's bytes, at most ``limit``, after any ABORTs of observers."""
         now = self._clock()
         self._accept(now)
         data = b""
@@ -133,7 +133,7 @@ class TcpEndpoint:
         return data
 
     def _hear(self, observer: _Client, now: float) -> bytes:
-        """Return what an observer's frames say to the device: ABORT, or all that follows the HELLO of a new host."""
+        """Return the frames of an observer for the device: ABORT, or everything after the HELLO of a new host."""
         heard = b""
         while (chunk := observer.next_frame()) is not None:
             kind = _kind(chunk)
@@ -154,7 +154,10 @@ class TcpEndpoint:
         return heard
 
     def write(self, data: bytes) -> int:
-        """Send what fits to the host, STATUS and ABORT_ACK of it to observers; without a host the rest is lost."""
+        """Send to the host as many bytes as fit, and its STATUS and ABORT_ACK to observers.
+
+        Without a host, bytes are dropped.
+        """
         taken = self._to_host(data)
         if not self._observers:
             self._tail = b""
@@ -238,7 +241,7 @@ def _kind(chunk: bytes) -> int | None:
 
 
 def _keep_alive(client: socket.socket) -> None:
-    """Have the system look after a connection whose far end says nothing, as far as it can."""
+    """Enable TCP keep-alive, as far as the system supports it."""
     client.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     for name, value in PROBES.items():
         if hasattr(socket, name):

@@ -1,4 +1,4 @@
-"""The device's time limits."""
+"""Timeouts of the device."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the device needs of the hardware, and how to give it that: write the parts, make an apparatus of them."""
+"""Hardware abstraction: component protocols and the apparatus that combines them."""
 
 from fabry_perot.hardware.apparatus import Apparatus
 from fabry_perot.hardware.calibration import GalvoCalibration, time_zero

@@ -36,7 +36,7 @@ T = TypeVar("T")
 
 
 class Apparatus(Instrument):
-    """The parts of a scanner, worked as one.
+    """Instrument composed of galvo, lasers, digitiser and shutter.
 
     Points are cut into blocks that the hardware takes by its own triggers: points in a row with one bias wavelength, as
     many as the galvo can step through by itself; one that waits for the gate begins a block. Whatever a part raises
@@ -88,7 +88,7 @@ class Apparatus(Instrument):
         self._levels: list[int] = []
 
     def capabilities(self) -> dict[str, Any]:
-        """Return the limits of all parts together; extend it for what else the hardware can do."""
+        """Return the limits of all parts together; override it for further capabilities."""
         laser = self._ask(FAULT_LASER, self.laser.limits)
         excitation = self._ask(FAULT_EXCITATION, self.excitation.limits)
         parameters = {**laser.pop("parameters", {}), **excitation.pop("parameters", {})}
@@ -122,14 +122,14 @@ class Apparatus(Instrument):
         self._queue.extend(enumerate(points, start=first))
 
     def permit(self, until: int, now: int) -> None:
-        """Let pulses leave before ``until``; what an edge began while they might not begins at an edge again."""
+        """Permit pulses before ``until``; a block that missed its trigger edge waits for the next edge."""
         lapsed, self._until = now >= self._until, until
         if lapsed and self._firing and self._gated:
             self._queue.extendleft(reversed(self._break_off(now)))
         self._ask(FAULT_EXCITATION, self.excitation.permit, until, now)
 
     def poll(self, now: int) -> list[Interrogation]:
-        """Take in what was recorded, and go on with the next block."""
+        """Collect finished records and start the next block."""
         if self._firing:
             self._collect(now)
         if not self._block and self._queue:
@@ -144,7 +144,7 @@ class Apparatus(Instrument):
         return now + LOOK if self._queue or self._block or self._sweep is not None else None
 
     def stop(self, now: int) -> None:
-        """Fire no more and forget all points; what was recorded whole is kept for the next poll."""
+        """Stop firing and discard all points; complete records are returned by the next poll."""
         self._queue.clear()
         self._sweep = None
         self._break_off(now)
@@ -223,7 +223,7 @@ class Apparatus(Instrument):
         return self._ask(FAULT_GALVO, self.galvo.position)
 
     def parameters(self) -> dict[str, int]:
-        """Return what SET changes at both lasers."""
+        """Return the parameters of both lasers that SET changes."""
         excitation = self._ask(FAULT_EXCITATION, self.excitation.parameters)
         return {**self._ask(FAULT_LASER, self.laser.parameters), **excitation}
 
@@ -291,7 +291,7 @@ class Apparatus(Instrument):
             raise InstrumentError(FAULT_DIGITISER, f"records of {len(self._block)} points are missing")
 
     def _ask(self, fault: int, call: Callable[P, T], *given: P.args, **named: P.kwargs) -> T:
-        """Return what a part's call returns; whatever it raises is a fault of that part."""
+        """Call a part and return its result; any exception is a fault of that part."""
         try:
             return call(*given, **named)
         except InstrumentError:

@@ -13,7 +13,7 @@ ANY_ENERGY = (0, 1 << 31)
 
 
 def mean(point: int, records: list[Record], energies: tuple[int, int] = ANY_ENERGY) -> Interrogation:
-    """Return the A-line of ``point`` from one beam's records of its shots; quality bits of any of them count.
+    """Return the mean A-line of ``point`` from one beam's records of its shots; quality bits are combined.
 
     So does a pulse energy out of range, as a misfire: in the mean it may not show.
     """

@@ -87,7 +87,7 @@ class GalvoCalibration:
 
     @classmethod
     def load(cls, path: Path) -> GalvoCalibration:
-        """Read what :meth:`save` wrote."""
+        """Load a calibration written by :meth:`save`."""
         said = json.loads(path.read_text(encoding="utf-8"))
         metre, volt = said["scales"]
         to_volts, to_metres = np.array(said["to_volts"]), np.array(said["to_metres"])

@@ -1,4 +1,4 @@
-"""What the device needs of the hardware under it: one interface, in blocks, without waiting."""
+"""Hardware interface of the device: non-blocking operations on blocks of points."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class InstrumentError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Sampling:
-    """Parameters common to all points of a plan.
+    """Sampling parameters common to all points of a plan.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class Sampling:
 
 @dataclass(frozen=True, slots=True)
 class Interrogation:
-    """What the hardware took at one point by one beam: the mean over its shots.
+    """Record of one point and beam: the mean over its shots.
 
     Parameters
     ----------
@@ -121,11 +121,11 @@ class Instrument(Protocol):
         ...
 
     def permit(self, until: int, now: int) -> None:
-        """Let pulses leave before ``until`` and none later, whether or not anybody calls again until then."""
+        """Permit pulses before ``until`` and none later, whether or not another call follows."""
         ...
 
     def poll(self, now: int) -> list[Interrogation]:
-        """Go on with what was started, and return what is finished since the last call.
+        """Continue started operations, and return the results finished since the last call.
 
         In the order of the points; all beams of a point together, in their order.
         """
@@ -136,7 +136,10 @@ class Instrument(Protocol):
         ...
 
     def stop(self, now: int) -> None:
-        """Fire no more and forget all points and sweeps; what was finished before comes by one more :meth:`poll`."""
+        """Stop firing and discard all points and sweeps.
+
+        Results finished before are returned by one more :meth:`poll`.
+        """
         ...
 
     def shots(self) -> int:
@@ -188,7 +191,7 @@ class Instrument(Protocol):
         ...
 
     def parameters(self) -> dict[str, int]:
-        """Return what SET changes, by name."""
+        """Return the parameters that SET changes, by name."""
         ...
 
     def configure(self, name: str, value: int) -> None:

@@ -1,4 +1,4 @@
-"""The parts that a scanner is made of, each small enough to be written in an afternoon for one's own hardware.
+"""Protocols of the components of a scanner.
 
 No call waits and none needs to be fast: what takes time is started by one call and asked after by another. Shots are
 taken by the hardware's own triggers: the laser's trigger (or sync) output starts a record of the digitiser and steps
@@ -19,7 +19,7 @@ from fabry_perot.hardware.instrument import Sampling
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Path:
-    """Where a block of shots is taken.
+    """Path of the beam during a block of shots.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class Path:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Record:
-    """What the digitiser took for one trigger.
+    """Digitiser record of one trigger.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ class InterrogationLaser(Protocol):
         ...
 
     def parameters(self) -> dict[str, int]:
-        """Return what can be changed, by name."""
+        """Return the adjustable parameters, by name."""
         ...
 
     def configure(self, name: str, value: int) -> None:
@@ -151,7 +151,7 @@ class Digitiser(Protocol):
         ...
 
     def arm(self, records: int, now: int) -> None:
-        """Take so many triggers."""
+        """Accept ``count`` triggers."""
         ...
 
     def records(self, now: int) -> list[Record]:
@@ -162,7 +162,7 @@ class Digitiser(Protocol):
         ...
 
     def disarm(self) -> None:
-        """Take no more triggers, and forget what was not fetched."""
+        """Accept no more triggers, and discard records that were not fetched."""
         ...
 
     def level(self, now: int) -> int:
@@ -187,15 +187,15 @@ class ExcitationLaser(Protocol):
         ...
 
     def permit(self, until: int, now: int) -> None:
-        """Let pulses leave before ``until`` only, by a timer of the hardware: a program that hangs extends nothing."""
+        """Permit pulses before ``until`` only, by a hardware timer, so that a hung program cannot extend it."""
         ...
 
     def fire(self, pulses: int, now: int) -> None:
-        """Let the next so many pulses leave, as far as they are permitted."""
+        """Emit the next ``count`` pulses, as far as they are permitted."""
         ...
 
     def halt(self, now: int) -> None:
-        """Let no more pulses leave."""
+        """Stop emission."""
         ...
 
     def shots(self) -> int:
@@ -211,7 +211,7 @@ class ExcitationLaser(Protocol):
         ...
 
     def parameters(self) -> dict[str, int]:
-        """Return what can be changed, by name."""
+        """Return the adjustable parameters, by name."""
         ...
 
     def configure(self, name: str, value: int) -> None:
@@ -223,7 +223,7 @@ class GatedLaser(ExcitationLaser, Protocol):
     """An excitation laser that can wait for something else: a heart, a breath, a stimulus."""
 
     def fire_at_gate(self, pulses: int, now: int) -> None:
-        """Let so many pulses leave from the next edge at the gate input on, as far as they are permitted then.
+        """Emit ``count`` pulses from the next edge at the gate input, as far as they are permitted then.
 
         A permission that runs out before the last of them is followed by :meth:`halt`, never made up for.
         """

@@ -33,7 +33,7 @@ def split(url: str, baudrate: int | None = None) -> tuple[str, int]:
 
 
 def port_of(url: str) -> str:
-    """Return a port without the parameter ``baud``, whatever its value."""
+    """Return a port without its ``baud`` parameter."""
     return _parted(url)[0]
 
 

@@ -1,4 +1,4 @@
-"""The A-line: what one interrogation of one point recorded, alone and in batches.
+"""A-line and batches of A-lines.
 
 On its way through the driver an A-line is a *record*: the meta and the samples as little-endian int16, which is what
 arrives when it was sent plainly and whole. It is unpacked when somebody looks at it.

@@ -1,4 +1,4 @@
-"""Putting A-lines together from fragments that may be lost, doubled or late."""
+"""Reassemble A-lines from fragments; deliver each exactly once and in order."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ class Assembly:
         return b"".join(whole)
 
     def _advance(self) -> None:
-        """Count what is here without a gap."""
+        """Advance the count of gapless A-lines."""
         limit, complete, lines = self.limit, self.complete, self._lines
         while complete in lines and complete < limit:
             complete += 1
@@ -134,7 +134,7 @@ class Assembly:
             self.horizon = complete
 
     def restart(self) -> int:
-        """Forget what is not in order yet, because it will be recorded anew; return the first number wanted."""
+        """Discard A-lines out of order, because they will be recorded again; return the next expected number."""
         self._lines = {number: line for number, line in self._lines.items() if number < self.complete}
         self._parts.clear()
         self._asked.clear()

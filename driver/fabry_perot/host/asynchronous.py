@@ -1,4 +1,4 @@
-"""The asyncio driver: the synchronous one, each call in a thread that belongs to the scanner alone.
+"""asyncio facade of the synchronous driver.
 
 There is no second implementation to go wrong. A-lines are looked for in that thread, a twentieth of a second at a time,
 and each look renews the laser's lease once: a consumer that was cancelled, and an event loop that hangs, drop the laser
@@ -88,7 +88,7 @@ class AsyncScanner:
         await self._run(self._scanner.start, token)
 
     async def alines(self) -> AsyncIterator[ALineBatch]:
-        """Yield batches of A-lines as they arrive, until the plan is done; after a cancellation begin anew."""
+        """Yield batches of A-lines as they arrive, until the plan is done; after a cancellation, iterate again."""
         batches = self._scanner.alines(idle=True)
         while True:
             coming = self._coming
@@ -116,7 +116,7 @@ class AsyncScanner:
         await self._run(self._scanner.pause)
 
     async def resume(self, *, by_itself: bool = False) -> None:
-        """Arm anew and continue; parameters as of :meth:`fabry_perot.Scanner.resume`."""
+        """Arm and continue; parameters as of :meth:`fabry_perot.Scanner.resume`."""
         await self._run(self._scanner.resume, by_itself=by_itself)
 
     async def abort(self, level: str = "laser-off") -> None:

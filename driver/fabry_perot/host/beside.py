@@ -22,14 +22,14 @@ class SecondOpening:
         self._file = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
 
     def read(self) -> bytes:
-        """Return what has arrived."""
+        """Return received bytes."""
         select.select([self._file], [], [], TURN)
         with suppress(BlockingIOError):
             return os.read(self._file, 4096)
         return b""
 
     def write(self, data: bytes) -> None:
-        """Send what fits."""
+        """Send as many bytes as fit."""
         with suppress(BlockingIOError):
             os.write(self._file, data)
 
@@ -48,7 +48,7 @@ class TcpLine:
         self._socket.settimeout(TURN)
 
     def read(self) -> bytes:
-        """Return what has arrived; raises LinkLost."""
+        """Return received bytes; raises LinkLost."""
         try:
             data = self._socket.recv(4096)
         except TimeoutError:

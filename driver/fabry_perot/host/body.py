@@ -1,4 +1,4 @@
-"""What a host knows and says, and what messages do to it."""
+"""State of the host: session, plan, A-lines and timers."""
 
 from __future__ import annotations
 
@@ -34,7 +34,9 @@ from fabry_perot.wire.states import RUNNING, DeviceState
 
 
 class HostBody:
-    """Session, plan, A-lines and time limits of a host; :class:`~fabry_perot.host.core.Host` adds what comes in.
+    """State machine base of a host: session, plan, A-lines, time limits.
+
+    :class:`~fabry_perot.host.core.Host` adds reception.
 
     Parameters
     ----------
@@ -113,12 +115,12 @@ class HostBody:
         self.poll(now)
 
     def link_lost(self) -> None:
-        """Learn that the port is gone; :meth:`reopen` follows when it is back."""
+        """Handle the loss of the port; :meth:`reopen` follows when it is available again."""
         self.phase = HostState.LOST
         self._out.clear()
 
     def reopen(self, nonce: int, now: int) -> None:
-        """Ask for a new session on a port that was opened anew; what was received so far is kept."""
+        """Request a new session on a reopened port; received A-lines are kept."""
         self.nonce, self.deframer = nonce, Deframer(counters=self.deframer.counters)
         self.open(now)
 
@@ -132,7 +134,7 @@ class HostBody:
             self.aborts.drop()
 
     def poll(self, now: int) -> None:
-        """Send what is due at host time ``now``."""
+        """Send messages due at host time ``now``."""
         self._polled_at = now
         if self.phase is not HostState.LOST and (abort := self.aborts.due(now)) is not None:
             self.send(Type.ABORT, abort, FLAG_URGENT)  # also of a session that has failed
@@ -217,7 +219,10 @@ class HostBody:
         return call
 
     def upload(self, plan: Plan, now: int, start: int = 0) -> Call:
-        """Replace the device's plan by ``plan`` from point ``start``; what it still held of another is given up."""
+        """Replace the device's plan by ``plan`` from point ``start``.
+
+        Undelivered A-lines of another plan are dropped.
+        """
         self.uploader = Uploader(plan, self.payload, self.timing.upload_period, start)
         self.assembly = None
         self.phase = HostState.UPLOAD
@@ -277,7 +282,7 @@ class HostBody:
         return self.assembly.take() if self.assembly else ALineBatch()
 
     def acknowledge(self, number: int, now: int) -> None:
-        """Tell the device that A-line ``number`` and all before it are durably stored; renews the lease."""
+        """Report to the device that A-line ``number`` and all before it are durably stored; renews the lease."""
         if self.assembly is not None:
             self.assembly.acknowledge(number + 1)
             self.ack_due = True

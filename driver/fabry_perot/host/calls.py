@@ -1,4 +1,4 @@
-"""Requests on their way: repeated until answered, executed by the device at most once."""
+"""Pending requests: retransmission and matching of replies."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Call:
     done: bool = False
 
     def result(self) -> dict[str, Any]:
-        """Return the answer's parameters; raises what the device or the link said instead."""
+        """Return the answer's parameters; raises the error of device or link."""
         if self.error is not None:
             raise self.error
         return self.answer
@@ -79,7 +79,7 @@ class Calls:
         return payloads
 
     def answer(self, number: int, result: int, state: DeviceState, body: dict[str, Any]) -> Call | None:
-        """Close the call a reply belongs to and return it; ``None`` for a reply nobody waits for."""
+        """Close the request that a reply belongs to and return it; ``None`` for an unexpected reply."""
         call = self._open.get(number)
         if call is None:
             return None

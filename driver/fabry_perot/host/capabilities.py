@@ -1,4 +1,4 @@
-"""What a scanner can do, as it says itself, and the check of a plan against it.
+"""Capabilities reported by a scanner, and the validation of a plan against them.
 
 The device sends one CBOR map. Ranges are ``[lowest, highest]``:
 
@@ -185,7 +185,7 @@ class Capabilities:
         return values
 
     def check_beams(self, count: int) -> None:
-        """Raise PlanInvalid when the scanner has not so many beams."""
+        """Raise PlanInvalid when the scanner has fewer beams."""
         if not 1 <= count <= self.beams:
             raise PlanInvalid("beams", count, f"1 … {self.beams}" if self.beams > 1 else "1, all this scanner has")
 

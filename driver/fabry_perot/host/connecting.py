@@ -1,4 +1,4 @@
-"""Finding and opening scanners."""
+"""Connect to and discover scanners."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ class Found:
 
 
 def discover(urls: Iterable[str] | None = None, *, probe: bool = False, silent: bool = False) -> list[Found]:
-    """Return the ports of this computer, or what is at ``urls``.
+    """Return the ports of this computer, or the scanners at ``urls``.
 
     Parameters
     ----------

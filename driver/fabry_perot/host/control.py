@@ -35,7 +35,7 @@ _LISTENS = 0x10000
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """The process at the other end of a local socket; -1 where the system does not tell."""
+    """Process at the other end of a local socket; -1 where the system does not report it."""
 
     pid: int
     uid: int
@@ -98,7 +98,7 @@ def peer_of(client: socket.socket) -> Peer:
 
 
 def printable(text: object) -> str:
-    """Return what can be shown of a text from another program."""
+    """Return the printable part of a text from another program."""
     return "".join(letter for letter in str(text or "") if letter.isprintable())[:200].strip()
 
 

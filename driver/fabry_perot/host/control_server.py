@@ -27,7 +27,7 @@ class Holder(Protocol):
     """A program's hold on a port, as others may ask after it."""
 
     def stop(self, who: str, timeout: float) -> StopAnswer:
-        """Turn the laser off and return what the device says afterwards, within ``timeout`` s."""
+        """Turn the laser off and return the device's state afterwards, within ``timeout`` s."""
         ...
 
     def port_status(self) -> PortStatus | None:

@@ -1,4 +1,4 @@
-"""The host: sans-I/O, every input is bytes and a time, every output is bytes."""
+"""Sans-I/O host: bytes and time in, bytes out."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Host(HostBody):
         return data
 
     def poll(self, now: int) -> None:
-        """Send what is due at host time ``now``; gives up a device that answers and does not get ready in time."""
+        """Send messages due at host time ``now``; gives up on a device that answers but does not get ready in time."""
         super().poll(now)
         if self.greeting.done or self.phase in (HostState.CLOSED, HostState.LOST, HostState.HELLO):
             return

@@ -41,7 +41,7 @@ _DEVICES = (
 
 
 class Trouble(StrEnum):
-    """What is the matter with a line."""
+    """Diagnosis of a line."""
 
     SILENCE = "silence"
     ECHO = "echo"
@@ -61,7 +61,7 @@ class Trouble(StrEnum):
 
 
 def classify(data: bytes) -> Trouble:
-    """Return what is the matter with a line over which ``data`` came and not what was asked for.
+    """Return the diagnosis of a line on which ``data`` arrived instead of the expected answer.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def classify(data: bytes) -> Trouble:
 
 
 def explain(data: bytes, *, baud: int | None = None) -> str:
-    """Return one clause that says what is the matter with a line, and what helps.
+    """Return one clause with the diagnosis of a line and its remedy.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def other_version(data: bytes) -> int | None:
 
 
 def _taken_apart(data: bytes) -> tuple[list[int], list[bytes]]:
-    """Return the types of whole frames, and what lies between two delimiters and is none."""
+    """Return the types of whole frames, and the invalid bytes between two delimiters."""
     kinds: list[int] = []
     damaged: list[bytes] = []
     first, *middle = data.split(b"\0")
@@ -175,7 +175,7 @@ def _taken_apart(data: bytes) -> tuple[list[int], list[bytes]]:
 
 
 def _body(chunk: bytes) -> bytes | None:
-    """Return header and payload of a frame of any version; ``None`` for what is no sound frame."""
+    """Return header and payload of a frame of any version; ``None`` for an invalid frame."""
     if len(chunk) <= OVERHEAD:
         return None
     try:
@@ -192,7 +192,7 @@ def _is_frame(chunk: bytes) -> bool:
 
 
 def _was_translated(chunk: bytes) -> bool:
-    """Tell whether a damaged frame is whole once line ends are what they were."""
+    """Whether a damaged frame becomes valid when translated line ends are restored."""
     return any(map(_is_frame, _untranslated(chunk)))
 
 
@@ -212,14 +212,14 @@ def _untranslated(chunk: bytes) -> Iterator[bytes]:
 
 
 def _lost_flow_control(chunk: bytes) -> bool:
-    """Tell whether a damaged frame is whole once XON or XOFF is put back at one place."""
+    """Whether a damaged frame becomes valid when XON or XOFF is inserted at one place."""
     if XON in chunk or XOFF in chunk or len(chunk) > SHORT:
         return False
     return any(_is_frame(one) for one in _with_one_more(chunk, bytes([XON, XOFF])))
 
 
 def _lost_it_twice(chunk: bytes) -> bool:
-    """Tell the same of two places; some 50,000 are tried, a tenth of a second."""
+    """Whether it becomes valid with two insertions; some 50,000 pairs are tried, in a tenth of a second."""
     if XON in chunk or XOFF in chunk or len(chunk) > MOST_PAIRS:
         return False
     both = bytes([XON, XOFF])
@@ -248,7 +248,7 @@ def _first_line(data: bytes) -> str:
 
 
 def _changes_seldom(data: bytes) -> bool:
-    """Tell whether the bits within bytes change as seldom as those of a line that is read too fast."""
+    """Whether bits within bytes change as rarely as those of a line that is sampled too fast."""
     bits = np.unpackbits(np.frombuffer(data, np.uint8)).reshape(-1, 8)
     changes = (bits[:, 1:] != bits[:, :-1]).sum(axis=1)
     return len(data) >= 32 and float((changes <= 2).mean()) >= 0.85

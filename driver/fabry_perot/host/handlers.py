@@ -1,4 +1,4 @@
-"""What the host does with each message, one function each, in one table."""
+"""Message handlers of the host: one function per message, in one table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The account of a scan: every shot fired is stored, still held, wasted or gone with a reboot."""
+"""Shot accounting across reboots."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fabry_perot.wire.messages import Status
 
 @dataclass(slots=True)
 class Ledger:
-    """What was fired in which boot of the device, by the laser's own counter that survives a reboot.
+    """Shots by boot of the device, from the laser's own counter, which survives a reboot.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class Ledger:
     _wasted_before: int = 0
 
     def started(self, boot: int, start: int, laser_shots: int, wasted: int, shots: int = 0) -> None:
-        """Note a START; a scan's first one tells where the counting begins in its boot.
+        """Record a START; the first one of a scan defines the start of counting in its boot.
 
         ``start`` is the first point that the device fires, whatever has arrived when START's answer is looked at;
         ``shots`` is the boot's own count.

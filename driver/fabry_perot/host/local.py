@@ -1,4 +1,4 @@
-"""A scanner without a line: the device runs in a thread of this process, and everything else is as ever."""
+"""In-process transport to a device thread."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def _told(*_: object) -> None:
 
 
 def _listen() -> None:
-    """Have SIGTERM do so while there is a device, unless the program has said otherwise; from its main thread."""
+    """Install a SIGTERM handler while there is a device, unless the program has its own; main thread only."""
     if threading.current_thread() is not threading.main_thread():
         return
     if _OPEN and signal.getsignal(signal.SIGTERM) == signal.SIG_DFL:
@@ -86,7 +86,7 @@ class LocalTransport:
         atexit.register(self.close)
 
     def read(self) -> bytes:
-        """Return what has arrived; raises LinkLost."""
+        """Return received bytes; raises LinkLost."""
         try:
             data = self._end.recv(65536)
         except TimeoutError:
@@ -105,7 +105,7 @@ class LocalTransport:
             raise LinkLost(f"the device has ended: {error}") from error
 
     def end(self) -> None:
-        """Tell the device to end."""
+        """Request the device to end."""
         self._over.set()
 
     def close(self) -> None:

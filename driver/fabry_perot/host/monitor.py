@@ -175,7 +175,7 @@ class Monitor(Watching):
         return passive, passive.status
 
     def _until(self, condition: Any, seconds: float, passive: Passive) -> bool:
-        """Wait until a condition holds, at most for so long, and return whether it does.
+        """Wait until a condition holds, or for a given time, and return whether it holds.
 
         The watching thread alone writes: a write to a stuck line takes seconds.
         """

@@ -1,4 +1,4 @@
-"""What a connected scanner can be told besides scanning."""
+"""Control operations of a connected scanner."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Panel:
         return status
 
     def pause(self) -> None:
-        """Stop firing; ``resume()`` continues with the next point. ``alines()`` goes on waiting."""
+        """Stop firing; ``resume()`` continues with the next point. ``alines()`` keeps waiting."""
         self._keep_nothing()
         self._session.request(Operation.PAUSE)
 
@@ -125,7 +125,7 @@ class Panel:
         return self.status
 
     def _in_its_words(self, fault: DeviceFault) -> DeviceFault:
-        """Return a fault with what the device says of it, if it says that soon."""
+        """Return a fault with the device's own description, if that arrives in time."""
         try:
             text = str(self._session.request(Operation.GET, within=1.0).get("fault_text", ""))
         except ScannerError:
@@ -151,7 +151,7 @@ class Panel:
         self._session.wait(lambda: not self._host.aborting, 5.0)
 
     def stop_laser(self, who: str = "", timeout: float = 1.5) -> StopAnswer:
-        """Turn the laser off, end the work of this session, and return what the device says afterwards.
+        """Turn the laser off, end the work of this session, and return the device's state afterwards.
 
         Parameters
         ----------

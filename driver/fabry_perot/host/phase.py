@@ -1,4 +1,4 @@
-"""Where a host stands with its device."""
+"""Link state of the host."""
 
 from __future__ import annotations
 

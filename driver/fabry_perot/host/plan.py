@@ -16,7 +16,7 @@ from fabry_perot.wire.messages import PLAN_HEAD, POINT
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Points and parameters of one scan.
+    """Scan plan in protocol units.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Names of a port that all programs of a computer agree on, the processes that have it open, who may open it."""
+"""Canonical names of a port, the processes that have it open, and its permissions."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def lock_owner(url: str) -> int | None:
 
 
 def openers(url: str) -> list[int]:
-    """Return the other processes that have a terminal open, as far as the system tells: all of them only to root.
+    """Return the other processes that have a terminal open; the system reports all of them to root only.
 
     Parameters
     ----------
@@ -102,12 +102,12 @@ def _has_open(process: Path, path: str) -> bool:
 
 
 def _is_master(file: Path, path: str) -> bool:
-    """Tell whether an open pseudo-terminal master is that of ``path``: its process is the device, not another user."""
+    """Whether an open pseudo-terminal master belongs to ``path``: its process is the device, not another user."""
     return f"tty-index:\t{path.rpartition('/')[2]}\n" in file.read_text()
 
 
 def holder_of(url: str) -> str:
-    """Return who holds a terminal: the process that has locked it, otherwise those that have it open; "" if unknown."""
+    """Return the holder of a terminal: the process that locked it, otherwise those that have it open; "" if unknown."""
     owner = lock_owner(url)
     return program_of(owner) if owner else opened_by(url)
 
@@ -158,7 +158,7 @@ def may_open(path: str, uid: int, gid: int, pid: int) -> bool:
 
 
 def forbidden(path: str) -> str:
-    """Return why this user may not open a device file and what helps, as one sentence.
+    """Return the reason why this user may not open a device file, and the remedy, as one sentence.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Carrying a scan over interruptions, within the one rule of when the laser may come back without a person.
+"""Automatic recovery of an interrupted scan within the safety policy.
 
 Like the host it is sans-I/O: :meth:`Keeper.poll` is told the time and looks at the host. It acts only on a scan that a
 person started and nobody stopped, only within :attr:`Recovery.within` seconds of the last proof that application and
@@ -31,7 +31,7 @@ _A_PERSON = "the laser rests for too long, or not for the application alone: onl
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """What a scan survives, and how soon after an interruption the laser may come back by itself.
+    """Recovery policy of a scan: tolerated interruptions, and the delay before the laser may resume by itself.
 
     Parameters
     ----------
@@ -91,17 +91,17 @@ class Keeper:
 
     @property
     def waiting(self) -> bool:
-        """Whether the scan is interrupted and only somebody may take it up."""
+        """Whether the scan is interrupted and only a person may resume it."""
         plan = self._plan
         return plan is not None and not self.busy and self._interrupted(plan) and not self._permitted()
 
     def engage(self, plan: Plan, laser_shots: int, now: int) -> None:
-        """Keep ``plan`` from now on; ``laser_shots`` is what START answered."""
+        """Start keeping ``plan``; ``laser_shots`` is the answer to START."""
         self._note_start(laser_shots)
         self._keep(plan, now)
 
     def take_up(self, plan: Plan, now: int, *, by_itself: bool = False) -> None:
-        """Go on with ``plan`` whatever has ended it: somebody has decided so; :meth:`poll` until not :attr:`busy`.
+        """Resume ``plan`` after any end, at a person's decision; call :meth:`poll` until not :attr:`busy`.
 
         With ``by_itself`` nobody has, but the application that let the laser rest: the rule of when it may come back
         without a person holds, nothing is planned again, and :attr:`refusal` is LeaseLapsed where it may not.
@@ -116,11 +116,11 @@ class Keeper:
         self._wait = _FIRST_WAIT
 
     def suspend(self) -> None:
-        """Do nothing more by oneself; what becomes of the scan is somebody's decision."""
+        """Stop automatic recovery; a person decides how the scan continues."""
         self._plan, self._steps = None, None
 
     def release(self) -> None:
-        """Keep nothing any more: somebody stopped the scan, or it is done."""
+        """Stop keeping the scan, because it was stopped or is done."""
         self.suspend()
         self._host.tolerant = False
 
@@ -171,7 +171,7 @@ class Keeper:
             self._wait = min(2 * self._wait, _LONGEST_WAIT)
 
     def _known(self) -> bool:
-        """Whether what is known of the device is of now."""
+        """Whether the known state of the device is current."""
         host = self._host
         status, hello = host.status, host.hello
         if status is None or host.assembly is None or hello is None or host.phase in (HostState.LOST, HostState.HELLO):

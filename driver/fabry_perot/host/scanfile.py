@@ -1,4 +1,4 @@
-"""A scan as one NumPy file: a row a point, written durably before it is acknowledged."""
+"""Minimal scan recorder to a .npy file."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def acquire(
     stopping: Callable[[], bool],
     progress: Callable[[int], None],
 ) -> bool:
-    """Run what was uploaded and store every A-line before it is acknowledged; returns whether it ran to its end.
+    """Run the uploaded plan and store every A-line before acknowledging it; returns whether the plan was completed.
 
     Parameters
     ----------

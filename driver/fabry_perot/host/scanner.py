@@ -231,13 +231,13 @@ class Scanner(Panel):
 
     @property
     def silence(self) -> float:
-        """Seconds since the scanner was last heard; one that works says something many times a second."""
+        """Seconds since the scanner was last heard; a working scanner sends many messages a second."""
         with self._session.changed:
             return self._host.silent_for(self._session.now()) / 1e6
 
     @property
     def holds(self) -> bool:
-        """Whether :meth:`alines` has, or may have, more to deliver of what was fired already."""
+        """Whether :meth:`alines` has, or may have, more A-lines of fired shots to deliver."""
         with self._session.changed:
             host, status, assembly = self._host, self._host.status, self._host.assembly
             if assembly is None or host.failure is not None:
@@ -284,7 +284,7 @@ class Scanner(Panel):
         self._settle()
 
     def _next_batch(self) -> ALineBatch | None:
-        """Return what has arrived, ``None`` when the plan is done; raises why nothing more will come."""
+        """Return received A-lines, ``None`` when the plan is done; raises the reason for a premature end."""
         now, host = self._session.now(), self._host
         host.renew(now)
         if self._session.stopped_by:
@@ -320,7 +320,7 @@ class Scanner(Panel):
         return assembly is None or self._plan is None or assembly.delivered >= self._plan.length
 
     def _settle(self) -> None:
-        """Give the device a moment to confirm what was acknowledged."""
+        """Wait briefly for the device to confirm acknowledgements."""
         try:
             self._session.wait(self._confirmed, 2.0)
         except ScannerError:
@@ -338,7 +338,7 @@ class Scanner(Panel):
         self._session.flush()
 
     def resume(self, *, by_itself: bool = False, unless: Callable[[], bool] = lambda: False) -> None:
-        """Arm anew and continue after a pause, an interruption, an abort or a restart: a person's decision.
+        """Arm and continue after a pause, an interruption, an abort or a restart, at a person's decision.
 
         What a restarted device has lost is planned and fired again; :meth:`report` names it.
 

@@ -1,4 +1,4 @@
-"""A live session: the host state machine, its pump thread, and waiting for what it reports."""
+"""Live session: the host state machine, its I/O thread, and waiting for events."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class Session:
         return self.host.capabilities is not None and self.host.status is not None
 
     def _rebinding(self, reopen: Callable[[], Transport] | None) -> Callable[[], Transport] | None:
-        """Have the control socket listen under the names that a port has after it was opened anew."""
+        """Update the names of the control socket when a port is reopened."""
         if reopen is None:
             return None
 
@@ -104,7 +104,7 @@ class Session:
 
     @property
     def reconnects(self) -> int:
-        """How often the port was opened anew."""
+        """Number of times the port was reopened."""
         return self._pump.reconnects
 
     def now(self) -> int:
@@ -112,11 +112,11 @@ class Session:
         return self.clock.now()
 
     def flush(self) -> None:
-        """Send what the host has to say now."""
+        """Send pending messages now."""
         self._pump.flush()
 
     def request(self, operation: Operation, *, within: float = _PATIENCE, **body: Any) -> dict[str, Any]:
-        """Make a request and return its answer, at most ``within`` s later; raises what device or link say instead."""
+        """Send a request and return its answer within ``within`` s; raises the error of device or link."""
 
         def start(now: int) -> Any:
             if operation in (Operation.ARM, Operation.START):
@@ -167,7 +167,7 @@ class Session:
                 self.changed.wait(STEP)
 
     def close(self) -> None:
-        """End the thread and release the port, after the outcome of an emergency stop; who waits elsewhere is told."""
+        """End the thread and release the port, after the outcome of an emergency stop; waiting callers are notified."""
         with self.changed:
             self.changed.wait_for(lambda: not self._stops, _STOPPED_WITHIN)
             self._closed = True
@@ -232,5 +232,5 @@ class Session:
             return in_words(status, self.host.silent_for(self.now()) * 1e-6)
 
     def give_way(self) -> bool:
-        """Refuse to release the port: this session is somebody's work."""
+        """Refuse to release the port, because this session is in use."""
         return False

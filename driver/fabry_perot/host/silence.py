@@ -15,7 +15,7 @@ QUIET: Final = 60_000_000
 
 
 class SilenceLog:
-    """Silences of one line as its log tells them."""
+    """Silent periods of one line, for its log."""
 
     def __init__(self) -> None:
         self._looked: int | None = None

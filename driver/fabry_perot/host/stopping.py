@@ -1,4 +1,4 @@
-"""Emergency stop of a scanner by any program of the computer, whoever holds its port, and the state of a held port."""
+"""Emergency stop of a scanner by any program of the computer, and status of a held port."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def emergency_stop(url: str, *, baudrate: int | None = None, timeout: float = 1.
 
 
 def port_status(url: str, *, timeout: float = 1.0) -> PortStatus | None:
-    """Return what the program that holds a port knows of the scanner there; ``None`` if no such program answers.
+    """Return the scanner status known to the program that holds a port; ``None`` if none answers.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ class _Stop:
         return time.monotonic() - self._began
 
     def _ask(self, listener: Listener) -> None:
-        """Have one holder stop, and note its answer if it is the holder's own."""
+        """Request a stop from one holder, and record its answer if it is the holder's own."""
         left = self._left()
         request = {"do": "stop", "who": self._who, "seconds": max(0.1, left - 0.05), "port": aliases(self._url)}
         reply = control.ask(listener, left, **request)
@@ -212,7 +212,7 @@ class _Stop:
         return f"{self._url}{holder} could not be asked: {error}"
 
     def _talk(self, line: Transport) -> StopAnswer:
-        """Send ABORT until it is acknowledged, and read what the device says afterwards."""
+        """Send ABORT until it is acknowledged, and read the device's state afterwards."""
         beside = isinstance(line, SecondOpening)
         passive = Passive(time.monotonic(), _SILENCE_BESIDE if beside else _SILENCE)
         passive.stop(time.monotonic())

@@ -1,4 +1,4 @@
-"""The thread between port and host state machine, and why a stream of A-lines stops."""
+"""Background I/O thread between transport and host."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ FIRST_WAIT, LONGEST_WAIT = 0.05, 1.0
 
 
 class Pump:
-    """Moves bytes between a transport and a host in one background thread; opens a lost port anew.
+    """I/O thread that moves bytes between a transport and a host, and reopens a lost port.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class Pump:
         self._transport.close()
 
     def flush(self) -> None:
-        """Send what the host has to say now, from the calling thread."""
+        """Send pending messages now, from the calling thread."""
         with self._writing:
             with self._changed:
                 data = self._host.pull()
@@ -115,7 +115,7 @@ class Pump:
             self.flush()
 
     def _note_session(self) -> None:
-        """Log each session by the numbers that the device, and who listens on the line, know it by."""
+        """Log each session with the numbers by which device and line monitors identify it."""
         hello = self._host.hello
         if hello is not None and (hello.boot, hello.session) != self._known:
             self._known = hello.boot, hello.session

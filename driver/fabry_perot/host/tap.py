@@ -1,4 +1,4 @@
-"""Looking at the frames that pass between a host and a device, both ways, in words."""
+"""Transport decorator that prints every frame."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class Tap:
         self._opened = time.monotonic()
 
     def read(self) -> bytes:
-        """Return what has arrived, and show it; raises LinkLost."""
+        """Return received bytes, and pass them to the monitor; raises LinkLost."""
         data = self._transport.read()
         self._look("<", self._down, data)
         return data
@@ -93,7 +93,7 @@ class Tap:
         self._transport.close()
 
     def _look(self, way: str, deframer: Deframer, data: bytes) -> None:
-        """Show the frames in ``data``; an onlooker who is gone does not end the traffic."""
+        """Pass the frames in ``data`` to the monitor; a failed monitor does not interrupt the traffic."""
         if self._show is None:
             return
         try:

@@ -1,4 +1,4 @@
-"""The host's time limits."""
+"""Timeouts of the host."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Traffic on a line, as far as it is kept to tell later what was the matter with it."""
+"""Recent traffic on a line, kept for a diagnosis."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ class Traffic:
         return Mark(now, counters.bytes_in, counters.good, counters.bad)
 
     def trouble(self, since: Mark) -> Trouble:
-        """Return what the bytes since a moment say of the line."""
+        """Return the diagnosis of the bytes received since a given time."""
         return classify(self._since(since))
 
     def explain(self, since: Mark, now: int) -> str:
-        """Return a clause on what the bytes since a moment say of the line, and how many they are."""
+        """Return a clause with the diagnosis of the bytes received since a given time, and their number."""
         received, good, bad = (after - before for after, before in zip(self.mark(now)[1:], since[1:], strict=True))
         figures = f"{received:,} bytes in {(now - since.time) * 1e-6:.1f} s, {good:,} whole frames, {bad:,} damaged"
         return f"{explain(self._since(since), baud=self.baud)} ({figures})"

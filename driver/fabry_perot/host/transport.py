@@ -49,7 +49,7 @@ class Transport(Protocol):
     """A line that carries bytes."""
 
     def read(self) -> bytes:
-        """Return what has arrived, after a short wait at most; raises LinkLost."""
+        """Return received bytes, after a short wait at most; raises LinkLost."""
         ...
 
     def write(self, data: bytes) -> None:
@@ -62,7 +62,7 @@ class Transport(Protocol):
 
 
 class _Port:
-    """What both kinds of pyserial port share."""
+    """Common part of both kinds of pyserial port."""
 
     def __init__(self, port: Any) -> None:
         self._port = port
@@ -90,7 +90,7 @@ class _Port:
 
 
 class TerminalTransport(_Port):
-    """A tty or pty: takes all that waits in one call, which is what makes reading fast.
+    """Transport on a tty or pty: reads all available bytes in one call, for speed.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ class TerminalTransport(_Port):
         self.baudrate = baudrate
 
     def read(self) -> bytes:
-        """Return what has arrived; raises LinkLost."""
+        """Return received bytes; raises LinkLost."""
         try:
             return bytes(self._port.read(self._port.in_waiting or 1))
         except (serial.SerialException, OSError, TypeError) as error:
@@ -116,7 +116,7 @@ class SocketTransport(_Port):
     """A ``socket://`` port, where pyserial's ``in_waiting`` is only 0 or 1: reads large pieces with a short wait."""
 
     def read(self) -> bytes:
-        """Return what has arrived; raises LinkLost."""
+        """Return received bytes; raises LinkLost."""
         ours = type(self._port).__module__.endswith(".protocol_socket")  # the socket of others is read by a thread
         plain = getattr(self._port, "_socket", None) if ours else None
         try:
@@ -222,7 +222,7 @@ def _refusal(port: str, error: Exception) -> PortUnavailable | PortBusy:
 
 
 def _is_claimed(port: Any) -> bool:
-    """Tell whether another program has a terminal for itself alone, which does not keep root from opening it."""
+    """Whether another program has exclusive access to a terminal, which does not prevent root from opening it."""
     if sys.platform != "linux":
         return False
     try:

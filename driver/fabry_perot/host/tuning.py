@@ -1,4 +1,4 @@
-"""Where on the wavelength axis the film is most sensitive: sweeps at points, and maps of them.
+"""Tuning of the film's bias wavelength: sweeps at points, and maps of them.
 
 A Fabry–Pérot film is read out on the slope of its interference fringe. A sweep of the interrogation wavelength gives
 the reflected DC level; the *bias wavelength* is where that curve rises most steeply (above the resonance; on the other
@@ -64,7 +64,7 @@ class TuningCurve:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TuningMap:
-    """Bias wavelength, sensitivity and reflectivity of points of the film.
+    """Tuning map: bias wavelength, sensitivity and reflectivity at points of the film.
 
     Parameters
     ----------

@@ -65,7 +65,7 @@ class Watching:
         self._thread.start()
 
     def stop(self, who: str = "", timeout: float = 1.5) -> StopAnswer:
-        """Turn the laser off and return what the device says afterwards."""
+        """Turn the laser off and return the device's state afterwards."""
         raise NotImplementedError
 
     def port_status(self) -> PortStatus | None:
@@ -101,7 +101,7 @@ class Watching:
         return passive is not None and passive.status is not None and self._now() - passive.status_at <= HEARD
 
     def _send(self) -> None:
-        """Send what is due; what goes wrong with the line is for the thread that reads it."""
+        """Send due messages; errors of the line are left to the reading thread."""
         with self._writing:
             with self._changed:
                 transport = self._transport
@@ -170,7 +170,7 @@ class Watching:
             self._pause(0.05)
 
     def _follow(self, listener: Listener) -> bool:
-        """Show what another holder says as long as it answers, and return whether it did at all."""
+        """Report the status from another holder as long as it answers; return whether it answered at all."""
         answered = False
         while not self._closing:
             reply = control.ask(listener, 1.0, do="status", port=aliases(self.url))
@@ -185,7 +185,10 @@ class Watching:
         return answered
 
     def _listen(self, transport: Transport) -> bool:
-        """Hold an open port until it is gone, or wanted by another program; return whether the device was heard."""
+        """Hold an open port until it is lost, or requested by another program.
+
+        Return whether the device was received.
+        """
         passive, reason, server = Passive(self._now()), f"{self.url} is not open", None
         with self._changed:
             self._transport, self._passive = transport, passive

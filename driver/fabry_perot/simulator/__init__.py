@@ -1,4 +1,4 @@
-"""An honest simulator of the scanner, run as a process of its own.
+"""Scanner simulator that runs as a separate process.
 
 ``python -m fabry_perot.simulator --pty`` is the command, :func:`launch` starts that very command.
 """

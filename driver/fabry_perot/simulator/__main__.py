@@ -53,7 +53,7 @@ class _Console:
         self.watched = [sys.stdin.fileno()] if exit_with_stdin else []
 
     def over(self, readable: list[int]) -> bool:
-        """Carry out what was commanded; return whether standard input is closed."""
+        """Execute received commands; return whether standard input is closed."""
         if not self.watched or self.watched[0] not in readable:
             return False
         data = os.read(self.watched[0], 65536)

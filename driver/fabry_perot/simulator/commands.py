@@ -1,4 +1,4 @@
-"""Faults at run time: JSON commands, one a line, each answered by one JSON line.
+"""JSON-lines control channel for faults and reports.
 
 ============================================  =========================================================================
 command                                       what it does; all durations in seconds of simulator time

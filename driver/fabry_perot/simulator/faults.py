@@ -1,4 +1,4 @@
-"""What can go wrong on a line, as composable seeded filters: ``filter(bytes, now) -> bytes``.
+"""Faults of a line, as composable seeded filters: ``filter(bytes, now) -> bytes``.
 
 The simulator puts them between itself and the line, tests put them between the two state machines; a filter knows
 nothing of which. Times are µs of whichever clock drives it. A filter that holds bytes back gives them up at a later
@@ -116,7 +116,7 @@ class Stall:
 
 
 class Cut:
-    """Loses everything from ``start`` until ``stop``."""
+    """Drops all bytes from ``start`` until ``stop``."""
 
     def __init__(self, start: int, stop: int) -> None:
         self.start, self.stop = start, stop
@@ -133,7 +133,7 @@ class SlowReader:
         self._rate, self._queue, self._at, self._tokens = rate, b"", 0, 0.0
 
     def __call__(self, data: bytes, now: int) -> bytes:
-        """Return what the rate allows."""
+        """Return the bytes that the rate permits."""
         self._queue += data
         self._tokens = min(self._rate * 0.02, self._tokens + self._rate * (now - self._at) * 1e-6)
         self._at = now
@@ -144,7 +144,7 @@ class SlowReader:
 
 
 class FrameLoss:
-    """Loses a share of the frames, whatever they carry."""
+    """Drops a share of all frames."""
 
     def __init__(self, seed: int, share: float) -> None:
         self._random, self._share, self._pending = random.Random(seed), share, b""  # noqa: S311
@@ -199,7 +199,7 @@ class Recorder:
 
 
 class Replay:
-    """Sends bytes of earlier once more at a given time, in front of what comes then."""
+    """Repeats earlier bytes at a given time, in front of the bytes that arrive then."""
 
     def __init__(self, data: bytes, at: int) -> None:
         self._data, self._at = data, at

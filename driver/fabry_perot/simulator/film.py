@@ -31,7 +31,7 @@ SWING = 0.15
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """Which of the film's shortcomings act on the signal.
+    """Selection of the film's simulated imperfections.
 
     Parameters
     ----------

@@ -98,7 +98,7 @@ class PhantomInstrument(Apparatus):
         self._places: deque[tuple[int, int]] = deque(maxlen=KNOWN)
 
     def boot(self, now: int) -> None:
-        """Take note that the device boots at simulator time ``now``: its time and its count of shots begin anew."""
+        """Handle a boot of the device at simulator time ``now``: its time and its count of shots restart."""
         self.stop(now - self.epoch)
         self.epoch, self._before = now, self.excitation.shots()
         self._done.clear()
@@ -118,7 +118,7 @@ class PhantomInstrument(Apparatus):
         self.recorder.expect(list(self._places))
 
     def poll(self, now: int) -> list[Interrogation]:
-        """Let happen what has happened until ``now``, and go on."""
+        """Advance the simulation to ``now``."""
         done: list[Interrogation] = []
         while True:
             self.excitation.advance(now)

@@ -33,7 +33,7 @@ class Simulator:
         self._process, self.url, self.pid = process, url, pid
 
     def command(self, do: str, **fields: Any) -> dict[str, Any]:
-        """Make it suffer a fault, or report (see :mod:`fabry_perot.simulator.commands`), and return its answer.
+        """Send a command, such as a fault or a report, and return its answer (:mod:`fabry_perot.simulator.commands`).
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""The simulated scanner as a machine with a power switch: hardware that lasts, firmware that can boot anew."""
+"""Simulated scanner with power cycles and reboots."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Machine:
         )
 
     def reboot(self, now: int, duration: int) -> None:
-        """Lose power at ``now`` and be back ``duration`` µs later; what the firmware held is gone."""
+        """Lose power at ``now`` and return ``duration`` µs later; the firmware's memory is lost."""
         self.ring_peak = max(self.ring_peak, self.device.ring.peak)
         self._up_at = now + duration
 
@@ -77,7 +77,7 @@ class Machine:
         self.device.receive(data, now - self.instrument.epoch)
 
     def pull(self, budget: int) -> bytes:
-        """Return what the firmware sends."""
+        """Return the bytes that the firmware sends."""
         return self.device.pull(budget) if self._up_at is None else b""
 
     def next_due(self, now: int) -> int:

@@ -1,4 +1,4 @@
-"""Where the simulated beam is and when the simulated laser fires. Times in µs, positions in nm."""
+"""Motion of the simulated beam and firing of the simulated laser. Times in µs, positions in nm."""
 
 from __future__ import annotations
 

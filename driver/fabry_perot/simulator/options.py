@@ -1,4 +1,4 @@
-"""How a simulator is set up: one dataclass for command line and library."""
+"""Options of a simulator: one dataclass for command line and library."""
 
 from __future__ import annotations
 

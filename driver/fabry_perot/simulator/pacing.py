@@ -1,4 +1,4 @@
-"""How fast a simulated UART carries bytes, since a pseudo-terminal itself paces none."""
+"""Transmission rate of a simulated UART, since a pseudo-terminal has no limit of its own."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ BITS = 10
 
 
 class Pacer:
-    """A token bucket in device time.
+    """Token bucket in device time: limits the simulated line to its baud rate.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The simulated parts, and the cable from the laser's trigger to digitiser and galvo.
+"""Simulated galvo, lasers, digitiser and shutter.
 
 They implement :mod:`fabry_perot.hardware.roles`. Pulses leave at the times of a free-running laser while the gate is
 open: the galvo rests, the shutter is open, interlock and key are closed, and the hardware's timer has not run out.
@@ -175,7 +175,7 @@ class SimulatedExcitation:
         self.boot()
 
     def boot(self) -> None:
-        """Begin to count time anew, with no pulse permitted."""
+        """Restart the time count, with no pulse permitted."""
         self._left = self._armed = self._until = self._last = 0
 
     def limits(self) -> dict[str, Any]:
@@ -188,12 +188,12 @@ class SimulatedExcitation:
         self._train.rate(sampling.pulse_rate_mhz)
 
     def permit(self, until: int, now: int) -> None:
-        """Let pulses leave before ``until``; up to now the earlier limit counted."""
+        """Permit pulses before ``until``; the earlier limit applied up to now."""
         self.advance(now)
         self._until = until
 
     def fire(self, pulses: int, now: int) -> None:
-        """Open the gate for so many pulses."""
+        """Open the gate for ``count`` pulses."""
         self._left, self._armed = pulses, now
 
     def fire_at_gate(self, pulses: int, now: int) -> None:
@@ -213,7 +213,7 @@ class SimulatedExcitation:
         return time if time < self._until else None
 
     def advance(self, now: int) -> None:
-        """Let leave what has left until ``now``."""
+        """Emit the pulses due until ``now``."""
         while (time := self.due()) is not None and time <= now:
             self._left -= 1
             self._count += 1
@@ -272,7 +272,7 @@ class SimulatedDigitiser:
         self._beams = sampling.beams
 
     def arm(self, records: int, now: int) -> None:
-        """Take so many triggers."""
+        """Accept ``count`` triggers."""
         self._armed = records
 
     def trigger(self, time: int, shot: int, count: int) -> None:
@@ -282,7 +282,7 @@ class SimulatedDigitiser:
             self._taken.append((*self._galvo.position(), self._laser.wavelength, shot, time, count))
 
     def records(self, now: int) -> list[Record]:
-        """Return what was taken."""
+        """Return finished records."""
         taken, self._taken = self._taken, []
         return [
             replace(self._recorder.record(x + dx, y + dy, wavelength, shot, beam), time=time, shot=count)

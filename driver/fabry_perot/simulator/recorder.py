@@ -1,4 +1,4 @@
-"""What a shot records: the pressure of a phantom through the film, with noise and the pulse's energy.
+"""Simulated record of a shot: the pressure of a phantom through the film, with noise and the pulse's energy.
 
 It is a function of phantom, point, seed and shot number alone, so a test can recompute it: with
 ``rng = numpy.random.default_rng([seed, shot])`` the pulse energy is ``1 + 0.01·rng.standard_normal()`` and the noise
@@ -102,7 +102,7 @@ class Recorder:
         self._places.clear()
 
     def expect(self, places: list[tuple[int, int]]) -> None:
-        """Learn the next points (x, y in nm), so that several are computed together."""
+        """Prefetch the next points (x, y in nm), so that several are computed together."""
         self._places = places
 
     def bias(self, x: int, y: int) -> int:
@@ -114,7 +114,7 @@ class Recorder:
         return round(float(self.film.level(x, y, np.array([float(wavelength)]))[0]) * self.power / POWER)
 
     def record(self, x: int, y: int, wavelength: int, shot: int, beam: int = 0) -> Record:
-        """Return what beam ``beam`` at x, y (nm) records of shot ``shot`` with the laser at ``wavelength`` (pm)."""
+        """Return the record of shot ``shot`` by beam ``beam`` at x, y (nm), with the laser at ``wavelength`` (pm)."""
         if not self._repeat:
             return self._record(x, y, wavelength, shot, beam)
         if len(self._made) < self._repeat:
@@ -147,7 +147,7 @@ class Recorder:
         )
 
     def _signal(self, line: NDArray[np.float64], x: int, y: int, wavelength: int) -> NDArray[np.float64]:
-        """Return what the film makes of a pressure, in the pressure's unit."""
+        """Return the film's signal for a pressure, in the pressure's unit."""
         if not self.response.nonlinear:
             return line
         return self.film.transfer(x, y, wavelength, line * (SWING / self._peak)) * (self._peak / SWING)

@@ -28,7 +28,7 @@ class Pluggable(Endpoint, Protocol):
     """A line that can be taken away."""
 
     def unplug(self) -> None:
-        """Take the line away from whoever uses it."""
+        """Disconnect the line."""
         ...
 
     def plug(self) -> None:
@@ -85,13 +85,13 @@ class Server:
             readable = self._wait(watched)
 
     def unplug(self, duration: int) -> None:
-        """Take the line away for ``duration`` µs; what was on its way is lost."""
+        """Disconnect the line for ``duration`` µs; bytes in transit are lost."""
         if self._plug_at is None:
             self.endpoint.unplug()
         self._out, self._plug_at = b"", self.time + duration
 
     def turn(self) -> None:
-        """Take in what arrived, move device time on by one event at most, send what the line takes."""
+        """Process received bytes, advance device time by one event at most, send as many bytes as the line accepts."""
         present = self._clock.now()
         if present - self.time > LAG * 1e6 * self._speed:
             due = self.machine.next_due(self.time)

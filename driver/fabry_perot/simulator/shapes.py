@@ -33,7 +33,7 @@ def line(start: Array, stop: Array, sigma: float, amplitude: float = 1.0) -> Bal
 
 
 def join(parts: list[Balls]) -> Balls:
-    """Return all balls of several objects."""
+    """Return the union of the balls of several objects."""
     return Balls(
         np.concatenate([part.centres for part in parts]),
         np.concatenate([part.sigmas for part in parts]),

@@ -23,7 +23,7 @@ class ShotLog(Sequence[tuple[int, int]]):
         self._numbers = array("q", bytes(16 * most))
 
     def append(self, shot: tuple[int, int]) -> None:
-        """Remember a shot, in place of the oldest where there is no room."""
+        """Append a shot, replacing the oldest one when full."""
         at = 2 * (self._count % self._most)
         self._numbers[at], self._numbers[at + 1] = shot
         self._count += 1

@@ -45,14 +45,14 @@ class PtyEndpoint:
         return self._master if self._master >= 0 else None
 
     def read(self, limit: int) -> bytes:
-        """Return what has arrived."""
+        """Return received bytes."""
         try:
             return os.read(self._master, min(limit, CHUNK))
         except BlockingIOError:
             return b""
 
     def write(self, data: bytes) -> int:
-        """Send what fits."""
+        """Send as many bytes as fit."""
         try:
             return os.write(self._master, data)
         except BlockingIOError:

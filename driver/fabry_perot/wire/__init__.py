@@ -1,1 +1,1 @@
-"""The bytes on the line: frames, messages, encodings, and the states they tell of (``PROTOCOL.md``)."""
+"""Wire format: frames, messages, encodings and states (``PROTOCOL.md``)."""

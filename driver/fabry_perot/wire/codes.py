@@ -83,7 +83,7 @@ class Result(IntEnum):
 
 
 class AbortLevel(IntEnum):
-    """How hard to stop; each includes the ones before."""
+    """Severity of an abort; each level includes those before."""
 
     PAUSE = 1
     LASER_OFF = 2

@@ -1,4 +1,4 @@
-"""How the samples of an A-line travel: as int16, or as differences in a Rice code.
+"""Encodings of an A-line's samples: int16, or differences in a Rice code.
 
 Delta + Rice (encoding 1), losslessly: the difference to the sample before (the first to 0) is folded to an unsigned
 number, ``u = 2d`` or ``−2d − 1``. Samples go in blocks of 32, each with a parameter k: the low k bits of every u are
@@ -30,7 +30,7 @@ MAX_K = 17
 
 
 class Encoding(IntEnum):
-    """Encodings of an A-line's samples; the number is what ALINE carries."""
+    """Encodings of an A-line's samples; the number is the one in ALINE."""
 
     INT16 = 0
     DELTA_RICE = 1

@@ -62,7 +62,7 @@ class Frame(NamedTuple):
 
 @dataclass(slots=True)
 class LinkCounters:
-    """What a deframer has seen; all counts of frames unless said otherwise."""
+    """Counters of a deframer; counts of frames unless stated otherwise."""
 
     good: int = 0
     bad_stuffing: int = 0
@@ -93,7 +93,7 @@ def crc32c(data: bytes) -> int:
 
 
 def fast_stuffing() -> bool:
-    """Return whether byte stuffing runs in C; without, it is some hundred times slower."""
+    """Return whether byte stuffing runs in C; otherwise it is about a hundred times slower."""
     return bool(getattr(cobs, "_using_extension", True))
 
 

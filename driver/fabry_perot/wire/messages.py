@@ -219,7 +219,7 @@ def unpack(kind: type[T], payload: bytes, *, tail: bool = False) -> T:
 
 
 def fixed(layout: struct.Struct, payload: bytes, *, tail: bool = False) -> tuple[Any, ...]:
-    """Return the fields of ``layout`` at the start of ``payload``; a wrong length raises FrameError."""
+    """Parse the fields of ``layout`` at the start of ``payload``; a wrong length raises FrameError."""
     if len(payload) < layout.size or (len(payload) > layout.size and not tail):
         raise FrameError(f"{len(payload)} bytes where the message has {layout.size}")
     return layout.unpack_from(payload)

@@ -6,7 +6,7 @@ from enum import IntEnum, auto
 
 
 class DeviceState(IntEnum):
-    """State of the device; the number is what STATUS carries."""
+    """State of the device; the number is the one in STATUS."""
 
     BOOT = 0
     IDLE = 1
@@ -33,7 +33,7 @@ class DeviceState(IntEnum):
 
 
 class Event(IntEnum):
-    """What moves the device from one state to another."""
+    """Event that changes the state of the device."""
 
     SELF_TEST_PASSED = auto()
     NEW_SESSION = auto()

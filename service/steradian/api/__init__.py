@@ -1,1 +1,1 @@
-"""The HTTP service: one router a resource, one table of problems."""
+"""HTTP API: FastAPI application, routers, schemas and middleware."""

@@ -1,4 +1,7 @@
-"""The API process: ``python -m steradian.api FD`` serves on a socket that its parent has bound."""
+"""Entry point of the API process.
+
+``python -m steradian.api FD`` serves on the listening socket inherited as file descriptor FD.
+"""
 
 from __future__ import annotations
 

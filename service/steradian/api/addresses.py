@@ -40,7 +40,10 @@ def link(path: str) -> str:
 
 
 def stated_prefix(headers: Headers) -> str:
-    """Return what a proxy says in ``X-Forwarded-Prefix``; empty where it is none, or several, or not a plain path."""
+    """Return the path prefix in ``X-Forwarded-Prefix``.
+
+    Empty when the header is missing, repeated or not a plain path.
+    """
     given = headers.getlist(HEADER)
     path = given[0].rstrip("/") if len(given) == 1 else ""
     return path if len(path) <= LONGEST and _PATH.fullmatch(path) else ""

@@ -1,4 +1,4 @@
-"""The application."""
+"""FastAPI application factory."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Application(FastAPI):
 
 
 def create_app(settings: Settings) -> FastAPI:
-    """Build the application on a data directory whose database is migrated.
+    """Create the FastAPI application for a data directory whose database is migrated.
 
     The interactive documentation of the framework is off: it loads its scripts from elsewhere. ``/docs`` is ours.
     """

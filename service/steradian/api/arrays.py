@@ -1,4 +1,7 @@
-"""Slices of stored arrays: numpy syntax in, npy, raw bytes or JSON out, sizes checked before anything is read."""
+"""Serve slices of stored arrays.
+
+Parse NumPy index syntax, negotiate npy, raw or JSON, enforce size limits before reading.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +41,7 @@ _PART = re.compile(r"\s*(?:(-?[0-9]{1,12})|(-?[0-9]{1,12})?:(-?[0-9]{1,12})?(?::
 
 
 class ArrayView(BaseModel):
-    """A slice of an array."""
+    """Response schema of an array slice."""
 
     shape: list[int] = Field(description="One number for each axis that is left")
     dtype: str = Field(description="Type of the values as NumPy writes it")
@@ -74,7 +77,7 @@ def negotiate(request: Request, offered: tuple[str, ...]) -> str:
 
 @dataclass(frozen=True)
 class Selection:
-    """Which elements of an array are wanted.
+    """Parsed NumPy-style index expression for an array of known shape.
 
     Attributes
     ----------
@@ -117,7 +120,7 @@ class Selection:
 
     @classmethod
     def of(cls, index: tuple[slice | int, ...]) -> Selection:
-        """Return the one of these indices, none of them negative."""
+        """Build the slice that selects a single non-negative index per axis."""
         return cls(index, tuple(len(range(*s.indices(10**12))) for s in index if isinstance(s, slice)))
 
     @property
@@ -127,7 +130,7 @@ class Selection:
 
 
 class Source(Protocol):
-    """An array that can be read in parts.
+    """Array that can be read chunk by chunk along its first axis.
 
     Attributes
     ----------
@@ -146,12 +149,12 @@ class Source(Protocol):
         ...
 
     def pieces(self, index: tuple[slice | int, ...]) -> Iterator[NDArray[Any]]:
-        """Read a part of it, divided along the first axis."""
+        """Yield the selected part in chunks along the first axis."""
         ...
 
 
 class Whole:
-    """Values that are in memory."""
+    """ChunkedArray backed by a NumPy array in memory."""
 
     def __init__(self, values: NDArray[Any]) -> None:
         self._values, self.shape, self.dtype = values, values.shape, values.dtype
@@ -162,7 +165,7 @@ class Whole:
 
 
 class Dataset:
-    """A dataset of an HDF5 file of our own, also one that somebody writes to.
+    """ChunkedArray backed by an HDF5 dataset, which may still be written to.
 
     Raises
     ------
@@ -208,7 +211,7 @@ def respond(
     more: dict[str, Any] | None = None,
     field: str = "slice",
 ) -> Response:
-    """Answer with a part of an array.
+    """Return a streaming response for a slice of an array.
 
     Parameters
     ----------

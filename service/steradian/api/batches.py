@@ -1,4 +1,7 @@
-"""``/batches``: many reconstructions of one scan as one request: a sweep of parameters, of masks, of wavelengths."""
+"""``/batches``.
+
+Queue many reconstructions of one scan in one request (sweeps over parameters, masks or wavelengths).
+"""
 
 from __future__ import annotations
 
@@ -46,7 +49,7 @@ _EXAMPLES: list[Any] = [
 
 
 class BatchRequest(Value):
-    """What to vary: a job for every combination of the values."""
+    """Request of a batch: one job for every combination of the varied values."""
 
     model_config = ConfigDict(json_schema_extra={"examples": _EXAMPLES})
 
@@ -64,7 +67,10 @@ class BatchRequest(Value):
     requires: Required = Field(default=Required(), description="What the worker of each job must have")
 
     def whole(self, excitation: list[float]) -> dict[str, list[Any]]:
-        """Return what varies, ``each`` spelled out; ``excitation`` is the wavelength of each frame of the scan."""
+        """Return the varied values with the shorthand "each" expanded.
+
+        ``excitation`` is the wavelength of each frame.
+        """
         if self.each is None:
             return self.vary
         first: dict[float, int] = {}
@@ -73,7 +79,10 @@ class BatchRequest(Value):
         return self.vary | {"frame": list(range(len(excitation))) if self.each == "frame" else list(first.values())}
 
     def jobs(self, vary: dict[str, list[Any]]) -> list[ReconstructionRequest]:
-        """Combine the values; raises :class:`InvalidInput` when there are too many or one is wrong."""
+        """Return one job request per combination of values.
+
+        Raises :class:`InvalidInput` for too many or an invalid one.
+        """
         count, known = 1, [*ReconstructionParameters.model_fields, *_BESIDE]
         for name, values in vary.items():
             if name not in known:
@@ -95,7 +104,7 @@ class BatchRequest(Value):
 
 
 class _Beside(Value):
-    """What may vary beside parameters."""
+    """Request fields that may vary besides reconstruction parameters."""
 
     mask_id: Identifier | None = None
     frame: int | None = Field(default=None, ge=0)
@@ -105,7 +114,7 @@ _BESIDE = tuple(_Beside.model_fields)
 
 
 class MemberView(BaseModel):
-    """One job of a batch."""
+    """Job of a batch, as shown in the response."""
 
     id: str
     varied: dict[str, Any]
@@ -198,7 +207,7 @@ def list_batches(
 
 @router.get("/{batch_id}", summary="One batch and its jobs")
 def read_batch(services: ServicesNeeded, batch_id: BATCH_ID) -> BatchView:
-    """Show how the jobs of a batch stand and what the finished ones found."""
+    """Return the states of a batch's jobs and the results of the finished ones."""
     return _view(services, services.batches.get(batch_id))
 
 

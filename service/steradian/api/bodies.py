@@ -1,4 +1,7 @@
-"""Request bodies: JSON whose every key says one thing, so that no two readers of it understand two."""
+"""Strict JSON request bodies: reject duplicate keys, NaN and lone surrogates.
+
+Parse large bodies in the process pool.
+"""
 
 from __future__ import annotations
 
@@ -22,13 +25,13 @@ _ODD = re.compile("[\0\ud800-\udfff]")
 
 
 class JsonRequest(Request):
-    """A request whose body is JSON in which no object has a key twice."""
+    """Request whose JSON body must not contain duplicate keys."""
 
     refusal: SteradianError | None = None
     """What is wrong with the body, where the framework would only say that something is."""
 
     async def json(self) -> Any:
-        """Parse the body; raises :class:`json.JSONDecodeError` also for what makes a parser give up."""
+        """Parse the body; raises :class:`json.JSONDecodeError`, also for input at which a parser gives up."""
         body = await self.body()
         if len(body) <= SMALL:
             return _parse(body)

@@ -1,4 +1,4 @@
-"""What lists can be asked for: the parameters that filter them, and the refusal of those that do not exist."""
+"""Query parameters that filter list endpoints, and the check that rejects unknown parameters."""
 
 from __future__ import annotations
 
@@ -61,13 +61,13 @@ VolumeKind: TypeAlias = Annotated[
 
 
 def pairs_of(labels: list[str] | None) -> list[Label]:
-    """Part labels into name and text; a name ends at the first equals sign."""
+    """Parse ``key=value`` label filters; the key ends at the first equals sign."""
     parted = (label.partition("=") for label in labels or ())
     return [(name, text if equals else None) for name, equals, text in parted]
 
 
 def refuse_unknown(request: Request, dependant: Dependant) -> None:
-    """Refuse a query that names what an operation does not know, which would be ignored: a filter, say, misspelt.
+    """Reject a request that has query parameters the operation does not declare.
 
     Raises
     ------

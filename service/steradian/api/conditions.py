@@ -1,4 +1,4 @@
-"""Preconditions (RFC 9110): ETags, If-None-Match before anything is read, If-Match before anything is changed."""
+"""Conditional requests: ETag, If-None-Match for reads, If-Match for writes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from steradian.storage.scans import Outdated
 
 
 class NotModified(Exception):
-    """What the client has is still right."""
+    """The client's cached representation is still current (304)."""
 
     def __init__(self, etag: str, vary: str | None) -> None:
         self.headers = {"ETag": etag} | ({"Vary": vary} if vary else {})
@@ -24,7 +24,7 @@ class NotModified(Exception):
 
 
 class Conditions:
-    """The preconditions of a request that reads."""
+    """Preconditions of a safe request."""
 
     def __init__(self, response: Response, match: str | None, none_match: str | None) -> None:
         self._response, self._match, self._none_match = response, match, none_match
@@ -55,13 +55,13 @@ class Conditions:
 
 
 class ChangeConditions:
-    """The precondition of a request that changes something."""
+    """Preconditions of a modifying request."""
 
     def __init__(self, response: Response, match: str | None) -> None:
         self._response, self._match = response, match
 
     def tag(self, etag: str) -> None:
-        """State the ETag of what it has become."""
+        """Return the ETag of the changed resource."""
         self._response.headers["ETag"] = etag
 
     def revision(self, identifier: str) -> int | None:
@@ -107,7 +107,7 @@ async def _change_conditions(response: Response, if_match: Match = None) -> Chan
 
 
 def etag_of(identifier: str, revision: int | str, view: BaseModel | None = None) -> str:
-    """Name a version of a resource, or one way to show it: what is shown changes more often than what may be changed.
+    """Build the ETag of one representation of a resource revision.
 
     Progress and the place in the queue, say, are part of ``view`` and not of the ``revision``, so that If-Match does
     not refuse a change because of them.

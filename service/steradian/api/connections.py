@@ -1,4 +1,4 @@
-"""Connections: how many there may be, and for how long one may keep the service waiting.
+"""uvicorn protocol with limits on open connections, header size and time to receive a request.
 
 uvicorn ends a kept connection on which nothing more is asked. It waits for ever for the rest of a request that was
 begun, takes any number of connections, and its faster parser takes headers of any length; this module adds the limits.
@@ -25,7 +25,7 @@ _log = logging.getLogger(__name__)
 
 
 class Door:
-    """Who is inside, and who of them keeps the service waiting.
+    """Connection limiter: when full, it closes the connection that has been idle longest.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Door:
         """Those whose client is to send something, the longest awaited first."""
 
     def enter(self, connection: GuardedConnection) -> bool:
-        """Let a connection in; where there is no place left, that of the longest awaited client is given to it."""
+        """Admit a connection, evicting the longest idle one when the limit is reached."""
         if len(self.inside) >= self.most:
             longest = next(iter(self.awaited), None)
             if longest is None:
@@ -53,13 +53,13 @@ class Door:
         return True
 
     def leave(self, connection: GuardedConnection) -> None:
-        """Note that a connection is gone."""
+        """Release a connection's slot."""
         self.inside.discard(connection)
         self.awaited.pop(connection, None)
 
 
 class GuardedConfig(uvicorn.Config):
-    """uvicorn's settings with a door."""
+    """uvicorn Config that carries a ConnectionLimiter."""
 
     def __init__(self, app: Any, door: Door, **options: Any) -> None:
         self.door = door
@@ -68,7 +68,7 @@ class GuardedConfig(uvicorn.Config):
 
 
 class GuardedConnection(HttpToolsProtocol):
-    """A connection with limits: of time until a request is whole, and of the length of its head."""
+    """HTTP protocol with a receive timeout and a header size limit."""
 
     config: GuardedConfig
 
@@ -97,7 +97,7 @@ class GuardedConnection(HttpToolsProtocol):
         super().connection_lost(error)
 
     def data_received(self, data: bytes) -> None:
-        """Pass what came to the parser, unless the head grows too long."""
+        """Pass received bytes to the parser, unless the request head is too long."""
         if self._in_head:
             self._head_bytes += len(data)
             if self._head_bytes > HEAD_BYTES + len(data) or (self._head_bytes > HEAD_BYTES and b"\r\n\r\n" not in data):
@@ -119,7 +119,7 @@ class GuardedConnection(HttpToolsProtocol):
         self._await_client()
 
     def on_body(self, body: bytes) -> None:
-        """Wait anew for the next part of the body."""
+        """Restart the timeout for the next part of the body."""
         super().on_body(body)
         self._await_client()
 
@@ -161,7 +161,7 @@ class GuardedConnection(HttpToolsProtocol):
 
 
 def places(wanted: int) -> int:
-    """Raise this process's limit of open files as far as it goes; returns how many connections that leaves room for."""
+    """Raise the soft limit of open files to the hard limit and return the number of connections it allows."""
     import resource
 
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)

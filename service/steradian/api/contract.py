@@ -1,4 +1,4 @@
-"""The OpenAPI document, completed by what holds of operations as such: identifiers, refusals, headers, tags.
+"""Complete the generated OpenAPI document: operation ids, error responses, headers, security and tags.
 
 Most follows from the parameters that an operation declares, so that nothing is said twice and nothing is forgotten.
 """
@@ -117,7 +117,7 @@ def name_operation(route: APIRoute) -> str:
 
 
 def describe(app: FastAPI) -> None:
-    """Complete the document of an app."""
+    """Replace the application's OpenAPI generator by one that completes the document."""
     plain = app.openapi
 
     def openapi() -> dict[str, Any]:
@@ -130,7 +130,7 @@ def describe(app: FastAPI) -> None:
 
 
 def complete(document: dict[str, Any]) -> None:
-    """Add what the framework does not know, and take out what only it means."""
+    """Complete the generated document: add operations' errors and headers, remove internal schemas."""
     document |= {"servers": [{"url": "/", "description": "This service"}], "tags": TAGS}
     components = document.setdefault("components", {})
     schemas = components.setdefault("schemas", {})
@@ -175,7 +175,7 @@ def _complete_operation(path: str, method: str, operation: dict[str, Any]) -> No
 
 
 def _refusals(operation: dict[str, Any], *, guarded: bool) -> set[str]:
-    """Tell what an operation may refuse with."""
+    """Return the error responses of an operation."""
     name, found = operation["operationId"], {"5XX"}
     parameters, body = operation.get("parameters", []), operation.get("requestBody", {}).get("content", {})
     sent, places = {parameter["name"] for parameter in parameters}, {parameter["in"] for parameter in parameters}
@@ -197,7 +197,7 @@ def _refusals(operation: dict[str, Any], *, guarded: bool) -> set[str]:
 
 
 def _headers(operation: dict[str, Any], method: str, status: str, sent: set[str]) -> Iterator[str]:
-    """Tell which headers an answer of an operation may have."""
+    """Return the headers that responses of an operation may have."""
     yield from ("Cache-Control", "X-Request-ID")
     if status[0] in "45":
         yield from {"401": ["WWW-Authenticate"], "409": ["Retry-After"], "429": ["Retry-After"]}.get(status, [])

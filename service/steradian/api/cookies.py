@@ -1,4 +1,4 @@
-"""The session's cookie, and what a request that brings it must show before it changes anything.
+"""Session cookie attributes and cross-site request forgery checks.
 
 A browser adds the cookie to whatever any page has it ask, also a form of another site or a service at another port of
 the same host. So such a request must come from a page of this origin, by what the browser says of it (``Origin``,
@@ -24,13 +24,13 @@ TOKEN: Final = "X-CSRF-Token"  # noqa: S105 - the header's name
 
 
 class CrossSite(Forbidden):
-    """A request with a session's cookie does not show that a page of this service made it."""
+    """A cookie-authenticated request failed the origin or CSRF-token check."""
 
     code = "cross-site"
 
 
 def secret_in(headers: Headers) -> str | None:
-    """Return the secret that the cookie holds, if there is one."""
+    """Return the session secret from the Cookie header, if present."""
     return cookie_parser("; ".join(headers.getlist("cookie"))).get(NAME) or None
 
 
@@ -48,7 +48,7 @@ def set_cookie(response: Response, secret: str, request: Request) -> None:
 
 
 def take_cookie(response: Response, request: Request) -> None:
-    """Have a browser forget it."""
+    """Expire the session cookie in the browser."""
     where = _path(request)
     response.set_cookie(
         NAME, "", max_age=0, expires=0, path=where, secure=_is_secure(request), httponly=True, samesite="strict"
@@ -56,7 +56,7 @@ def take_cookie(response: Response, request: Request) -> None:
 
 
 def check_page(seen: SeenSession, headers: Headers, *, changes: bool) -> None:
-    """Refuse what a page of another origin has the browser do.
+    """Reject cookie-authenticated requests from another origin or without a valid CSRF token.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ def is_read_of(scope: Scope, headers: Headers, origins: frozenset[str]) -> bool:
 
 
 class Cors:
-    """Tells a browser that pages of some origins may read the API.
+    """ASGI middleware for cross-origin reads (CORS) from the origins in the settings, without cookies.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Presses of the emergency stop on a node that has not the scanner: carried to the node that has it."""
+"""Relay of emergency stops to the node of a scanner, repeated until acknowledged and recorded meanwhile."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class _Errand:
 
 
 class StopCourier:
-    """Carries each press until it has arrived; meanwhile it is written into the database, which that node reads, too.
+    """Relay that delivers emergency stops to a remote node at least once, and records them meanwhile.
 
     It ends unheard when the scanner is retired, or when somebody has released what that node read in the database. The
     press has its number from here, so that who was told of it can release it.

@@ -1,4 +1,4 @@
-"""What handlers may ask for, bundled as types."""
+"""Dependency-injection aliases for route handlers."""
 
 from __future__ import annotations
 
@@ -46,19 +46,19 @@ async def _who(request: Request) -> Principal:
 
 
 def longest_wait(request: Request) -> float:
-    """Tell for how long an answer may be held (s)."""
+    """Return the longest time for which a response may be held, in s."""
     return MAX_WAIT_FORWARDED if is_forwarded(request.scope) else MAX_WAIT
 
 
 class Patience:
-    """How long the client of a request is ready to wait."""
+    """Long-poll helper: hold a request until a condition holds, the wait expires or the client disconnects."""
 
     def __init__(self, request: Request, seconds: float) -> None:
         self._request, self.seconds = request, seconds
         self._feed: Feed = request.app.state.feed
 
     async def until(self, look: Callable[[], T], is_over: Callable[[T], bool]) -> T:
-        """Look, in a thread, until what is seen is over, the time is up or the client has left.
+        """Poll in a thread until a predicate holds, the wait has expired or the client has disconnected.
 
         It is looked again when the event log has grown, which one task watches for all, and now and then anyway.
         """
@@ -89,7 +89,7 @@ async def _wait(
 
 
 def _key_header(what: str) -> Any:
-    """Declare the header; its limits are checked by :func:`_read_key`, whose refusal says them in words."""
+    """Declare the header; :func:`_read_key` checks its limits, so that its errors are readable."""
     limits: dict[str, Any] = {"minLength": 1, "maxLength": MAX_KEY, "pattern": _KEY.pattern}
     return Header(alias="Idempotency-Key", description=what, json_schema_extra=limits, examples=["phantom-7"])
 
@@ -133,7 +133,7 @@ Before: TypeAlias = Annotated[
 
 
 def link_next(response: Response, request: Request, limit: int, cursor: int | None) -> None:
-    """Point to the next page of a list, whose filters stay as they are."""
+    """Add the ``Link: rel="next"`` header for the next page, with the same filters."""
     if cursor is not None:
         chosen = [pair for pair in request.query_params.multi_items() if pair[0] not in {"limit", "before"}]
         query = urlencode([("limit", limit), ("before", cursor), *chosen])
@@ -142,7 +142,7 @@ def link_next(response: Response, request: Request, limit: int, cursor: int | No
 
 @contextmanager
 def deleted_since(answer: Answer) -> Iterator[None]:
-    """Leave a repeated answer as it was where what it made has been deleted; nothing can be waited for then."""
+    """Mark a repeated response whose resource has been deleted, so that the client does not wait for a result."""
     try:
         yield
     except NotFound:
@@ -151,7 +151,7 @@ def deleted_since(answer: Answer) -> Iterator[None]:
 
 
 def replay(answer: Answer) -> Response:
-    """Send an answer that was kept, or is kept from now on."""
+    """Build the response for a stored (or newly stored) idempotent result."""
     before = answer.location.rpartition(f"{BASE}/")[0]  # below which path it was asked first
     location, body = answer.location, answer.body
     if answer.replayed and before != prefix():

@@ -1,4 +1,4 @@
-"""``/designs``: masks and plans that are only thought about; nothing of them is stored."""
+"""``/designs``: evaluate a mask and plan without storing them."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class DesignRequest(Measuring):
 
 
 class PointSpreadRequest(Value):
-    """A tiny ball, and the mask that would sense it."""
+    """Request for the point spread of an unsaved mask: a small ball at one place."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"arrangement": _EQUI, "point": [1e-3, 0, 3.6e-3]}]})
 
@@ -57,7 +57,7 @@ class PointSpreadRequest(Value):
 
 
 class DesignView(BaseModel):
-    """What a mask and its plan would be."""
+    """Preview of a mask and its plan."""
 
     mask: MaskPreviewView = Field(description="What the mask promises at the point; null where there is none")
     positions: list[list[float]] = Field(description="(M, 2) x, y on the film in metres, centred on the aperture")
@@ -85,7 +85,7 @@ class PointSpreadView(BaseModel):
 
 @router.post("/preview", summary="What a mask and a plan would be together", response_model=DesignView)
 async def preview_design(services: ServicesNeeded, wanted: DesignRequest) -> Response:
-    """Work out points, their order, what they see and what they cost, storing nothing."""
+    """Compute a mask's points, visit order, coverage and cost without storing anything."""
     check_size(wanted.arrangement, services.settings.max_mask_points)
     return Response(await services.workshop.work(_look, wanted), media_type=JSON)
 
@@ -133,7 +133,7 @@ def _spread(wanted: PointSpreadRequest) -> bytes:
 
 
 def _mask(arrangement: Arrangement) -> Mask:
-    """Build a mask; what it refuses is named below ``arrangement``, where the request has it."""
+    """Build a mask; errors name fields below ``arrangement``, as in the request."""
     try:
         return arrangement.build()
     except InvalidInput as error:

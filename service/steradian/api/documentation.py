@@ -1,4 +1,4 @@
-"""``/docs``: the API for people, in Swagger UI, with nothing loaded from elsewhere, as laboratories are offline."""
+"""``/docs``: Swagger UI served from local files."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _FILES: Final = {"swagger-ui-bundle.js": "text/javascript", "swagger-ui.css": "t
 
 @router.get("/docs")
 def show_documents() -> HTMLResponse:
-    """Show the API to a person, who can try it out on the page."""
+    """Return the interactive documentation page of the API."""
     return HTMLResponse(_PAGE, headers={"Content-Security-Policy": PAGE_POLICY})
 
 
@@ -44,7 +44,7 @@ def read_start_script() -> Response:
 
 @router.get("/docs/{name}")
 def read_page_file(name: str, conditions: ConditionsNeeded) -> Response:
-    """Give what the page is made of, as the wheel of ``fastapi-offline`` has it; raises :class:`NotFound`."""
+    """Return a file of the documentation page from the wheel of ``fastapi-offline``; raises :class:`NotFound`."""
     if name not in _FILES:
         raise NotFound("file of the page", name)
     path = _folder() / name

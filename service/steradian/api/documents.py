@@ -1,4 +1,4 @@
-"""The OpenAPI document as a file: ``python -m steradian.api.documents > docs/openapi.json``."""
+"""Write the OpenAPI document to standard output."""
 
 from __future__ import annotations
 

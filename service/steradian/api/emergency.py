@@ -1,4 +1,4 @@
-"""The API's side of the emergency stop: pressed at once, noted in the database when that can be had."""
+"""Emergency stop of this node: set the latch immediately, persist it to the database in a background thread."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _log = logging.getLogger(__name__)
 
 
 class EmergencyDesk:
-    """Takes presses of the stop without the database, the thread pool or another process; records them in a thread.
+    """Controller of the emergency stop: sets the latch without database or thread pool, and records it in a thread.
 
     Parameters
     ----------
@@ -50,17 +50,17 @@ class EmergencyDesk:
         threading.Thread(target=self._run, name="emergency-record", daemon=True).start()
 
     def close(self) -> None:
-        """Stop recording; what is not recorded is so at the next start."""
+        """Stop recording; the next start records pending presses."""
         self._over.set()
         self._pressed.set()
 
     @property
     def standing(self) -> Press | None:
-        """The press that nobody has released, if there is one."""
+        """Active stop, or None."""
         return self._latch.standing()
 
     def deed(self, press: Press) -> Deed | None:
-        """Return what the acquisition did about a press, if it answered."""
+        """Return the acquisition process's acknowledgement of a stop, if any."""
         return self._latch.deed(press.number)
 
     def is_recorded(self, press: Press) -> bool:
@@ -68,7 +68,7 @@ class EmergencyDesk:
         return self._recorded == press.number
 
     async def press(self, who: str, reason: str | None, errand: str | None = None) -> tuple[Press, Deed | None]:
-        """Press the stop and wait a moment for what the acquisition says to it.
+        """Press the stop and wait briefly for the acquisition process's answer.
 
         Parameters
         ----------
@@ -134,7 +134,7 @@ class EmergencyDesk:
             self._pressed.wait(EVERY)
 
     def _record(self) -> None:
-        """Have latch and database say the same: what either says is pressed is pressed."""
+        """Reconcile latch and database: a stop that is active in either becomes active in both."""
         with self._order:
             row = self._scanner.get(self._scanner.id)
             press = self._known(row)
@@ -159,7 +159,7 @@ class EmergencyDesk:
 
 
 async def until(condition: Callable[[], bool], seconds: float) -> None:
-    """Wait until a condition holds, or so many seconds."""
+    """Poll a condition until it holds or the timeout expires."""
     deadline = time.monotonic() + seconds
     while not condition() and time.monotonic() < deadline:  # noqa: ASYNC110 - another process or thread answers
         await asyncio.sleep(LOOK)

@@ -1,4 +1,4 @@
-"""``/events``: the event log as a stream (server-sent events), and tickets for browsers."""
+"""``/events``: server-sent event stream of the event log, and single-use tickets for browsers."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class TicketView(BaseModel):
 
 @dataclass(frozen=True)
 class Filter:
-    """Which events a listener wants, and after which one."""
+    """Subscription filter: resource, kind and resume position."""
 
     kind: str | None
     scan_id: str | None
@@ -81,7 +81,7 @@ Wanted = Annotated[Filter, Depends(_filter)]
 
 
 class EventStream(Response):
-    """An answer that goes on until its source ends or the client leaves, with a sign of life when nothing happens."""
+    """Streaming response that ends with its source or client, with keep-alive comments while idle."""
 
     media_type = "text/event-stream"
 
@@ -92,7 +92,7 @@ class EventStream(Response):
         self._frames = frames
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send what comes."""
+        """Send the stream."""
         await send({"type": "http.response.start", "status": self.status_code, "headers": self.raw_headers})
         telling, leaving = asyncio.create_task(self._tell(send)), asyncio.create_task(_left(receive))
         try:
@@ -193,7 +193,7 @@ async def _frames(services: Services, who: Principal, feed: Feed, wanted: Filter
 
 
 def _begin(bounds: Bounds, last_event_id: str | None) -> tuple[int, str | None]:
-    """Tell after which event a stream begins, and why that is not where the client left off."""
+    """Return the number after which a stream begins, and the reason if that differs from the client's last event."""
     if last_event_id is None:
         return bounds.last, None
     epoch, _, number = last_event_id.rpartition(".")

@@ -32,7 +32,9 @@ class FaultDesk:
         self._turn = threading.Lock()
 
     def clear(self, who: str, reason: str | None) -> None:
-        """Have the fault cleared, and record by whom; nothing is recorded where none was latched.
+        """Clear the latched fault through the acquisition process, and record the person.
+
+        Without a fault nothing is recorded.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""What happens, for many listeners: one look at the database for all of them, and a cursor each.
+"""Event broadcaster: one poller of the event log serves all subscribers.
 
 A listener that reads slowly costs nothing but its own time: what it has not read stays in the log.
 """
@@ -39,7 +39,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a scan or reconstruction is; ``eta`` in seconds while it can be told."""
+    """Progress of a scan or reconstruction; ``eta`` in seconds, or None if it cannot be estimated."""
 
     kind: str
     id: str
@@ -51,7 +51,7 @@ class Progress:
 
     @cached_property
     def frame(self) -> bytes:
-        """How it is written into streams; once for all of them."""
+        """Return the server-sent event of this progress, encoded once for all streams."""
         return format_sse_event(event="progress", data_str=json.dumps(asdict(self)))
 
 
@@ -65,7 +65,7 @@ class Event:
 
 
 class Feed:
-    """Looks at the database while anybody listens."""
+    """Broadcaster that polls the event log while there are subscribers, and wakes them."""
 
     def __init__(self, services: Services) -> None:
         self._services = services
@@ -85,7 +85,7 @@ class Feed:
         self._stages: dict[str, tuple[str | None, float, int]] = {}
 
     async def listen(self, *, progress: bool = True) -> AsyncGenerator[None, None]:
-        """Yield whenever there may be an event or, unless that does not matter, progress, and now and then anyway."""
+        """Yield when there may be a new event or, optionally, progress, and at regular intervals."""
         self._listeners += 1
         self._watchers += progress
         self._joined |= progress
@@ -107,15 +107,15 @@ class Feed:
                 self._task = None
 
     def progress(self, since: float) -> Iterable[Progress]:
-        """Tell how far all is, unless that was read before a time: some of it may have been over by then."""
+        """Return the progress of all scans and jobs, omitting values read before ``since``."""
         return self._progress.values() if self._looked >= since else ()
 
     async def bounds(self) -> Bounds:
-        """Tell where the log begins and ends; those who ask in the same moment share a look at it."""
+        """Return the first and last event number; concurrent callers share one query."""
         return await self._bounds.ask(None)
 
     async def after(self, sequence: int, epoch: str, limit: int) -> list[Event]:
-        """Return events after a number, oldest first: what is in memory for all, or at most ``limit`` of the log."""
+        """Return events after a number, oldest first: from memory, or at most ``limit`` from the log."""
         if not self._since <= sequence <= self.last:
             return [Event(row, epoch) for row in await run_in_threadpool(self._services.log.after, sequence, limit)]
         if sequence == self.last:

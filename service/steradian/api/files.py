@@ -1,4 +1,4 @@
-"""Files as answers, whole or in ranges, with a checksum of the whole where one is wanted (RFC 9530).
+"""File responses with Range support and Repr-Digest (RFC 9530).
 
 A range that cannot be had is a problem like any other.
 """
@@ -50,7 +50,7 @@ _WANTED = re.compile(r"(?:^|,)\s*sha-256\s*=\s*[1-9]")
 
 
 def find(arrays: Arrays, name: str, what: str, identifier: str) -> Path:
-    """Return the file of something that is kept; raises :class:`NotFound` in the words of who asked for it."""
+    """Return the local path of a stored file or raise NotFound naming the resource."""
     try:
         return arrays.open(name)
     except NotFound:
@@ -58,7 +58,7 @@ def find(arrays: Arrays, name: str, what: str, identifier: str) -> Path:
 
 
 class RangedFile(FileResponse):
-    """A file, or the part of it that the Range header asks for; Want-Repr-Digest: sha-256=1 gets it a Repr-Digest."""
+    """FileResponse that honours Range and Want-Repr-Digest."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Send it; the answer begins once the file is open.
@@ -93,7 +93,7 @@ class RangedFile(FileResponse):
 
 
 def log_as_text(paths: Iterable[Path]) -> StreamingResponse:
-    """Send what stands in logs, one after another; they may be of any size and grow meanwhile."""
+    """Stream several growing log files as one text response."""
     logs = [(path, path.stat().st_size) for path in paths]
     headers = {"Content-Length": str(sum(size for _, size in logs))}
     return StreamingResponse(_pieces(logs), headers=headers, media_type="text/plain; charset=utf-8")

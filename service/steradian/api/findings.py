@@ -1,4 +1,4 @@
-"""Findings: what is wrong with a request, field by field, with the range that would be right."""
+"""Convert validation errors to field errors with the allowed range."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _PLACES = {"body": "body", "query": "query", "header": "header", "path": "path"}
 
 
 class Finding(BaseModel):
-    """One wrong field."""
+    """One invalid field with value and allowed range."""
 
     place: Literal["body", "query", "header", "path"] = Field(description="Where it was given")
     pointer: str = Field(description="JSON pointer into the body, or the parameter's name", examples=["#/depth"])
@@ -85,7 +85,7 @@ def _finding(error: Mapping[str, Any], body: object, annotation: object) -> Find
 
 
 def _without_tags(path: list[str], body: object) -> list[str]:
-    """Leave out the tags that told the members of unions apart: no field is called so."""
+    """Remove union discriminator tags from an error's location, because fields do not have these names."""
     found, here = [], body
     for part in path:
         if isinstance(here, dict):

@@ -30,7 +30,7 @@ def is_forwarded(scope: Scope) -> bool:
 
 
 def stranger(scope: Scope) -> str | None:
-    """Tell why a request may not be of the user as whom the service runs; ``None`` where nothing speaks against it.
+    """Return the reason why a request may not come from the service's own user; ``None`` without one.
 
     The system is asked whose process is at the other end of the connection, which no request can change: the proxy's,
     say, or another user's of this machine. The administrator may do all anyway.

@@ -1,4 +1,4 @@
-"""What every answer tells a browser: to guess no types, load nothing, show it in no frame, tell and keep nothing."""
+"""Security headers added to every response (CSP, nosniff, no-store, frame denial)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``/healthz`` and ``/readyz``: for whoever watches the service."""
+"""``/healthz`` and ``/readyz``: liveness and readiness probes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Health(BaseModel):
 
 
 class Readiness(BaseModel):
-    """What the service needs to do its work, each by name."""
+    """Readiness checks by name."""
 
     ready: bool
     checks: dict[str, bool]

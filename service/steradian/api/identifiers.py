@@ -1,4 +1,4 @@
-"""The parameters of paths: identifiers of each resource."""
+"""Path-parameter types for resource identifiers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a job must pass before it is queued: rows and file sizes are looked at, nothing is opened here."""
+"""Pre-submission checks of job requests: referenced rows exist, sizes and memory fit."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ from steradian.storage.tables import ScanRow
 
 
 class Cost(NamedTuple):
-    """What a job takes: bytes of disk at most, and bytes of memory at least; 0 where that is not known beforehand."""
+    """Resource estimate of a job: upper bound of disk bytes, lower bound of memory bytes; 0 where unknown."""
 
     disk: int
     memory: int = 0
 
 
 def check_reconstruction(services: Services, wanted: ReconstructionRequest) -> ScanRow:
-    """Refuse what cannot work: a scan still running (unless it is to be followed) or empty, a volume too large.
+    """Reject reconstructions that cannot succeed: a running scan without ``follow``, an empty scan, a volume too large.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def check_reconstruction(services: Services, wanted: ReconstructionRequest) -> S
 
 
 def cost_of(services: Services, scan: ScanRow, wanted: ReconstructionRequest) -> Cost:
-    """Return what a reconstruction takes.
+    """Return the estimated bytes and work of a reconstruction.
 
     It leaves its values, their coarser copies and three projections (float32); one that follows a scan holds the last
     image beside the one that it writes.
@@ -65,7 +65,7 @@ def cost_of(services: Services, scan: ScanRow, wanted: ReconstructionRequest) ->
 
 
 def check_parts(services: Services, scan: ScanRow, wanted: ReconstructionRequest) -> None:
-    """Refuse a volume that is too large, a mask or frame that does not exist; raises :class:`InvalidInput`."""
+    """Reject jobs whose inputs are missing or unsuitable; return the estimated resources of the others."""
     _check_size(services, scan, wanted.parameters)
     lights = frames_of(services.plans.get(scan.plan_id).parameters)
     wanted.frames.pick([Frame(number, light, 0) for number, light in enumerate(lights)])
@@ -76,7 +76,7 @@ def check_parts(services: Services, scan: ScanRow, wanted: ReconstructionRequest
 
 
 def check_work(services: Services, wanted: WorkRequest) -> Cost:
-    """Refuse what cannot work of what is no reconstruction; return what it takes, about.
+    """Reject other jobs that cannot succeed; return their estimated resources.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What jobs look like in JSON."""
+"""Response schemas of jobs (merge with queue_views.py)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from steradian.storage.states import DesiredJobState, ReconstructionState, is_te
 
 
 class JobView(BaseModel):
-    """A job of any kind: what was asked, how far it is and what it found."""
+    """Job of any kind: its request, progress and results."""
 
     id: str
     kind: str = Field(examples=["export"])

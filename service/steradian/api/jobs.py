@@ -65,7 +65,7 @@ async def create_job(
     key: OptionalKey,
     wait: Wait,
 ) -> Response:
-    """Queue a search of the speed of sound, a comparison, a width, an export or an import, told apart by ``kind``.
+    """Queue a job: sound-speed search, comparison, width, export or import, discriminated by ``kind``.
 
     Reconstructions, also those through another mask, are queued by POST /reconstructions and POST /batches.
     """
@@ -79,7 +79,7 @@ async def queue_job(
     key: Key | None,
     wait: Wait,
 ) -> Response:
-    """Check what is wanted, note it, hand it to the queue and, where the client waits, wait."""
+    """Validate, store and enqueue a job; long-poll if the client asked for it."""
 
     def make(session: Session) -> Answer:
         services.require_room(session, cost.disk, f"the {wanted.kind}", measured)
@@ -125,7 +125,7 @@ def list_jobs(
 
 @router.get("/{job_id}", summary="One job")
 async def read_job(services: ServicesNeeded, job_id: JOB_ID, wait: Wait, conditions: ConditionsNeeded) -> JobView:
-    """Show how a job stands, and what it found when it has succeeded."""
+    """Return a job's state, and its results once it has succeeded."""
     job = await wait.until(lambda: services.ledger.status(job_id), lambda seen: seen.is_over)
     view = JobView.of(job, await run_in_threadpool(services.forecast, job))
     conditions.tag(etag_of(job_id, job.revision, view))
@@ -195,7 +195,7 @@ async def read_job_file(
 
 
 def log_of(services: Services, job_id: str) -> Response:
-    """Answer with what all starts of a job wrote."""
+    """Return the concatenated logs of all attempts."""
     try:
         return log_as_text(_logs(services, job_id))
     except (NotFound, FileNotFoundError):  # a worker puts it away just now

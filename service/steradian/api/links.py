@@ -1,4 +1,4 @@
-"""Links of the document: what can be asked next of a thing that was just made, for readers and for tools that walk."""
+"""Add OpenAPI Link objects from responses to follow-up operations."""
 
 from __future__ import annotations
 

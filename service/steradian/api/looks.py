@@ -1,4 +1,4 @@
-"""Questions that many ask at once, answered in one look for all of them."""
+"""Batching loader: concurrent look-ups are collected and answered by one call in a worker thread."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Answer = TypeVar("Answer")
 
 
 class Looks(Generic[Question, Answer]):
-    """Looks in a thread of its own, one look after the other.
+    """Batching loader: keys requested during a batch are loaded by the next one, so no result predates its request.
 
     A look that has begun answers nobody who asks later, so that no answer is older than its question.
 
@@ -29,7 +29,7 @@ class Looks(Generic[Question, Answer]):
         self._task: asyncio.Task[None] | None = None
 
     async def ask(self, question: Question) -> Answer:
-        """Have a question answered; raises what the look raises."""
+        """Return the loader's result for a key; raises the loader's exception."""
         if question not in self._asked:
             self._asked[question] = asyncio.get_running_loop().create_future()
             if self._task is None:

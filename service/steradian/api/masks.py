@@ -1,4 +1,4 @@
-"""``/masks``: where to sense."""
+"""``/masks``: create, preview, list and read masks."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def read_mask_points(
     responses={200: {"content": PICTURE}},
 )
 async def read_mask_picture(services: ServicesNeeded, mask_id: MASK_ID, conditions: ConditionsNeeded) -> RangedFile:
-    """Draw where the mask senses, how densely and what it can see; drawn once, then kept."""
+    """Return a picture of the mask: points, density and coverage. It is drawn once and cached."""
     await run_in_threadpool(services.masks.get, mask_id)
     etag = etag_of(mask_id, "picture")
     conditions.tag(etag)
@@ -193,7 +193,7 @@ def _written(mask: Mask, kind: str) -> bytes | str:
 
 
 def check_size(arrangement: Arrangement, limit: int) -> None:
-    """Refuse a mask that is too large before it is built; raises :class:`InvalidInput`."""
+    """Reject an arrangement whose expected number of points exceeds the limit; raises :class:`InvalidInput`."""
     expected = arrangement.expected_count
     if expected > limit:
         decisive = ("count", "positions", "indices", "points_of_interest", "spacing", "interval")

@@ -1,4 +1,4 @@
-"""What is kept in mind for the time when the database does not answer."""
+"""Periodic refresh of in-memory copies (keys, sessions, nodes) used while the database is unavailable."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _log = logging.getLogger(__name__)
 
 
 class Memory:
-    """Looks again and again, in a thread.
+    """Periodic refresher: calls functions once a second in a daemon thread.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class Memory:
         self._thread.start()
 
     def close(self) -> None:
-        """Look no more; a look that is under way is waited for a moment, or it opens connections that nobody closes."""
+        """Stop refreshing; wait briefly for a query in progress, so that its connection is closed."""
         self._over.set()
         if self._thread.is_alive():
             self._thread.join(EVERY)

@@ -38,13 +38,13 @@ class Metrics:
         self.registry.register(_Present(services))
 
     def count(self, method: str, route: str, status: int, seconds: float) -> None:
-        """Note a request; ``route`` is the pattern of its path, so that identifiers make no series of their own."""
+        """Record status and latency of a request under its route template, so that identifiers create no series."""
         self._requests.labels(method, route, str(status)).inc()
         self._seconds.labels(method, route).observe(seconds)
 
 
 class _Present(Collector):
-    """How things stand at this moment."""
+    """Collector that reads queue, scan and process state at scrape time."""
 
     def __init__(self, services: Services) -> None:
         self._services = services

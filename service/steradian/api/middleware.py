@@ -1,4 +1,4 @@
-"""What every request passes first: an identifier, a line in the log and the metrics, a limit on its body."""
+"""ASGI middleware: request id, access log, body limits, HEAD, stream limits."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _REQUEST_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 
 class RequestId:
-    """Gives each request an identifier, the caller's own where it is a decent one, and each answer its safe headers."""
+    """Middleware that assigns X-Request-ID, keeping a valid one of the caller, and adds security headers."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -67,7 +67,7 @@ class RequestId:
 
 
 class Observe:
-    """Counts each request and writes a line about it; neither holds its query, where a ticket may stand.
+    """Access log and metrics middleware; queries are omitted because they may contain tickets.
 
     A line about something that was made, deleted or wished begins a story that other processes go on with: it is
     written at the level INFO, all others at DEBUG.
@@ -107,14 +107,14 @@ class Observe:
 
 
 def _is_wish(scope: Scope) -> bool:
-    """Whether a request makes nothing, but something of what is there is to end or to go on."""
+    """Whether a request changes a desired state or presses a stop."""
     method, path = scope["method"], scope["path"]
     presses = method == "POST" and EMERGENCY_STOP.fullmatch(path)
     return method == "DELETE" or path.endswith("/desired-state") or bool(presses)
 
 
 class OnlyText:
-    """Refuses addresses that hold U+0000, which PostgreSQL keeps nowhere, so that nothing can be called so."""
+    """Middleware that rejects URLs that contain U+0000, which PostgreSQL cannot store."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -127,7 +127,7 @@ class OnlyText:
 
 
 class Head:
-    """Answers HEAD as GET is answered, without the body, which is not even made where it comes in pieces."""
+    """Middleware that answers HEAD from the GET handler without producing the body."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -154,7 +154,7 @@ class _HeadersSent(Exception):
 
 
 class StreamsInTurn:
-    """Lets few event streams be opened or refused at a time, so that others are served between those of a crowd.
+    """Middleware that limits how many event streams are opened at the same time, so that other requests are served.
 
     It stands before everything else, as what a crowd costs before it waits here, it costs whoever comes with it.
     """
@@ -186,7 +186,7 @@ class StreamsInTurn:
 
 
 class StreamLimit:
-    """Counts event streams before they are accepted; one too many is refused before anything is looked at."""
+    """Middleware that rejects event streams beyond the configured maximum."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app, self._open = app, 0
@@ -206,7 +206,7 @@ class StreamLimit:
 
 
 class BodyLimit:
-    """Refuses bodies larger than what is asked for there can be, before reading where that is stated."""
+    """Middleware that rejects request bodies larger than the route allows, before reading if possible."""
 
     def __init__(self, app: ASGIApp, settings: Settings) -> None:
         self.app, self._uploads = app, settings.max_import_bytes

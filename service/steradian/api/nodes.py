@@ -1,4 +1,4 @@
-"""The other nodes of the service: where they are, and asking one of them on somebody's behalf.
+"""Peer nodes: registry of scanner nodes and forwarding of requests to them.
 
 A request whose answer another node has is sent on to it as it came. The nodes prove themselves to each other with the
 settings' secret; who asked has proved that to the first node, which says so.
@@ -49,13 +49,13 @@ PIECE: Final = 2**18
 
 
 class NodeUnavailable(SteradianError):
-    """The node that has what is asked for does not answer."""
+    """The node that serves the requested resource does not answer."""
 
     code = "node-unavailable"
 
 
 class Elsewhere(Exception):
-    """No error: the answer is with the node of a scanner, to which the request is sent on."""
+    """Control-flow exception of a handler: the request is forwarded to the scanner's node."""
 
     def __init__(self, scanner_id: str) -> None:
         self.scanner_id = scanner_id
@@ -64,7 +64,7 @@ class Elsewhere(Exception):
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked of another node: method, path with query, body, headers, and for whom."""
+    """Request to another node on behalf of a principal: method, path with query, body, headers."""
 
     method: str
     target: str
@@ -85,7 +85,7 @@ class Question:
 
 
 class Nodes:
-    """Where the nodes of all scanners are, as the database said last.
+    """Registry of scanner nodes, cached from the database.
 
     Parameters
     ----------
@@ -103,11 +103,11 @@ class Nodes:
         self._threads: defaultdict[str, CapacityLimiter] = defaultdict(lambda: CapacityLimiter(AT_ONCE))
 
     def remember(self) -> None:
-        """Look at the database, for what is asked while it does not answer."""
+        """Refresh the registry cached for times without a database."""
         self._rows = {row.id: row for row in self._scanners.rows()}
 
     def knows(self, scanner_id: str) -> bool:
-        """Whether there is such a scanner, as far as is known without the database."""
+        """Whether a scanner exists, according to the registry in memory."""
         return scanner_id == self._own or scanner_id in self._rows
 
     def is_here(self, scanner_id: str | None) -> bool:
@@ -115,7 +115,7 @@ class Nodes:
         return scanner_id is not None and scanner_id == self._own
 
     def is_elsewhere(self, scanner_id: str | None) -> bool:
-        """Whether a scanner is another node's; one that is retired is nobody's."""
+        """Whether a scanner belongs to another node; a decommissioned scanner belongs to none."""
         return not self._is_all and scanner_id != self._own and scanner_id in self._rows
 
     def follows(self, scanner_id: str) -> bool:
@@ -139,7 +139,7 @@ class Nodes:
         return self._is_simulated if self._is_all else all(row.simulated for row in self._rows.values())
 
     def is_released(self, scanner_id: str, since: int | None) -> bool:
-        """Whether a press needs to go no further: its scanner is retired, or what stood in a revision is released."""
+        """Whether relaying a press can end: its scanner is decommissioned, or the stop of that revision is released."""
         row = self._rows.get(scanner_id)
         return row is None or (since is not None and row.revision > since and row.stopped_at is None)
 
@@ -160,7 +160,7 @@ class Nodes:
             return self._put(connection, question)
 
     def told(self, scanner_id: str, question: Question, seconds: float) -> tuple[int, bytes]:
-        """Ask the node of a scanner and read all of its answer, within so many seconds; errors as of :meth:`ask`."""
+        """Send a request to a scanner's node and read the response within ``seconds``; errors as of :meth:`ask`."""
         with self._reached(scanner_id, seconds) as connection:
             cut = threading.Timer(seconds, _cut, [connection.sock])
             cut.daemon = True
@@ -173,7 +173,7 @@ class Nodes:
 
     @contextmanager
     def _reached(self, scanner_id: str, seconds: float) -> Iterator[HTTPConnection]:
-        """Yield a connection to the node of a scanner; what fails with it is that it does not answer."""
+        """Yield a connection to a scanner's node; its errors become :class:`NodeUnavailable`."""
         row = self._rows.get(scanner_id)
         address = None if row is None else row.address
         if address is None or self._secret is None:
@@ -201,7 +201,7 @@ class Nodes:
 
     @staticmethod
     def refuse_rounds(request: Request, scanner_id: str) -> None:
-        """Refuse what came from another node already, which took this one for the scanner's: a wrong address is noted.
+        """Reject a request that another node already forwarded, because the registered address is wrong.
 
         Raises
         ------
@@ -212,7 +212,7 @@ class Nodes:
             raise NodeUnavailable(f"the address that is noted for the node of {scanner_id} is another node's")
 
     async def forward(self, request: Request, scanner_id: str) -> Response:
-        """Have a scanner's node answer a request; raises :class:`NodeUnavailable`."""
+        """Forward a request to a scanner's node and return the response; raises :class:`NodeUnavailable`."""
         self.refuse_rounds(request, scanner_id)
         question, limiter = await Question.of(request), self._threads[scanner_id]
         async with _place(limiter, scanner_id):
@@ -231,12 +231,12 @@ class Nodes:
 
 
 def came_from_a_node(request: Request) -> bool:
-    """Whether another node sent this on."""
+    """Whether another node forwarded the request."""
     return getattr(request.state, "forwarded", False)
 
 
 def principal_of(headers: Headers, secret: str | None) -> Principal | None:
-    """Tell for whom another node asks; ``None`` when nobody says to be one.
+    """Return the principal on whose behalf another node sends a request; ``None`` without one.
 
     Raises
     ------

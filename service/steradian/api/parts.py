@@ -1,4 +1,4 @@
-"""Uploads of which a part has come: files that grow piece by piece, and tell how far they are (tus 1.0, core)."""
+"""Resumable uploads: files that grow part by part and report their offset (tus 1.0, core protocol)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ PIECE = 2**20
 
 @dataclass(frozen=True)
 class Part:
-    """A file ``ID.LENGTH.part`` that is to have so many bytes; deleted when nothing has come for a day."""
+    """Partial upload in a file ``ID.LENGTH.part``, where LENGTH is the final size in bytes.
+
+    Deleted after a day without data.
+    """
 
     path: Path
     length: int
@@ -46,7 +49,7 @@ class Part:
 
     @contextmanager
     def open(self, offset: int) -> Iterator[BinaryIO]:
-        """Go on writing where it ends.
+        """Open the file for appending.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""The user whose process is at the other end of a connection over this machine's loopback, as Linux tells it."""
+"""User of the process at the other end of a loopback connection, from Linux's socket tables."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Peer:
 
     @property
     def user(self) -> int | None:
-        """Number of the user; :data:`GONE`, or ``None`` where the system does not tell."""
+        """Number of the user; :data:`GONE` for a closed socket, or ``None`` if the system does not report one."""
         client, server = self._ends
         if client is None or server is None or client[1] is None or server[1] is None:
             return None  # no TCP
@@ -48,7 +48,7 @@ class Peer:
 
 
 def user_of(client: tuple[str, int], server: tuple[str, int]) -> int | None:
-    """Look whose socket is connected from one address to another.
+    """Return the owner of the socket that is connected from one address to another.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""``/plans``: in what order and how fast."""
+"""``/plans``: create, preview, list and read scan plans."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def _same_as(name: str) -> Any:
 
 
 class Measuring(Value):
-    """How to measure a mask."""
+    """Scan parameters of a plan request."""
 
     pulse_rate: float = _same_as("pulse_rate")
     averages: int = _same_as("averages")
@@ -159,7 +159,10 @@ def read_plan(services: ServicesNeeded, plan_id: PLAN_ID, conditions: Conditions
 
 
 async def _worked_out(services: Services, wanted: PlanRequest) -> tuple[dict[str, Any], dict[str, Any] | None]:
-    """Return the columns of a plan's row, and of its mask's if that is new; what takes long is done beside the API."""
+    """Return the columns of a plan's row, and of its mask's if that is new.
+
+    Long computations run in the process pool.
+    """
     if wanted.order in SEARCHED or wanted.beams:
         mask = await run_in_threadpool(services.masks.load, wanted.mask_id)
         return await services.workshop.work(_build, mask, wanted)

@@ -1,4 +1,4 @@
-"""``/problems``: what each kind of problem means, at the address that its problems name as their type."""
+"""``/problems/{type}``: documentation of a problem type as HTML or JSON."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ MOST = 200
 
 
 class Reference(Value):
-    """What to compare with."""
+    """Reconstruction to compare with."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"reference_id": "r01jz0000000000000000000001"}]})
 

@@ -1,4 +1,4 @@
-"""What a job waits for and requires, in JSON."""
+"""Queue position and requirements of a waiting job."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from steradian.jobs.model import Requirements
 
 
 class RequirementsView(BaseModel):
-    """What a job requires of its worker."""
+    """Requirements of a job on its worker."""
 
     memory: int = Field(description="Bytes; of a volume whose size is known, what its values alone take")
     cores: int = Field(description="Threads that the worker's jobs may use")
@@ -26,7 +26,7 @@ class RequirementsView(BaseModel):
 
 
 class QueueView(BaseModel):
-    """Where a job stands that is not over."""
+    """Queue position of a job that has not ended."""
 
     position: int | None = Field(
         description="1: the next that begins; null when it runs, or waits for its scan or for another worker"

@@ -43,7 +43,7 @@ router = APIRouter(prefix=f"{V1}/reconstructions", tags=["reconstructions"], rou
 
 
 class PriorityChange(Value):
-    """What to change of a job that waits."""
+    """Change of a queued job's priority."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"priority": 10}]})
 
@@ -51,7 +51,7 @@ class PriorityChange(Value):
 
 
 class JobWish(Value):
-    """What a job should become."""
+    """Desired state of a job, as requested."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"state": "cancelled", "reason": "typo"}]})
 
@@ -173,7 +173,7 @@ def read_reconstruction_attempts(services: ServicesNeeded, reconstruction_id: RE
 
 
 async def look(services: Services, identifier: str, wait: Wait) -> tuple[ReconstructionRow, JobStatus]:
-    """Read a reconstruction and its job, held until that is over where the client waits."""
+    """Read a reconstruction and its job, with long polling if the client requested it."""
 
     def read() -> tuple[ReconstructionRow, JobStatus]:
         return services.reconstructions.get(identifier), services.ledger.status(identifier)
@@ -190,7 +190,7 @@ def note_reconstruction(
     cost: Cost,
     batch: BatchRow | None = None,
 ) -> tuple[ReconstructionRow, JobRow]:
-    """Note a reconstruction and its job, in the transaction that holds what it needs."""
+    """Insert a reconstruction and its job, in the transaction that locks their dependencies."""
     row = services.reconstructions.add(session, scan, wanted.parameters.model_dump(mode="json"), batch)
     about: dict[str, Any] = {"principal": who.name, "batch_id": row.batch_id, "promised": cost.disk}
     job = services.submit(session, job_of(row.id, wanted, memory=cost.memory, **about))

@@ -1,4 +1,4 @@
-"""What work leaves behind in figures, as JSON: a scan's counts, a plan's cost, what each kind of job found.
+"""Response schemas of stored reports (scan summary, plan preview, job results).
 
 They were noted some time ago, perhaps by another version: what is not named here is passed on as it is; what that
 version did not note, or wrote otherwise, is null.
@@ -77,7 +77,7 @@ class RemarkView(BaseModel):
 
 
 class PreviewView(Figures):
-    """What a plan costs."""
+    """Cost of a plan: shots, time and data."""
 
     seconds: dict[str, float] | None = Field(
         default=None,
@@ -109,7 +109,7 @@ class PreviewView(Figures):
 
 
 class FitView(Figures):
-    """How an iterative reconstruction found its image."""
+    """Convergence of an iterative reconstruction."""
 
     iterations: int | None = None
     stopped: str | None = Field(
@@ -122,7 +122,7 @@ class FitView(Figures):
 
 
 class BadLinesView(Figures):
-    """Bad A-lines, and what was done about them."""
+    """Bad A-lines and their treatment."""
 
     treatment: Literal["leave-out", "mend"] | None = None
     looked_at: int | None = Field(default=None, description="A-lines that were compared with their neighbours")
@@ -136,7 +136,7 @@ class BadLinesView(Figures):
 
 
 class UnevennessView(Figures):
-    """What A-lines differed in, and how many were left out."""
+    """Variation between A-lines, and the number of excluded A-lines."""
 
     left_out: dict[str, int] = Field(default_factory=dict, description="A-lines not used, by flag")
     energy: list[float] | None = Field(default=None, description="Least and greatest pulse energy, relative to nominal")
@@ -178,7 +178,7 @@ class ReportView(Figures):
 
 
 class ObjectWidth(Figures):
-    """A full width at half maximum along a line, and what it says of the object."""
+    """Full width at half maximum along a line, with the object's corrected diameter."""
 
     fwhm: float | None = Field(default=None, description="As the image shows it (m)")
     repeatability: float | None = Field(default=None, description="Of fwhm under the noise (m); no accuracy")
@@ -208,7 +208,7 @@ class SoundSpeedView(Figures):
 
 
 class ComparisonView(Figures):
-    """How much one volume is like another."""
+    """Similarity of two volumes."""
 
     figures: dict[str, float | None] | None = Field(
         default=None, description="Correlations, sharpness and error", examples=[{"volume_correlation": 0.48}]
@@ -222,13 +222,13 @@ class WidthView(Figures):
 
 
 class ExportView(Figures):
-    """What was written for another program."""
+    """Result of an export."""
 
     bytes: int | None = Field(default=None, description="Size of the file")
 
 
 class ImportView(Figures):
-    """What a recording became."""
+    """Result of an import."""
 
     scan_id: str | None = None
     plan_id: str | None = None
@@ -259,5 +259,5 @@ _RESULTS: dict[str, type[Result]] = {
 
 
 def result_of(kind: str, found: dict[str, Any]) -> Result | None:
-    """Show what a job of a kind found; ``None`` while there is nothing."""
+    """Return the result of a job as the schema of its kind; ``None`` before it has one."""
     return _RESULTS.get(kind, ReportView).model_validate(found) if found else None

@@ -1,4 +1,4 @@
-"""``/reconstructions/{id}/…``: what a reconstruction left behind."""
+"""``/reconstructions/{id}/…``: projections, volume slices, Zarr hierarchy, revisions and log."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ async def read_reconstruction_volume(
     dtype: DataType = None,
     window: WindowText = None,
 ) -> Response:
-    """Download the values, float32 [x, y, z], as npy, raw bytes or JSON; headers tell shape, type and axes."""
+    """Download the values, float32 [x, y, z], as npy, raw bytes or JSON; headers contain shape, type and axes."""
     kind = negotiate(request, (NPY, RAW, JSON))
     await _succeeded(services, reconstruction_id, wait)
     limit = services.settings.max_volume_bytes
@@ -202,7 +202,7 @@ def read_reconstruction_log(services: ServicesNeeded, reconstruction_id: RECONST
 
 
 async def _succeeded(services: Services, identifier: str, wait: Wait) -> None:
-    """Refuse when the job has no result, with the reason."""
+    """Reject a request for the result of a job that has none, with the reason."""
     _, job = await look(services, identifier, wait)
     if job.state is ReconstructionState.SUCCEEDED:
         return
@@ -224,7 +224,7 @@ def _is_followed(services: Services, identifier: str) -> bool:
 
 
 def _send_on(services: Services, job: JobStatus) -> None:
-    """Leave what is asked of an image that grows on its scanner's node to that one."""
+    """Forward requests for a live reconstruction to its scanner's node."""
     scanner_id = services.scans.get(job.payload["scan_id"]).scanner_id
     if scanner_id is not None and services.nodes.follows(scanner_id):
         raise Elsewhere(scanner_id)

@@ -1,4 +1,4 @@
-"""Retiring a scanner: as much proof as can be had that its node lives no more, and what becomes of its scans."""
+"""Decommission a scanner after verifying that its node is down; close its open scans."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def retire(
 
 @contextmanager
 def _without_node(settings: Settings, scanner_id: str) -> Iterator[None]:
-    """Have the lock of a scanner's node, so that none begins before the block ends."""
+    """Hold the lock of a scanner's node, so that no node of it starts before the block ends."""
     if settings.database_url is None:  # then there are no nodes
         yield
         return
@@ -82,7 +82,7 @@ def _require_silence(services: Services, scanner_id: str, who: Principal) -> Non
 
 
 def _give_up(services: Services, scan: ScanRow, who: str) -> None:
-    """Lead a scan that nobody goes on with to its end."""
+    """Move an abandoned scan to a terminal state."""
     why, end = "its scanner is retired", services.scans.transition
     if scan.state is ScanState.QUEUED:
         end(scan.id, ScanState.ABORTED, why=why, who=who)

@@ -1,4 +1,4 @@
-"""``/api/v1``: what this service is and where things are."""
+"""``/api/v1``: service version, limits and links."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _FORMATS = {
 @router.get("", summary="The service, its mode, limits and links")
 @router.get("/", include_in_schema=False)
 def read_root(services: ServicesNeeded, request: Request) -> RootView:
-    """Tell what this is."""
+    """Return the service's name, version, limits and links."""
     settings = services.settings
     return RootView(
         version=__version__,

@@ -1,4 +1,4 @@
-"""``/scans/{id}/…``: what a scan measured."""
+"""``/scans/{id}/…``: A-lines, shots, coverage and the scan file."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class FlagsView(BaseModel):
 
 
 class CoverageView(BaseModel):
-    """How much of the mask is measured."""
+    """Share of the mask's points that are measured."""
 
     points: int = Field(description="A-lines that the scan is to have, of all frames")
     frames: int
@@ -82,7 +82,7 @@ class CoverageView(BaseModel):
 
     @classmethod
     def of(cls, file: h5py.File, stored: NDArray[np.bool_], quality: NDArray[np.uint32]) -> Self:
-        """Count what an open scan file holds."""
+        """Count the stored A-lines of an open scan file."""
         weights, good = file["mask/weights"][:], quality[stored]
         frames = stored.reshape(-1, len(weights))
         return cls(
@@ -220,7 +220,7 @@ def read_scan_alines(
 def read_scan_latest_aline(
     services: ServicesNeeded, request: Request, scan_id: SCAN_ID, conditions: ConditionsNeeded
 ) -> Response:
-    """Read the newest A-line (samples) in digitiser counts; headers, or JSON, tell which it is and its axis in s."""
+    """Read the newest A-line in digitiser counts; headers or JSON fields give its index and its time axis in s."""
     kind = negotiate(request, (NPY, RAW, JSON))
     with opened(services, scan_id) as file:
         row = newest_row(file)

@@ -1,4 +1,4 @@
-"""What scanners, leases and emergency stops look like in JSON."""
+"""Response schemas of scanners, leases and emergency stops."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from steradian.storage.tables import ScannerRow
 
 
 class LeaseView(BaseModel):
-    """Who holds a scanner."""
+    """Lease of a scanner: its holder and expiry."""
 
     holder: str = Field(description="How the holder calls itself")
     principal: str = Field(description="Whose key it is: the lease is of no use to others", examples=["local"])
@@ -37,7 +37,7 @@ UNANSWERED = "the scanner could not be asked: the acquisition process has not an
 
 
 class EmergencyView(BaseModel):
-    """An emergency stop that nobody has released."""
+    """Active emergency stop."""
 
     number: str = Field(description="Of this press; a release may name it", examples=["01k0000000000000000000000"])
     at: datetime
@@ -56,7 +56,7 @@ class EmergencyView(BaseModel):
 
     @classmethod
     def of(cls, press: Press, deed: Deed | None, *, recorded: bool) -> Self:
-        """Show a press and what was done about it."""
+        """Return the view of a press and its outcome."""
         return cls(
             number=press.number,
             at=datetime.fromisoformat(press.at),
@@ -86,7 +86,7 @@ class EmergencyView(BaseModel):
 
 
 class EmergencyAnswer(BaseModel):
-    """What came of pressing the emergency stop."""
+    """Response to pressing the emergency stop."""
 
     id: str = Field(description="The scanner", examples=["scanner-0"])
     emergency_stop: EmergencyView
@@ -104,7 +104,7 @@ class FaultView(BaseModel):
 
 
 class ScannerView(BaseModel):
-    """A scanner: connection, what this service does with it, and what it says of itself."""
+    """Scanner: connection, activity of this service, and the device's reported state."""
 
     id: str
     simulated: bool
@@ -199,7 +199,7 @@ def _age(row: ScannerRow, now: datetime) -> float | None:
 
 
 def _status(row: ScannerRow, age: float | None) -> ScannerStatus:
-    """Return what the database says of another node's scanner."""
+    """Return the database's record of another node's scanner state."""
     if age is None or age > CURRENT_ELSEWHERE:
         return ScannerStatus(error=row.last_error)
     return ScannerStatus(
@@ -215,7 +215,7 @@ def _status(row: ScannerRow, age: float | None) -> ScannerStatus:
 
 
 def _state(row: ScannerRow, seen: ScannerStatus) -> str:
-    """Say what the scanner does: what this service's scan does with it, unless it says more itself."""
+    """Return the scanner's state: that of this service's scan, unless the device reports a more specific one."""
     if seen.laser in {"armed", "on"}:
         return "scanning"
     return "fault" if seen.fault and row.state == "idle" else row.state

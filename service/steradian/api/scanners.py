@@ -1,4 +1,4 @@
-"""``/scanners``: how a scanner stands, who holds it, and the emergency stop."""
+"""``/scanners``: state, lease and emergency stop of scanners."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Lease = Annotated[
 
 
 class LeaseRequest(Value):
-    """Who wants the scanner and for how long."""
+    """Request for a lease: holder and duration."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"holder": "Ada", "seconds": 600, "note": "phantoms"}]})
 
@@ -70,7 +70,7 @@ def list_scanners(services: ServicesNeeded) -> Listing[ScannerView]:
 
 @router.get("/{scanner_id}", summary="One scanner")
 def read_scanner(services: ServicesNeeded, scanner_id: SCANNER_ID, conditions: ConditionsNeeded) -> ScannerView:
-    """Show a scanner: its connection, what it does and says of itself, who holds it.
+    """Return a scanner: its connection, activity, reported state and lease.
 
     What it says of laser, shutter, interlock, key and fault is as old as `age` says, and `unknown` when that is more
     than a second (ten for the scanner of another node): unknown is not off.
@@ -92,7 +92,7 @@ def retire_scanner(
     ] = False,
     reason: Annotated[str | None, Query(max_length=500, description="Why; in its event")] = None,
 ) -> Response:
-    """Have a scanner be none any more: nobody presses its stop, waits for its answer or asks it for scans.
+    """Decommission a scanner: it no longer receives stops, requests or scans.
 
     It is refused while its node lives, as far as that can be told; where that lost database and network, only a
     person can see that its laser is off. Should it start again, the scanner is there again, and its stop as it was.
@@ -105,7 +105,7 @@ def retire_scanner(
 def take_scanner_lease(
     services: ServicesNeeded, who: Who, scanner_id: SCANNER_ID, wanted: LeaseRequest, lease: Lease = None
 ) -> ScannerView:
-    """Be the one operator until the lease ends; its number (fence) grows with every new lease.
+    """Take the lease of a scanner until it expires; its number (fencing token) increases with each new lease.
 
     The lease belongs to the key: only requests with the same key and the lease's number make the laser fire. Two
     clients of one key, and all of a service without keys, are told apart by ``holder`` or that number.
@@ -130,7 +130,9 @@ async def press_emergency_stop(
     scanner_id: SCANNER_ID,
     wanted: Annotated[StopRequest | None, Body()] = None,
 ) -> EmergencyAnswer:
-    """Switch the laser off and abort what runs or waits; any authenticated caller may, lease or not.
+    """Switch the laser off and abort running and queued scans.
+
+    Any authenticated caller may do so, with or without a lease.
 
     It needs no database: what cannot be recorded now is recorded later. The answer comes when the scanner has
     confirmed it, whoever holds its port, or after two seconds with the reason why it could not be asked. No other scan
@@ -144,7 +146,7 @@ async def press_emergency_stop(
 async def press_one(
     services: Services, request: Request, who: Principal, scanner_id: str, reason: str | None
 ) -> EmergencyAnswer:
-    """Press the stop of a scanner, here or where it is."""
+    """Press the stop of one scanner, locally or through the relay."""
     if (desk := services.desk_of(scanner_id)) is None:
         services.nodes.refuse_rounds(request, scanner_id)
         return await services.courier.press(scanner_id, who, reason)

@@ -45,7 +45,7 @@ Text = Annotated[str, StringConstraints(max_length=200)]
 
 
 class ScanRequest(Value):
-    """Which plan to run."""
+    """Request to run a plan."""
 
     model_config = ConfigDict(
         json_schema_extra={"examples": [{"plan_id": "p0123456789abcdef01234567", "labels": {"phantom": "yarn"}}]}
@@ -66,7 +66,7 @@ class ScanRequest(Value):
 
 
 class ScanChange(Value):
-    """What to change of a scan."""
+    """Change of a scan's labels."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"labels": {"phantom": "yarn", "draft": None}}]})
 
@@ -74,7 +74,7 @@ class ScanChange(Value):
 
 
 class ScanWish(Value):
-    """What a scan should become."""
+    """Desired state of a scan, as requested."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"state": "stopped", "reason": "enough"}]})
 
@@ -173,7 +173,9 @@ def set_scan_desired_state(
     conditions: ChangeConditionsNeeded,
     lease: Lease = None,
 ) -> ScanView:
-    """Say what a scan should become; repeating it changes nothing. ``running`` needs the scanner's lease, if one runs.
+    """Set the desired state of a scan; repeating it has no effect.
+
+    ``running`` requires the scanner's lease, if one is held.
 
     An interrupted scan goes on only by this: it proves that plan, scanner and tuning are what they were, or stays
     interrupted with the difference as its error.
@@ -208,7 +210,7 @@ def _require_completable(services: Services, scan_id: str, plan: PlanRow) -> Sca
 
 
 def _who_completes(services: Services, earlier: ScanRow, wanted: str | None) -> str | None:
-    """Tell which scanner completes a scan: its own, as long as there is that; of another one it could prove nothing."""
+    """Return the scanner that completes a scan: its own, because another one could not pass the resume checks."""
     own = earlier.scanner_id
     if own is None or all(row.id != own for row in services.scanner.rows()):
         return wanted  # it may have another name by now
@@ -223,7 +225,7 @@ def is_settled(row: ScanRow) -> bool:
 
 
 def _scanner_for(services: Services, wanted: str | None) -> ScannerRow:
-    """Find the scanner that is to run a scan: the one that there is, if nobody says which."""
+    """Return the scanner that will run a scan: the requested one, or the only one."""
     if wanted is not None or services.settings.role == "service":
         return services.scanner.get(wanted or services.scanner.id)
     rows = services.scanner.rows()
@@ -233,7 +235,7 @@ def _scanner_for(services: Services, wanted: str | None) -> ScannerRow:
 
 
 def _admit(services: Services, session: Session, lease: int | None, who: Principal, scanner_id: str) -> int:
-    """Return the lease's number under which somebody may have the laser fire; see :meth:`ScannerRepository.admit`."""
+    """Return the number of the lease under which a caller may start the laser; see :meth:`ScannerRepository.admit`."""
     desk = services.desk_of(scanner_id)
     if desk is not None and desk.standing is not None:
         raise EmergencyStopped("the emergency stop is pressed; release it first")

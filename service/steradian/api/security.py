@@ -1,4 +1,4 @@
-"""Who may do what: one table of routes and scopes, looked up before a request's body is read.
+"""Authentication middleware and the table of scopes per route.
 
 No handler takes a scope, a principal or a key as a parameter: the principal is put into the request's scope by
 :class:`Authenticate`, and :class:`GuardedRoute` compares it with the table.
@@ -138,7 +138,9 @@ class _Keeper(Protocol):
 
 
 class Authenticate:
-    """Finds out who asks; refuses callers without a valid key where one is needed, before anything is read.
+    """Authentication middleware.
+
+    Identifies the caller and rejects missing or invalid credentials before the body is read.
 
     Without keys only this machine can connect, but others could use it to: a proxy on it, or a page in its browser.
     What was forwarded needs a key, and so does what a process of another user asks, but for the emergency stop;
@@ -211,7 +213,7 @@ class Authenticate:
         return LOCAL
 
     async def _prove(self, scope: Scope, check: Callable[[str], Principal], secret: str) -> Principal:
-        """Tell whose a key or ticket is; an address that sent too many wrong ones is heard with a known key only."""
+        """Return the owner of a key or ticket; an address with too many failed attempts may use known keys only."""
         address = (scope.get("client") or ("",))[0]
         if self._failed.is_spent(address) and not (is_stop(scope) and scope["method"] == "POST"):
             if (known := self._keys.recall(secret)) is not None:
@@ -225,7 +227,7 @@ class Authenticate:
             raise
 
     async def _recognise(self, scope: Scope, secret: str) -> SeenSession | None:
-        """Tell whose session it is; ``None`` when it is over, and the request counts as one without."""
+        """Return the owner of a session; ``None`` when it has ended, so that the request is handled as anonymous."""
         with suppress(Unauthorized):
             if is_stop(scope):
                 with suppress(Unauthorized):
@@ -268,7 +270,7 @@ def _is_loopback(name: str) -> bool:
 
 
 class GuardedRoute(APIRoute):
-    """A route that asks the table before it reads a request's body."""
+    """APIRoute that checks the scope before the body is read."""
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         """Wrap the framework's handler."""

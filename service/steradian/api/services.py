@@ -1,4 +1,4 @@
-"""What the handlers work with: the settings, the repositories and the queue."""
+"""Composition root of the API: settings, repositories, queue and background threads."""
 
 from __future__ import annotations
 
@@ -187,11 +187,14 @@ class Services:
         return self._opened.is_set()
 
     def desk_of(self, scanner_id: str) -> EmergencyDesk | None:
-        """Return where a scanner's emergency stop is pressed; ``None`` when that is on another node."""
+        """Return the local stop controller of a scanner; ``None`` when the scanner belongs to another node."""
         return self.emergency if self.nodes.is_here(scanner_id) else None
 
     def measure(self) -> Measured:
-        """Count what the folder holds, where that matters, which may take long: no transaction should wait for it."""
+        """Count the data folder's bytes if a quota needs them.
+
+        This may take long, so call it outside of transactions.
+        """
         at, came = self.clock(), self.arrivals.came
         with self.database.read() as session:
             before = written(session, self.data)  # before the walk: what comes after it is not in there
@@ -200,7 +203,7 @@ class Services:
 
     @property
     def available(self) -> int:
-        """Bytes that uploads and jobs may take, by what the folder held some seconds ago."""
+        """Bytes available to uploads and jobs, according to the most recent count of the folder."""
         known = self._measured
         if known is None or self.clock() - known.at > MEASURED_FOR:
             known = self.measure()
@@ -215,7 +218,7 @@ class Services:
     def require_room(
         self, session: Session, need: int, what: str, measured: Measured, *, for_scan: bool = False
     ) -> None:
-        """Refuse what does not fit beside all that waits; ask in the transaction that queues it, or two could share.
+        """Reject work that does not fit beside queued work; call it in the transaction that queues the work.
 
         Parameters
         ----------
@@ -251,7 +254,7 @@ class Services:
         return self.queue.add(session, request) if self.queue_is_open else self.ledger.add(session, request)
 
     def forecast(self, job: JobStatus) -> Forecast | None:
-        """Tell where a job stands in the queue and when it will be over; ``None`` when it is."""
+        """Return a job's queue position and expected end; ``None`` once it has ended."""
         if job.is_over:
             return None
         with self.database.read() as session:
@@ -265,7 +268,7 @@ class Services:
         return self.queue.cancel(job_id, who, reason)
 
     def _open_queue(self) -> None:
-        """Open the queue, however often that fails; readiness tells that it is not open."""
+        """Open the queue, with retries; until then readiness reports it as closed."""
         from steradian.jobs.queue import JobQueue
 
         while not self._over.is_set():
@@ -296,5 +299,5 @@ class Services:
             self._over.wait(RECONCILE_EVERY)
 
     def remove_files(self) -> None:
-        """Remove the files of what was deleted, as far as they can go now."""
+        """Remove files of deleted resources, as far as they are removable now."""
         remove_files(self.database, self.data, self.arrays, self.queue.forget if self.queue_is_open else None)

@@ -1,4 +1,4 @@
-"""``/session``: a browser signs in with a key and has a cookie instead, which no script can read."""
+"""``/session``: exchange an API key for an HttpOnly session cookie."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ router = APIRouter(prefix=V1, tags=["service"], route_class=GuardedRoute)
 
 
 class SessionView(BaseModel):
-    """Who asks, and what they may do."""
+    """Session: the caller and their scopes."""
 
     principal: str = Field(description="As which the caller is known", examples=["key bench (0123456789ab)", "local"])
     scopes: list[Scope] = Field(description="What the caller may do; admin is everything")
@@ -63,13 +63,13 @@ async def create_session(services: ServicesNeeded, request: Request, response: R
 
 @router.get("/session", summary="Who asks, and what a page must know of its session")
 async def read_session(services: ServicesNeeded, request: Request, who: Who) -> SessionView:
-    """Tell as whom the caller is known, by key or by cookie; without keys everybody on the machine is local."""
+    """Return the principal of the key or cookie; without keys every caller of this machine is ``local``."""
     return SessionView.of(who, getattr(request.state, "session", None), services.stop_tickets)
 
 
 @router.delete("/session", status_code=204, summary="Sign out")
 async def delete_session(services: ServicesNeeded, request: Request, response: Response) -> None:
-    """End the session of the cookie, if there is one; the key goes on."""
+    """End the session of the cookie, if there is one; its key stays valid."""
     if secret := secret_in(request.headers):
         await run_in_threadpool(services.sessions.end, secret)
     take_cookie(response, request)

@@ -1,4 +1,4 @@
-"""What has changed in scan files since somebody looked: each answer has a mark, and the next one begins there."""
+"""Track which rows of a growing scan file changed since a client's cursor."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ KEPT = 16
 
 @dataclass(eq=False)
 class _File:
-    """How a file was found: ``marks`` (F·M, ...), by which its rows are told apart, and when each was found new."""
+    """State of a file: ``marks`` (F·M, ...), whose changes identify changed rows, and the time of each change."""
 
     epoch: str
     marks: NDArray[Any]
@@ -32,7 +32,7 @@ class ShotLooks:
         self._lock = Lock()
 
     def compare(self, name: str, marks: NDArray[Any], since: str | None) -> tuple[NDArray[np.bool_], str]:
-        """Tell which rows have changed.
+        """Return the rows that changed since a cursor.
 
         Parameters
         ----------

@@ -30,7 +30,7 @@ MOST_BYTES = 2_000_000_000
 
 
 class HistogramView(BaseModel):
-    """How often each value was measured; bins of equal width."""
+    """Histogram of samples with bins of equal width."""
 
     kind: Literal["codes", "values"] = Field(description="codes: of the digitiser; values: of anything else")
     edges: list[float]
@@ -86,7 +86,7 @@ class BadLineView(BaseModel):
 
 
 class SignalsView(BaseModel):
-    """What the A-lines that a frame of a scan has so far look like, in digitiser counts."""
+    """Statistics of the A-lines stored so far for a frame of a scan, in digitiser counts."""
 
     alines: int = Field(description="A-lines that the frame is to have")
     samples: int = Field(description="Of each A-line")

@@ -1,4 +1,4 @@
-"""Whether the answer to a light read is still right: asked of the database in one look for all who wait."""
+"""Load cache validators of read requests in batches."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Stamps:
         self._looks = Looks(self._look)
 
     async def of(self, scope: Scope) -> Stamp:
-        """Return the stamp of what a request asks for; an empty one where there is none, or nothing.
+        """Return the validator of the requested resource; empty when there is none.
 
         Raises
         ------
@@ -41,7 +41,7 @@ class Stamps:
 
 
 def question_of(scope: Scope) -> Question | None:
-    """Tell what must be stamped as it was for an answer to be still right; ``None`` where a stamp does not tell."""
+    """Return the key whose validator determines whether a response is current; ``None`` if none does."""
     path, query = scope["path"], scope["query_string"]
     thing = _THING.fullmatch(path) or _COVERAGE.fullmatch(path)
     if thing is None or (thing[2] is not None and query):

@@ -1,4 +1,4 @@
-"""Who may press the emergency stop: known without the database where that is possible."""
+"""Authorisation of emergency stops, without the database where possible."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def is_stop(scope: Scope) -> bool:
 
 
 def bearer_of_ticket(scope: Scope, keys: KeyStore, sessions: SessionStore, tickets: StopTickets) -> Principal | None:
-    """Return who presses the stop with a stop ticket; ``None`` where the usual credentials must show it.
+    """Return the owner of a stop ticket; ``None`` if the request needs the usual credentials.
 
     A key or session that is valid by the last look at the database comes first, as the press is then recorded without
     mention of the ticket. A valid ticket comes before the database, which may not answer.

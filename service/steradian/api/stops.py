@@ -1,4 +1,4 @@
-"""``/emergency-stop``: the stop of every scanner at once."""
+"""``POST /emergency-stop``: press the stop of every scanner."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class StopRight(BaseModel):
 
 @router.get("/emergency-stop", summary="Whether you may press the emergency stop")
 async def read_emergency_stops(who: Who) -> StopRight:
-    """Tell the name under which a press of this caller would be recorded; nothing is pressed.
+    """Return the name under which a press of this caller would be recorded, without pressing.
 
     It is let in exactly as a press is: by a key, a session or a stop ticket, without the database. A page asks this
     again and again, so that it offers the stop only while a press would be taken.

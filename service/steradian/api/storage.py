@@ -1,4 +1,4 @@
-"""``/storage``: what the service's data folder holds, and what may still come."""
+"""``/storage``: disk usage of the data folder and reserved bytes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class StorageView(BaseModel):
 
 @router.get("", summary="What the data folder holds, and what may still come")
 async def read_storage(services: ServicesNeeded) -> StorageView:
-    """Count the bytes of all files; those who ask at once share one look through the folder."""
+    """Return the bytes used by all files; concurrent requests share one count."""
     try:
         used = await services.usage.ask(None)
         return await run_in_threadpool(_view, services, used)

@@ -1,4 +1,4 @@
-"""What is too old, or was left by what was killed: forgotten and removed every ten minutes."""
+"""Periodic clean-up: prune events, idempotency keys, uploads, drafts, orphaned objects and expired jobs."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _log = logging.getLogger(__name__)
 
 
 def tidy(services: Services, *, shared: bool = True) -> None:
-    """Forget what is too old: events, idempotency keys, uploads, shared images and, if settings say so, jobs.
+    """Apply retention: delete expired events, idempotency keys, uploads, shared images and, if configured, jobs.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def _forget_uploads(services: Services, oldest: float) -> None:
 
 
 def _sweep_drafts(services: Services) -> None:
-    """Remove what killed jobs were writing; one that is not over sweeps its folder itself when it starts again."""
+    """Remove temporary files of killed jobs; jobs that have not ended clean their folders at their next attempt."""
     data, drafts = services.data, services.data.scan_drafts()
     with services.database.read() as session:
         over = set(session.scalars(select(JobRow.id).where(JobRow.ended.is_not(None))))

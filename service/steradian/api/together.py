@@ -1,4 +1,6 @@
-"""Those who ask for the same thing in the same moment are answered by one look at it, or by the answer that is kept.
+"""Middleware for light GETs: identical concurrent requests share one execution.
+
+Responses are reused while their validator is unchanged.
 
 A look that has begun is joined by nobody, as it may be older than what the next client has just been told: who comes
 while one is under way shares the next. An answer is kept with the stamp that its thing had before it was made, and is
@@ -98,7 +100,7 @@ class Together:
             del self._under_way[key]
 
     async def _look(self, scope: Scope) -> _Answer:
-        """Have the answer made, without the connection of the client who came first."""
+        """Run the request independently of the connection of the first client."""
         own, sent = dict(scope), list[Message]()
 
         async def receive() -> Message:
@@ -112,7 +114,7 @@ class Together:
 
 
 class _Kept:
-    """The newest answers of what has a stamp, :data:`MOST_KEPT` bytes at most."""
+    """Response cache by request key, of at most :data:`MOST_KEPT` bytes; the least recently used are evicted."""
 
     def __init__(self) -> None:
         self._answers: OrderedDict[Hashable, tuple[Stamp, _Answer]] = OrderedDict()
@@ -139,7 +141,7 @@ class _Kept:
 
 
 def _key(scope: Scope) -> Hashable:
-    """Tell what is asked for, with all that the answer depends on; ``None`` where it cannot be shared."""
+    """Return the key of a request, with everything its response depends on; ``None`` if it cannot be shared."""
     if scope["type"] != "http" or scope["method"] != "GET" or not _SHARED.fullmatch(scope["path"]):
         return None
     headers = Headers(scope=scope)

@@ -1,4 +1,4 @@
-"""``/uploads``: files that become scans. They are kept as they come; only a process that is shut in looks into them."""
+"""``/uploads``: staged files for import, inspected only in a sandboxed process."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ Offset: TypeAlias = Annotated[
 
 
 class UploadPreviewRequest(Value):
-    """What is said beside a file; as in a job of kind ``import``."""
+    """Description that accompanies a file, as in a job of kind ``import``."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"description": {"sampling_interval": 8e-9}}]})
 
@@ -64,14 +64,14 @@ class UploadPreviewRequest(Value):
 
 
 class MissingView(BaseModel):
-    """Something that must be said before a file can be imported."""
+    """Field that must be supplied before the file can be imported."""
 
     field: str = Field(description="Of the description")
     allowed: str
 
 
 class UploadPreviewView(BaseModel):
-    """What an import would understand of a file."""
+    """Preview of an import of a file."""
 
     model_config = ConfigDict(from_attributes=True)
 
@@ -149,7 +149,7 @@ async def create_upload(
 
 @router.get("/{upload_id}", summary="One upload")
 def read_upload(services: ServicesNeeded, response: Response, upload_id: UPLOAD_ID) -> UploadView:
-    """Tell whether a file is still there, and its size; Upload-Offset is how much of it has come."""
+    """Return whether an upload exists, and its size; Upload-Offset is the number of received bytes."""
     about: dict[str, Any] = {"id": upload_id, "links": {"self": link(f"/uploads/{upload_id}")}}
     found = services.arrays.stat(upload_name(upload_id)) if _is_name(upload_id) else None
     if found is not None:
@@ -168,7 +168,7 @@ def read_upload(services: ServicesNeeded, response: Response, upload_id: UPLOAD_
     openapi_extra={"requestBody": {"required": True, "content": _PIECES}},
 )
 async def append_upload(services: ServicesNeeded, request: Request, upload_id: UPLOAD_ID, offset: Offset) -> Response:
-    """Add the body to an upload that was begun with Upload-Length, whatever of it comes before it breaks off.
+    """Append the body to an upload created with Upload-Length; bytes received before an interruption are kept.
 
     With the last byte it is a whole upload; Repr-Digest then has its SHA-256. Nothing comes for a day: it is deleted.
     """
@@ -232,7 +232,7 @@ def _look(description: dict[str, Any] | None, *uploads: Path) -> bytes:
 
 
 def _room(services: Services, come: Callable[[], int]) -> Callable[[int], None]:
-    """Look at the disk; the function that is returned refuses what has no room beside what else comes."""
+    """Read the disk's free space; return a function that rejects uploads which do not fit beside concurrent ones."""
     measured, taken = services.measure(), _promised(services)
 
     def require(count: int) -> None:
@@ -265,6 +265,6 @@ def _is_name(upload_id: str) -> bool:
 
 
 def _sync(file: BinaryIO) -> None:
-    """Have what has come survive a power cut."""
+    """Flush received bytes to disk."""
     file.flush()
     os.fsync(file.fileno())

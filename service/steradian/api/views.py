@@ -1,4 +1,4 @@
-"""What the resources look like in JSON."""
+"""Response schemas of masks, plans, scans and reconstructions."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Listing(BaseModel, Generic[Item]):
 
 
 class ProgressView(BaseModel):
-    """How far work has come."""
+    """Progress of a scan or job."""
 
     stage: str | None = Field(description="What is being done", examples=["A-lines"])
     done: int
@@ -82,7 +82,7 @@ class MaskView(BaseModel):
 
 
 class MaskPreviewView(BaseModel):
-    """What a mask would be and promises, seen from its (first) point of interest; null where it has none."""
+    """Preview of a mask and its metrics, from its (first) point of interest; metrics are null where it has none."""
 
     id: str = Field(description="Identifier that it would have")
     arrangement: dict[str, Any] = Field(description="Kind and parameters")
@@ -101,7 +101,7 @@ class MaskPreviewView(BaseModel):
 
     @classmethod
     def of(cls, mask: Mask, seen: Promises) -> Self:
-        """Show a mask and what it promises."""
+        """Return the view of a mask and its metrics."""
         its = vars(seen) | {name: getattr(mask, name) for name in cls.model_fields if hasattr(mask, name)}
         place = None if seen.point_of_interest is None else list(seen.point_of_interest)
         return cls(**its | {"point_of_interest": place})
@@ -121,7 +121,7 @@ class PointsView(BaseModel):
 
 
 class PlanView(BaseModel):
-    """A plan and what it costs."""
+    """Plan and its cost."""
 
     id: str
     mask_id: str
@@ -155,7 +155,7 @@ class PlanView(BaseModel):
 
 
 class ScanView(BaseModel):
-    """A scan: where it stands and what is wished of it."""
+    """Scan: its state and desired state."""
 
     id: str
     plan_id: str
@@ -208,7 +208,7 @@ class ScanView(BaseModel):
 
 
 class ReconstructionView(BaseModel):
-    """A reconstruction: what was asked and how far it is."""
+    """Reconstruction: its request and progress."""
 
     id: str
     kind: str = Field(description="reconstruction, live (follows its scan) or what-if", examples=["reconstruction"])

@@ -1,4 +1,4 @@
-"""Answers with a part of a volume or projection: what was asked for, found in the file."""
+"""Responses for volume slices, slabs and projections."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from steradian.storage.job_directory import PROJECTIONS, VOLUME
 
 @dataclass(frozen=True)
 class ProjectionWish:
-    """What is asked for of a projection."""
+    """Query parameters of a projection."""
 
     axis: Literal["x", "y", "z", "depth"]
     slab: str | None
@@ -32,7 +32,7 @@ class ProjectionWish:
 
 @dataclass(frozen=True)
 class VolumeWish:
-    """What is asked for of a volume."""
+    """Query parameters of a volume."""
 
     slice: str | None
     level: int | None
@@ -44,7 +44,7 @@ class VolumeWish:
 def projection_as_numbers(
     arrays: Arrays, identifier: str, kind: str, conditions: Conditions, wish: ProjectionWish
 ) -> Response:
-    """Answer with a projection of the whole, which is there, or of a slab, which is made.
+    """Return a stored projection of the whole volume, or compute that of a slab.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def volume_as_numbers(
 
 
 def _stored(arrays: Arrays, identifier: str, kind: str) -> tuple[str, StoredVolume]:
-    """Open the volume, or the newest revision's projections; with the ETag of what was there before."""
+    """Open the volume, or the newest revision's projections, with the ETag read beforehand."""
     for name in (VOLUME, PROJECTIONS, VOLUME):  # these are removed when that is whole
         with suppress(FileNotFoundError, NotFound):
             path = arrays.open(result_name(identifier, name))

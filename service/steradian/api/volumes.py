@@ -1,4 +1,4 @@
-"""Volumes as numbers: which part, how coarse, of which type, and where its voxels lie."""
+"""Query parameters of volume reads: slice, slab, pyramid level, dtype and intensity window."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from steradian.reconstructions.lattice import Lattice
 
 
 class AxisView(BaseModel):
-    """Where the values along an axis lie: value i at origin + i · spacing."""
+    """Coordinates along an axis: value i is at origin + i · spacing."""
 
     name: Literal["x", "y", "z"]
     origin_m: float = Field(description="Centre of the first voxel (m)")
@@ -80,7 +80,7 @@ NEAREST = float(255 / np.finfo(np.float32).max)
 
 @dataclass(frozen=True)
 class Window:
-    """Which values become 0 and 255."""
+    """Display window: values that map to 0 and 255."""
 
     least: float
     greatest: float
@@ -106,7 +106,7 @@ class Window:
         return cls(least, greatest)
 
     def apply(self, values: NDArray[Any]) -> NDArray[np.uint8]:
-        """Return uint8, rounded; what lies outside as 0 or 255, and what is no number as 0."""
+        """Return values as rounded uint8, clipped to the window; NaN becomes 0."""
         share = (values - values.dtype.type(self.least)) * values.dtype.type(255 / (self.greatest - self.least))
         shown: NDArray[np.uint8] = np.rint(np.clip(np.nan_to_num(share, copy=False), 0, 255)).astype(np.uint8)
         return shown
@@ -131,7 +131,7 @@ def converted(source: Source, dtype: str | None, window: Window | None) -> Sourc
 
 
 def halvings(shape: tuple[int, ...], max_size: int | None) -> int:
-    """Tell how many times sides must be halved for none to be longer than ``max_size``."""
+    """Return the pyramid level at which no side is longer than ``max_size``."""
     level = 0
     while max_size is not None and any(-(-side // 2**level) > max_size for side in shape):
         level += 1
@@ -146,7 +146,7 @@ def brightest(image: NDArray[Any], times: int) -> NDArray[Any]:
 
 
 def headers_of(lattice: Lattice, level: int, window: Window | None) -> dict[str, str]:
-    """Tell axes, level and window of an answer, in metres."""
+    """Return the headers that describe axes (m), level and window of a response."""
 
     def told(line: tuple[float, ...]) -> str:
         return ",".join(f"{value:.12g}" for value in line)
@@ -161,7 +161,7 @@ def headers_of(lattice: Lattice, level: int, window: Window | None) -> dict[str,
 
 
 def json_of(lattice: Lattice, level: int, window: Window | None) -> dict[str, Any]:
-    """Tell the same as a part of :class:`VoxelsView`."""
+    """Return the same description as a part of :class:`VoxelsView`."""
     lines = zip(lattice.names, lattice.origin, lattice.spacing, lattice.shape, strict=True)
     axes = [{"name": name, "origin_m": at, "spacing_m": step, "size": size} for name, at, step, size in lines]
     return {"axes": axes, "level": level, "window": window and [window.least, window.greatest]}

@@ -1,4 +1,4 @@
-"""Where the API has expensive things worked out: a few processes beside it, so that its own answers stay quick.
+"""Pool of subprocesses for CPU-bound work with a CPU-time limit and idle reaping.
 
 A thread would not do: whatever computes in Python, also the parsing of a large document, keeps every other thread of
 its process waiting. Calls and results travel pickled over the pipes of a child that ends when its input closes.
@@ -41,7 +41,7 @@ _log = logging.getLogger(__name__)
 
 
 class OutOfReach(SteradianError):
-    """A thing could not be worked out: its process died or took too long."""
+    """A call in the process pool exceeded its limit of time or memory, or its process died."""
 
     code = "too-expensive"
 
@@ -64,7 +64,7 @@ class Workshop:
         self._over = False
 
     async def work(self, function: Callable[_P, _T], *args: _P.args, **options: _P.kwargs) -> _T:
-        """Call a function elsewhere and return its result, or raise what it raised.
+        """Execute a function in a pool process and return its result, or raise its exception.
 
         Raises
         ------
@@ -90,7 +90,7 @@ class Workshop:
             child.end()
 
     def close(self) -> None:
-        """End every child, also one that works; who waits for it gets :class:`OutOfReach`."""
+        """Terminate all pool processes; pending calls raise :class:`OutOfReach`."""
         self._over = True
         self._hands.shutdown(wait=False, cancel_futures=True)
         with self._guard:
@@ -137,7 +137,7 @@ class _Child:
         self.since = time.monotonic()
 
     def answer(self, call: bytes) -> bytes:
-        """Have a call answered; raises :class:`OutOfReach`."""
+        """Execute a call and return its result; raises :class:`OutOfReach`."""
         assert self._process.stdin is not None  # noqa: S101 - asked for
         assert self._process.stdout is not None  # noqa: S101
         patience = threading.Timer(MAX_SECONDS, self._process.kill)
@@ -159,11 +159,11 @@ class _Child:
         raise OutOfReach(f"it took more memory than there is, or more than {MAX_SECONDS:g} s, or the service ends")
 
     def kill(self) -> None:
-        """Have its present call answered by nothing."""
+        """Kill the process; its current call returns no result."""
         self._process.kill()
 
     def end(self) -> None:
-        """Kill it, wait until it is gone and close its pipes."""
+        """Kill the process, wait for its end and close its pipes."""
         self._process.kill()
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):
@@ -185,7 +185,7 @@ def main() -> None:
 
 
 def _end_after(seconds: int) -> None:
-    """Have the kernel end this process when it has worked so long from now on."""
+    """Set the kernel's CPU time limit of this process, counted from now."""
     if sys.platform == "win32":
         return
     import resource

@@ -63,7 +63,7 @@ def _positions(sensors: str, modes: tuple[int, ...], rng: np.random.Generator) -
 
 @dataclass(frozen=True, eq=False)
 class _Case:
-    """Random traces (M, N_t), what else their image needs, and its exact spectrum at some indices j (K, d), l (K,)."""
+    """Test case: random traces (M, N_t), other inputs, and the exact spectrum at some indices j (K, d), l (K,)."""
 
     traces: NDArray[np.float64]
     positions: NDArray[np.float64]

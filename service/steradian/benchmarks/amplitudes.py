@@ -1,4 +1,4 @@
-"""Amplitudes of a ball and a vessel tree through masks and an imported field, beside dense grids of the same area."""
+"""Amplitude accuracy across masks, against dense grids of the same area."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How long jobs wait that come by chance: a model of the queue, the same measured, and what many scanners ask for."""
+"""Queueing model and measurement of waiting times."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def waiting_times(arrivals: FloatArray, services: FloatArray, workers: int) -> F
 
 
 def by_chance(service: RunningService, scan_id: str, modes: int, *, jobs: int, lasts: float, seed: int = 1) -> Row:
-    """Ask one worker for jobs at random moments; return how long they waited, and what the model says of it.
+    """Submit jobs to one worker at random times; return their waiting times beside those of the queueing model.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def by_chance(service: RunningService, scan_id: str, modes: int, *, jobs: int, l
 
 
 def workers_for(rate: float, lasting: Sequence[float], together: int = JOBS, seed: int = 1) -> int:
-    """Tell the smallest number of workers with which nineteen of twenty jobs wait at most :data:`PATIENCE`.
+    """Return the smallest number of workers with which 95 % of the jobs wait at most :data:`PATIENCE`.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def workers_for(rate: float, lasting: Sequence[float], together: int = JOBS, see
 def scanners(
     lasting: Sequence[float], api_cpu_s: float, scan_bytes: float, volume_bytes: float, events: float, event_s: float
 ) -> list[Row]:
-    """Work out what so many scanners' days ask of each part.
+    """Compute the daily load that a number of scanners puts on each part of the service.
 
     Parameters
     ----------

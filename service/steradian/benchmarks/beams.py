@@ -1,4 +1,4 @@
-"""What several interrogation beams save, and what they cost in the image: patterns beside one beam.
+"""Scan time and image quality of multi-beam patterns against one beam.
 
 A yarn, closed-form A-lines with noise, reconstructed from the points of one beam's mask and from those that a pattern
 of beams measures in its place; times are the preview's, and the simulated hardware's by its own clock.

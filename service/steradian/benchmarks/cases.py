@@ -1,4 +1,4 @@
-"""The settings that are timed: the paper's, and series that show how the cost grows."""
+"""Cases of the speed benchmark."""
 
 from __future__ import annotations
 

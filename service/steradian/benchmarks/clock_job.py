@@ -1,4 +1,4 @@
-"""A job that reports what time it is: ``python -m steradian.benchmarks.clock_job``."""
+"""Job that reports the current time, to measure progress latency."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ TURN = 2**30
 
 
 def milliseconds() -> int:
-    """Tell the time."""
+    """Return the time in ms."""
     return int(1e3 * time.time()) % TURN
 
 

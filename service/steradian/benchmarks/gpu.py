@@ -1,4 +1,4 @@
-"""How long a GPU takes: direct images, the model and a fit, beside its own transforms, others' and the processor."""
+"""Benchmark of a GPU: direct images, forward model and fit, beside its FFT, other engines and the processor."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def gpu(*, quick: bool = False, repeats: int = 20, only: str = "", progress: Pro
 
 
 def over(rows: list[Row]) -> list[str]:
-    """Say of each row that misses its bound what it is and should be."""
+    """Return a message for each row that exceeds its bound."""
     found = [f"{r['case']}: {r['ratio']:.2f} pairs instead of {LIMIT:g}" for r in rows if r.get("ratio", 0) > LIMIT]
     found += [
         f"{r['case']}: {r['faster']:.1f} times faster instead of {FASTER:g}"
@@ -209,7 +209,7 @@ def _model(backend: Backend, modes: int, samples: int, count: int, repeats: int,
 
 
 def _stages(backend: Backend, modes: int, samples: int, count: int, repeats: int) -> Row:
-    """Time the steps apart, and what they consist of: where the time goes, and where it could go.
+    """Time the stages and their components separately.
 
     ``gpu_s`` is the lateral step; ``grid_fft_s`` its transforms, with frequencies innermost as they are, and
     ``grid_fft_outermost_s`` with these outermost.

@@ -1,4 +1,4 @@
-"""The figures of ``steradian benchmark gpu`` as tables of a page."""
+"""Render GPU benchmark results as documentation tables."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def write_page(page: Path, document: dict[str, Any]) -> None:
 
 
 def tables(document: dict[str, Any]) -> str:
-    """Write what was measured, where, as markdown; times in milliseconds."""
+    """Return the measurements as Markdown; times in milliseconds."""
     machine, rows = document["machine"], document["rows"]
     ours = [row for row in rows if "cpu_s" in row and "gpu_s" in row]
     lines = [

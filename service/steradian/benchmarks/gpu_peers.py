@@ -1,4 +1,4 @@
-"""Others' transforms and operators on the same GPU; a row says why, where one could not be measured."""
+"""cuFINUFFT and PATminton baselines on the same GPU."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How long the simulated hardware takes for a plan, by its own clock."""
+"""Scan time of a plan on the simulated hardware, by its own clock."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ from steradian.plans import ScanPlan
 
 
 def device_seconds(plan: ScanPlan, **hardware: Any) -> float:
-    """Run a plan on the simulated hardware, without a line; further arguments are the hardware's."""
+    """Run a plan on the simulated hardware, without a line, and return the seconds.
+
+    Further arguments configure the hardware.
+    """
     ball = Balls(np.array([[0.0, 0.0, 3e-3]]), np.array([1e-4]), np.array([1.0]))
     pattern = [(round(1e9 * x), round(1e9 * y)) for x, y in plan.beams or ((0.0, 0.0),)]
     device = PhantomInstrument(ball, repeat=1, beams=pattern, **hardware)

@@ -15,7 +15,7 @@ PATIENCE = 60.0
 
 @dataclass(frozen=True)
 class Answer:
-    """What came back: status (0: the connection ended without one), body, and seconds from the request to its end."""
+    """HTTP response: status (0: the connection ended without one), body, and seconds from the request to its end."""
 
     status: int
     body: bytes
@@ -35,7 +35,7 @@ class Connection:
     _writer: asyncio.StreamWriter | None = field(default=None, repr=False)
 
     async def ask(self, path: str, body: bytes | None = None, method: str = "GET", **headers: str) -> Answer:
-        """Send a request and read the whole answer.
+        """Send a request and read the whole response.
 
         A GET on a kept connection that ends without a word is sent again on a new one: the service may have ended it,
         as nothing was asked any more, while the request was on its way (RFC 9112, 9.3.1).

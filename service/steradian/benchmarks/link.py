@@ -1,4 +1,4 @@
-"""How fast A-lines come in: decoding beside the bare reads of the same port, and a whole acquisition under load."""
+"""Benchmark of the link: decoding of A-lines beside bare reads of the same port, and an acquisition under load."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def _in_turns(kind: str, count: int, rounds: int, size: int) -> tuple[NDArray[np
 
 
 def _drain(transport: Any, data: bytes, left: int) -> bytes:
-    """Read ``left`` bytes, of which ``data`` is here already; return what came too much."""
+    """Read ``left`` bytes, including those of ``data``; return surplus bytes."""
     while left > len(data):
         left -= len(data)
         data = transport.read()
@@ -151,7 +151,10 @@ def _decode(transport: Any, data: bytes, count: int) -> bytes:
 
 
 def _bare(count: int, rounds: int, left: int) -> float:
-    """Return the seconds of the same stream by bare ``recv`` of 64 KiB: what the memory of this machine does."""
+    """Return the seconds of reading the same stream by bare ``recv`` of 64 KiB.
+
+    The memory bandwidth of this machine.
+    """
     with _source("socket", count, rounds) as url:
         host, port = url.removeprefix("socket://").rsplit(":", 1)
         with socket.create_connection((host, int(port))) as plain:
@@ -179,7 +182,7 @@ def _source(kind: str, count: int, pieces: int) -> Iterator[str]:
 
 
 def _send(kind: str, count: int, pieces: int) -> None:
-    """Be the sending process: print the port, wait for the reader, write everything, stay until told to go."""
+    """Entry point of the sender: print the port, wait for the reader, write the stream, exit on request."""
     piece = memoryview(b"".join(_frames(kind, count)))
     if kind == "pty":
         master, slave = os.openpty()
@@ -277,7 +280,7 @@ def _reconstructions(count: int) -> Iterator[None]:
 
 
 def _load() -> None:
-    """Be a process that reconstructs until it is killed."""
+    """Entry point of a load process: reconstruct until killed."""
     from steradian.imaging import ReconstructionPlan
 
     axis = (np.arange(41) - 20) * 300e-6

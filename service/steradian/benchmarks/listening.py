@@ -1,4 +1,4 @@
-"""Clients of the event stream that note which events they were told, beside what the log holds."""
+"""Event-stream clients that verify delivery."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ class Listener:
     _moved: asyncio.Event = field(default_factory=asyncio.Event, repr=False)
 
     async def follow(self) -> None:
-        """Note what comes until the stream ends."""
+        """Record events until the stream ends."""
         async with aclosing(_places(self.url, self.after)) as places:
             async for place in places:
                 self.numbers.append(_number(place))
                 self._moved.set()
 
     async def reach(self, number: int) -> None:
-        """Wait until it was told an event."""
+        """Wait until an event was received."""
         while number not in self.numbers:
             self._moved.clear()
             await self._moved.wait()
@@ -49,7 +49,7 @@ class Listener:
 
 @dataclass(frozen=True)
 class Told:
-    """How many events listeners were told in all, how many never came, and how many came again."""
+    """Delivery counts of event listeners: received, missing and repeated events."""
 
     events: int
     lost: int
@@ -71,7 +71,7 @@ async def listening(urls: Sequence[str], streams: int) -> AsyncIterator[list[Lis
 
 
 async def compare(listeners: Sequence[Listener]) -> Told:
-    """Compare what each was told until now with the log, as one reads it who comes when all is over."""
+    """Compare the events received by each listener with the complete log."""
     if not listeners:
         return Told(0, 0, 0)
     log = Listener(listeners[0].url, listeners[0].after)
@@ -97,7 +97,7 @@ async def compare(listeners: Sequence[Listener]) -> Told:
 
 
 async def newest(url: str) -> str:
-    """Tell the place of the newest event, ``epoch.number``."""
+    """Return the position of the newest event, ``epoch.number``."""
     async with aclosing(_places(url)) as places:
         return await anext(places)
 

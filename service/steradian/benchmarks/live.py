@@ -1,4 +1,4 @@
-"""What a revision of the live view costs beside a reconstruction from scratch."""
+"""Cost of a live-view revision against a reconstruction from scratch."""
 
 from __future__ import annotations
 

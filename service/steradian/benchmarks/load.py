@@ -47,7 +47,7 @@ def load(
 
 
 def furnish(service: RunningService) -> dict[str, Any]:
-    """Make what there is to read: 30 masks and plans, a scan, 12 reconstructions."""
+    """Create the resources to read: 30 masks and plans, a scan, 12 reconstructions."""
     equi = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3}
     masks = [service.ask("/masks", equi | {"count": 100 + number})["id"] for number in range(30)]
     plans = [service.ask("/plans", {"mask_id": mask, "samples": SAMPLES})["id"] for mask in masks]

@@ -1,4 +1,4 @@
-"""The figures of ``steradian benchmark load`` as a page."""
+"""Render load-test results as a documentation page."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def tables(rows: list[Row]) -> str:
 
 
 def total_line(row: Row) -> str:
-    """Say what the clients met."""
+    """Return a line that summarises the clients' responses."""
     return (
         f"{row['clients']} clients and {row['streams']} event streams for {row['seconds']:.0f} s:"
         f" {row['requests_per_second']:.0f} requests a second, {row['server_errors']} server errors;"
@@ -45,7 +45,7 @@ def total_line(row: Row) -> str:
 
 
 def memory_table(rows: list[Row]) -> str:
-    """List what each kind of process holds."""
+    """Return a table of the memory of each kind of process."""
     lines = ["| process | memory at first (MiB) | at last | at most | growth a minute |", "|---|--:|--:|--:|--:|"]
     for row in rows:
         held = [f"{row[name]:,.0f}" for name in ("first_mib", "last_mib", "most_mib")]

@@ -1,4 +1,4 @@
-"""How long masks, visit orders and previews take to make, and how long the ways are."""
+"""Time to build masks, visit orders and previews."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ SETTLING = 0.25
 
 
 class MemoryWatch:
-    """Looks at the resident memory of a service's processes while a load runs.
+    """Sampler of the resident memory of a service's processes during a load.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class MemoryWatch:
         self.look()
 
     def look(self) -> None:
-        """Note the memory of each kind of process, added up, now; what has ended holds nothing."""
+        """Sample the total memory of each kind of process; ended processes count as zero."""
         now = time.monotonic() - self._begun
         added = dict.fromkeys(self._found, 0.0)
         for pid, name in _family(self._pid):
@@ -62,7 +62,7 @@ class MemoryWatch:
             self._found[name].append((now, mib))
 
     def rows(self) -> list[dict[str, Any]]:
-        """Tell for each kind of process how much it held, and by how much it grew a minute (least squares).
+        """Return for each kind of process its memory and its growth per minute (least squares).
 
         ``error`` is the slope's standard error. What jobs hold goes up and down with them.
         """
@@ -83,7 +83,7 @@ def _growth(samples: list[tuple[float, float]]) -> dict[str, Any]:
 
 
 def _family(pid: int) -> list[tuple[int, str]]:
-    """List a process and all below it with their names; nothing where the system does not tell."""
+    """Return a process and its descendants with their names; empty where the system does not report them."""
     parents: dict[int, int] = {}
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError, ValueError, IndexError):

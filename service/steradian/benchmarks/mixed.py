@@ -1,4 +1,4 @@
-"""Many clients that mix what they ask, and listen to events, beside a scan and one job after the other."""
+"""Mixed workload of many clients."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ WEIGHTS = {
 async def mixed(
     services: Sequence[RunningService], things: dict[str, Any], seconds: float, clients: int, streams: int
 ) -> list[Row]:
-    """Let clients ask and streams listen while a scan and one job after the other run.
+    """Run HTTP clients and event streams during a scan and consecutive jobs.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ async def _ask(
     times: dict[str, list[float]],
     statuses: dict[int, int],
 ) -> None:
-    """Be one client: a request, a pause, and so on."""
+    """Run one client that alternates between requests and pauses."""
     connection = Connection(service.url)
     while not over.is_set():
         with suppress(TimeoutError):
@@ -166,7 +166,7 @@ def _request(name: str, things: dict[str, Any], scan: str, chance: random.Random
 
 
 async def _jobs(service: RunningService, scan: str, over: asyncio.Event) -> int:
-    """Have one reconstruction after the other made; returns how many succeeded."""
+    """Run reconstructions one after the other; returns the number of successes."""
     done, body = 0, {"scan_id": scan, "parameters": {"modes": 226}}
     while not over.is_set():
         job = await asyncio.to_thread(service.ask, "/reconstructions", body)

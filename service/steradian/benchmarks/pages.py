@@ -1,4 +1,4 @@
-"""What a benchmark leaves: its figures with what they were measured on, and its part of a page."""
+"""Write benchmark results into documentation pages."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from steradian import __version__
 
 
 def document(name: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Rows with what they were measured on."""
+    """Return a document of rows and machine information."""
     machine = {
         "processor": _processor(),
         "cpus": os.cpu_count(),

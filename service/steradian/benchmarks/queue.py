@@ -1,4 +1,4 @@
-"""The queue: how long a job waits for a free worker, how old progress is, and 400 jobs under eight readers."""
+"""Queue latency, progress latency and behaviour under load."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ def load(settings: Settings, *, jobs: int = 400, readers: int = 8, progress: Pro
 
 
 def _bare_selects(settings: Settings, made: Sequence[str]) -> list[float]:
-    """Seconds of reading a job's row, and nothing else, when nobody else reads."""
+    """Return the seconds of reading a job's row on an idle database."""
     from sqlalchemy import text
 
     from steradian.storage.database import Database, metadata_url

@@ -1,4 +1,4 @@
-"""How long /healthz takes beside clients that behave badly."""
+"""Health latency beside misbehaving clients."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ async def rude_clients(service: RunningService) -> list[dict[str, Any]]:
 
 
 async def _do(name: str, url: str, patience: float) -> dict[str, int]:
-    """Have a deed done in a process of its own; returns how often it met with what."""
+    """Run an abuse pattern in a process of its own; returns the counts of its responses."""
     command = (sys.executable, "-P", "-m", "steradian.benchmarks.rude_deeds", name, url, str(patience))
     process = await asyncio.create_subprocess_exec(*command, stdout=PIPE)
     said, _ = await process.communicate()

@@ -1,4 +1,4 @@
-"""What rude clients do: ``python -m steradian.benchmarks.rude_deeds NAME URL SECONDS``.
+"""Abuse patterns: slow headers, slow bodies, many streams.
 
 Each deed has a process of its own, as what it costs its doer must not count as the service's delay.
 """
@@ -36,7 +36,7 @@ async def _half_bodies(url: str, patience: float) -> dict[str, int]:
 
 
 async def _stay(url: str, begun: bytes, patience: float) -> dict[str, int]:
-    """Send the beginning of a request on many connections and wait; tells how many the service has closed."""
+    """Send the beginning of a request on many connections and wait; returns the number closed by the service."""
     held = [await connect(url) for _ in range(SLOW)]
     for _, writer in held:
         writer.write(begun)
@@ -55,7 +55,7 @@ async def _stay(url: str, begun: bytes, patience: float) -> dict[str, int]:
 
 
 async def _streams(url: str, _patience: float) -> dict[str, int]:
-    """Ask for many event streams in the same moment; tells how many were answered with each status."""
+    """Open many event streams at once; returns the number of responses by status."""
 
     async def ask() -> tuple[int, asyncio.StreamWriter | None]:
         try:
@@ -86,7 +86,7 @@ async def _large_body(url: str, _patience: float) -> dict[str, int]:
 
 
 async def _send(url: str, path: str, body: bytes) -> dict[str, int]:
-    """Send a body, on two connections one after the other; tells the statuses."""
+    """Send a body on two connections, one after the other; returns the statuses."""
     found: Counter[int] = Counter()
     for _ in range(2):
         connection = Connection(url)
@@ -107,7 +107,7 @@ DEEDS: dict[str, Deed] = {
 
 
 def main(name: str, url: str, patience: str) -> None:
-    """Do a deed and print what it met with as JSON."""
+    """Run an abuse pattern and print its responses as JSON."""
     print(json.dumps(asyncio.run(DEEDS[name](url, float(patience)))))
 
 

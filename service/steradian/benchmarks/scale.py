@@ -1,4 +1,7 @@
-"""A service that is several nodes beside one process tree: many clients, one worker and three, what the store costs."""
+"""Benchmark of a service of several nodes beside one process tree.
+
+Many clients, one and three workers, cost of the store.
+"""
 
 from __future__ import annotations
 
@@ -133,7 +136,10 @@ def _event_seconds(database: Database) -> float:
 def _nodes(
     folder: Path, shared: dict[str, Any]
 ) -> Iterator[tuple[list[RunningService], Callable[[], float], Callable[[], None]]]:
-    """Run two API nodes and a scanner's; yields the former, the processor time of all, and what adds a worker."""
+    """Run two API nodes and a scanner node.
+
+    Yields the API nodes, the processor time of all, and a function that adds a worker.
+    """
     common = shared | {"node_secret": secrets.token_hex(16), "port": 0, "simulator_speed": 1.0}
     with ExitStack() as stack:
 
@@ -177,7 +183,7 @@ def _jobs(where: str, service: RunningService, scan: str, jobs: int, workers: in
 
 
 def _with_shares(rows: list[Row]) -> list[Row]:
-    """Compare jobs with what all processors could do of them, and the store's cost with the folder's."""
+    """Return jobs relative to the machine's capacity, and the store's cost relative to the folder's."""
     timed = [row for row in rows if row["case"] == "jobs"]
     folder, store = timed[:2]
     for row in timed:

@@ -1,4 +1,4 @@
-"""The figures of ``steradian benchmark scale`` as a page."""
+"""Render scaling results as a documentation page."""
 
 from __future__ import annotations
 

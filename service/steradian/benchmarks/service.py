@@ -30,11 +30,11 @@ class RunningService:
     settings: Settings
 
     def ask(self, path: str, body: dict[str, Any] | None = None, **headers: str) -> Any:
-        """Send a request and return the JSON of the answer."""
+        """Send a request and return the JSON of the response."""
         return ask(f"{self.url}{path}", body, **headers)
 
     def scan_file(self, scan_id: str) -> Path:
-        """Where a scan's A-lines lie."""
+        """Path of a scan's file."""
         return self.settings.data / "scans" / f"{scan_id}.h5"
 
     def processor_seconds(self) -> float:
@@ -107,7 +107,7 @@ def finish(service: RunningService, identifier: str) -> dict[str, Any]:
 
 
 def api_process(pid: int) -> int:
-    """Find the process that answers HTTP below a service's own; 0 where the system does not tell."""
+    """Return the API process of a service; 0 where the system does not report it."""
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError, ValueError, IndexError):
             parent = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
@@ -117,7 +117,7 @@ def api_process(pid: int) -> int:
 
 
 def memory_mib(pid: int) -> float:
-    """Resident memory of a process in MiB; 0 where the system does not tell."""
+    """Resident memory of a process in MiB; 0 where the system does not report it."""
     with suppress(OSError, ValueError, IndexError):
         pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
         return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
@@ -125,7 +125,7 @@ def memory_mib(pid: int) -> float:
 
 
 def processor_seconds(pid: int, *, children: bool = True) -> float:
-    """Processor time of a process and, unless told otherwise, all below it, in s; 0 where the system does not tell."""
+    """Processor time of a process and, by default, its descendants, in s; 0 where the system does not report it."""
     table: dict[int, tuple[int, float]] = {}
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError, ValueError, IndexError):
@@ -141,7 +141,7 @@ def processor_seconds(pid: int, *, children: bool = True) -> float:
 
 
 def busy_seconds() -> float:
-    """Processor time that all on this machine has used since its start, in s; 0 where the system does not tell."""
+    """Processor time used on this machine since its start, in s; 0 where the system does not report it."""
     with suppress(OSError, ValueError, IndexError):
         line = Path("/proc/stat").read_text().splitlines()[0]
         user, nice, system, _idle, _waiting, interrupts, soft = map(int, line.split()[1:8])

@@ -35,7 +35,7 @@ def scene(kind: str, side: float, seed: int) -> phantoms.Balls:
 
 
 def search(kind: str, side: float, noise_db: float, delay: float, seed: int) -> tuple[float, SoundSpeedCurve]:
-    """Make a scan of 900 sensors on a jittered grid; return its true speed and what is found."""
+    """Simulate a scan of 900 sensors on a jittered grid; return its true speed and the found one."""
     random = np.random.default_rng([seed, 0])
     speed = float(random.uniform(1430, 1570))
     axis = (np.arange(COUNT) + 0.5) / COUNT - 0.5

@@ -1,4 +1,4 @@
-"""How long a reconstruction takes beside the bare transforms of its volume."""
+"""Reconstruction time in units of the FFT pair of the same volume."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def speed(*, quick: bool = False, repeats: int = 5, progress: Progress | None = 
 
 
 def over(rows: list[Row]) -> list[str]:
-    """Say of each case that exceeds a limit what it is and should be."""
+    """Return a message for each case that exceeds its limit."""
     return [
         f"{row['case']}: {row[what]:.2f} instead of {row[limit]:g} ({what})"
         for row in rows
@@ -69,7 +69,7 @@ def over(rows: list[Row]) -> list[str]:
 
 
 class _Timed:
-    """A case with its plan, traces and what its runs took."""
+    """Timed case: its plan, traces and durations."""
 
     def __init__(self, case: Case) -> None:
         self.case = case

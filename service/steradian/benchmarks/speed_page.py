@@ -1,4 +1,4 @@
-"""The figures of ``steradian benchmark speed`` as a table of a page."""
+"""Render the speed benchmark as a documentation table."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def write_page(page: Path, document: dict[str, Any]) -> None:
 
 
 def table(document: dict[str, Any]) -> str:
-    """Write what was measured, where, as markdown."""
+    """Return the measurements as Markdown."""
     machine, rows = document["machine"], document["rows"]
     columns = (
         "case", "sensors", "output", "plan", "run", "one shot", "yardstick", "", "run / it", "limit", "one shot / it",

@@ -101,7 +101,7 @@ def _start(service: RunningService, scanner: Simulator) -> str:
 
 
 def _look(scanner: Simulator) -> dict[str, Any]:
-    """Read the scanner's clock and counts; its list of shots would have it stand still for tenths of a second."""
+    """Read the scanner's clock and counters; reading its list of shots would delay it by tenths of a second."""
     return scanner.command("report", fired=False)
 
 

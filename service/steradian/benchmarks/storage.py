@@ -1,4 +1,4 @@
-"""How fast A-lines become durable: the scan file beside a plain file that is only appended to and synchronised."""
+"""Durable write throughput of scan files against a plain appended file."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ for line in sys.stdin:
 
 
 class Loop:
-    """Two processes that call the library and share the jobs."""
+    """Reference loop: two processes that call the library and share the jobs."""
 
     def __init__(self, scan: Path, folder: Path, modes: int, kind: int, threads: int) -> None:
         limits = {"NUMBA_NUM_THREADS": str(threads), "OMP_NUM_THREADS": str(threads)}

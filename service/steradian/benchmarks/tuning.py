@@ -1,4 +1,4 @@
-"""What uneven films cost, where a retuning takes longer than a pulse period: orders of interrogation beside each other.
+"""Visit orders on films with non-uniform bias wavelength.
 
 Films, laser and galvo are the simulator's; times are the preview's, and the simulated hardware's by its own clock.
 """

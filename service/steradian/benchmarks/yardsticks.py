@@ -1,4 +1,4 @@
-"""What reconstructions are measured by: the fastest FFT pair one can install, and what the machine does at best."""
+"""Baselines: fastest FFT pair, memory bandwidth, FLOP rate."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Seconds(NamedTuple):
 
 
 def timed(work: Callable[[], object]) -> Seconds:
-    """Call it and tell what it took; what it returns is dropped within that time."""
+    """Call a function and return its duration; its result is discarded within that time."""
     wall, processor = time.perf_counter(), time.process_time()
     work()
     return Seconds(time.perf_counter() - wall, time.process_time() - processor)

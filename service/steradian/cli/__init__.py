@@ -1,4 +1,4 @@
-"""The command line: the same nouns as everywhere, without a server where none is needed."""
+"""Command-line entry point."""
 
 from __future__ import annotations
 

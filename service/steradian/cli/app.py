@@ -55,7 +55,7 @@ ORDER = (
 
 
 class _InOrder(TyperGroup):
-    """Lists the commands in :data:`ORDER`."""
+    """Command group that lists commands in the order of :data:`ORDER`."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         return sorted(super().list_commands(ctx), key=lambda name: ORDER.index(name) if name in ORDER else len(ORDER))
@@ -138,7 +138,7 @@ def main() -> None:
 
 
 def _said_by_database(error: Exception) -> str | None:
-    """Return what a database said that refused something; ``None`` for any other error."""
+    """Return a database's error message; ``None`` for any other error."""
     loaded = sys.modules.get("sqlalchemy.exc")
     if loaded is None or not isinstance(error, loaded.DBAPIError):
         return None

@@ -1,4 +1,4 @@
-"""``steradian backup`` and ``steradian restore``: all that a service keeps, in a folder of its own and back."""
+"""``steradian backup`` and ``steradian restore``: back up and restore a service's data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``steradian benchmark``: figures measured on this machine, each beside a yardstick of the same run."""
+"""``steradian benchmark``: benchmarks on this machine, each with a baseline from the same run."""
 
 from __future__ import annotations
 

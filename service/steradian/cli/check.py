@@ -1,4 +1,4 @@
-"""``steradian check``: whether a data folder and its database agree."""
+"""``steradian check``: verify that a data folder matches its database, or that a backup is intact."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def check(
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
-    """Tell what a data folder holds that its database does not know, and the other way round.
+    """Check that data folder and database are consistent, and list the differences.
 
     The service must not run meanwhile. Without --repair nothing is changed; with it no scan, volume or database is
     deleted. Ends with exit code 3 when something is missing, damaged or unknown. Of a backup each file is compared
@@ -64,6 +64,6 @@ def check(
 
 
 def show_findings(found: Sequence[Finding]) -> None:
-    """Print what was found, a line each."""
+    """Print findings, one per line."""
     for finding in found:
         console().print(f"{finding.kind:17}  {finding.subject}  {finding.text}", soft_wrap=True, markup=False)

@@ -1,4 +1,4 @@
-"""What the commands share: units, tables, progress bars, one-line errors."""
+"""Shared output of the commands: units, tables, progress bars, one-line errors."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def console() -> Console:
 
 
 def complain(message: str) -> None:
-    """Write one error line to standard error."""
+    """Print one error line to standard error."""
     Console(stderr=True, highlight=False, soft_wrap=True).print(f"[bold red]error:[/] {_plain(message)}")
 
 
@@ -101,7 +101,7 @@ class ProgressBar:
         self._stages: dict[str, TaskID] = {}
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Show how far a stage is; what follows a comma in its name may change as it goes on."""
+        """Show the progress of a stage; the part of its name after a comma may change."""
         name = stage.partition(",")[0]
         if name not in self._stages:
             self._stages[name] = self._bars.add_task(stage, total=total)
@@ -113,7 +113,7 @@ class ProgressBar:
 
 
 def show_notes(notes: Iterable[str]) -> None:
-    """Print what to know of a result before it is trusted."""
+    """Print notes that affect the interpretation of a result."""
     for note in notes:
         console().print(f"[yellow]note[/]: {note}", soft_wrap=True)
 
@@ -133,7 +133,7 @@ def files_of(folder: Path) -> str:
 
 
 def show_end(*results: tuple[str, Path | None]) -> None:
-    """End a command with one line: what lies where, and how large it is.
+    """Print the last line of a command: the output files with their sizes.
 
     Parameters
     ----------

@@ -40,7 +40,7 @@ RESULTS = {".h5", ".json", ".png"}
 
 @dataclass
 class DemoReport:
-    """What the demo came to, as written to ``report.json``."""
+    """Report of the demo, as written to ``report.json``."""
 
     mask_count: int = 0
     shots_fired: int = 0
@@ -64,7 +64,7 @@ def demo(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results of the demo.")] = Path("demo"),
     speed: Annotated[float, typer.Option(help="How much faster than real time the simulated scanner runs.")] = 20.0,
 ) -> None:
-    """Run everything once on a simulated scanner: mask, plan, scan, queued reconstruction, projections.
+    """Run the whole pipeline on a simulated scanner: mask, plan, scan, queued reconstruction, projections.
 
     A knotted yarn 3.6 mm above the sensor is measured at 1,605 points of equal solid angle, and again on a
     41 x 41 grid for comparison. Leaves scan.h5, volume.h5, mip-x.png, mip-y.png, mip-z.png and report.json;

@@ -1,4 +1,4 @@
-"""``steradian export``: scans and volumes for other programs."""
+"""``steradian export``: convert scans and volumes to other formats."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of a benchmark: a table on the screen, and a file."""
+"""Print benchmark rows as a table and save them as JSON."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Row = dict[str, Any]
 
 
 def publish(name: str, rows: list[Row], path: Path | None, columns: Sequence[str] = ()) -> None:
-    """Print ``columns`` (none: all) as a table and write rows, with what they were measured on, to ``path``."""
+    """Print ``columns`` (none: all) as a table and write rows and machine information to ``path``."""
     columns = columns or list(dict.fromkeys(key for row in rows for key in row))
     table = Table(title=name, title_justify="left", box=None, pad_edge=False)
     for column in columns:
@@ -28,7 +28,7 @@ def publish(name: str, rows: list[Row], path: Path | None, columns: Sequence[str
 
 
 def write(name: str, rows: list[Row], path: Path | None) -> None:
-    """Write rows with what they were measured on, if there is a file for it."""
+    """Write rows and machine information to a file, if one is given."""
     if path is None:
         return
     path.parent.mkdir(parents=True, exist_ok=True)

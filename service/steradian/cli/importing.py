@@ -1,4 +1,4 @@
-"""``steradian import``: make a scan of somebody else's recording."""
+"""``steradian import``: convert a third-party recording to a scan file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A scan in the hands of a person at a terminal: what Ctrl-C does, and what it answers."""
+"""Ctrl-C handling of a scan started from a terminal."""
 
 from __future__ import annotations
 
@@ -55,11 +55,11 @@ class ScanAtTerminal(Control):
         bar("connecting", 0, 1)
 
     def wish(self) -> Wish:
-        """Return what is wanted now."""
+        """Return the current command."""
         return Wish.LEAVE if self._stop.is_set() else Wish.RUN
 
     def enter(self, phase: Phase) -> None:
-        """Learn the session's phase: from its first on, it looks itself for what is wished."""
+        """Handle a phase change; from the first phase on, the session polls for commands."""
         if not self._under_way and self._bar is not None:
             self._bar("connecting", 1, 1)
         self._under_way = True
@@ -74,7 +74,7 @@ class ScanAtTerminal(Control):
             self._bar("A-lines", done, total)
 
     def wait(self, seconds: float) -> None:
-        """Let time pass."""
+        """Wait."""
         self._stop.wait(seconds)
 
     def hear(self, number: int, _frame: object) -> None:
@@ -90,7 +90,7 @@ class ScanAtTerminal(Control):
             raise KeyboardInterrupt
 
     def _let_terminals_go(self) -> None:
-        """Write no more to a terminal that is gone: the words would fail, and the end of the scan with them."""
+        """Stop writing to a closed terminal, because failed output would abort the scan."""
         gone = [number for number in self._terminals if not os.isatty(number)]
         for number in gone:
             nowhere = os.open(os.devnull, os.O_WRONLY)
@@ -106,7 +106,7 @@ class ScanAtTerminal(Control):
         os._exit(STOPPED)
 
     def explain(self) -> None:
-        """Tell whoever pressed Ctrl-C what is waited for, when the answer takes its time; runs in its own thread."""
+        """Print the reason for a slow reaction to Ctrl-C; runs in its own thread."""
         self._stop.wait()
         if self._answered.wait(PATIENCE) or self._bar is None:
             return
@@ -126,7 +126,7 @@ class ScanAtTerminal(Control):
             raise typer.Exit(STOPPED)
 
     def fail(self) -> None:
-        """Say what there is of a scan that the scanner gave up; when it was being stopped, that is the answer."""
+        """Print the state of a scan after a scanner failure; if it was being stopped, that is its result."""
         self._answered.set()
         if not self._under_way:
             return
@@ -166,7 +166,7 @@ class ScanAtTerminal(Control):
 
 @contextmanager
 def at_terminal(file: Path, options: tuple[str, ...] = ()) -> Iterator[ScanAtTerminal]:
-    """Take Ctrl-C, SIGTERM and SIGHUP for a scan while the block lasts, unless whoever started us had them ignored."""
+    """Handle Ctrl-C, SIGTERM and SIGHUP for a scan during the block, unless the parent process had them ignored."""
     control = ScanAtTerminal(file, options)
     numbers = (signal.SIGINT, signal.SIGTERM, *(() if _HANGUP is None else (_HANGUP,)))
     before = {number: signal.getsignal(number) for number in numbers}

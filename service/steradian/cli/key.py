@@ -1,4 +1,4 @@
-"""``steradian key``: keys for a service that others can reach."""
+"""``steradian key``: create, list and revoke API keys."""
 
 from __future__ import annotations
 

@@ -245,7 +245,7 @@ def subset(
     output: Output = FILE,
     plot: Plot = None,
 ) -> None:
-    """Points of an existing mask, but not all: what a sparser scan would have seen."""
+    """Subset of an existing mask's points: the points of a sparser scan."""
     mask = read_mask(file)
     if (like is None) == (every is None):
         raise InvalidInput("subset", "both or neither of --like and --every", "one of them")
@@ -260,7 +260,7 @@ def show(
     file: Annotated[Path, typer.Argument(help="A mask file (.json).")],
     plot: Plot = None,
 ) -> None:
-    """Tell what a mask promises."""
+    """Print a mask's metrics."""
     mask = read_mask(file)
     _draw(mask, plot)
     show_figures("Mask", _figures(mask, f"{mask.count}"))
@@ -285,7 +285,7 @@ def _point_of_interest(text: str) -> PointOfInterest:
 
 
 def _asked(found: int, wanted: int | None, why: str) -> str:
-    """Say how many points there are, and why not as many as wanted."""
+    """Return a note on the number of points, if it differs from the requested one."""
     return f"{found}" if wanted in (None, found) else f"{found} (asked {wanted}; {why})"
 
 
@@ -304,7 +304,7 @@ def _draw(mask: Mask, plot: Path | None) -> None:
 
 
 def _figures(mask: Mask, points: str) -> dict[str, object]:
-    """Collect what the mask promises for the table."""
+    """Return the mask's metrics for the table."""
     from steradian.masks.promises import promises
 
     seen = promises(mask)

@@ -66,7 +66,7 @@ def compare(
     plot: Annotated[Path | None, picture("Also draw them beside each other, e.g. compare.png.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print all figures as JSON instead of a table.")] = False,
 ) -> None:
-    """Compare masks for one point of interest: what they promise, and what an object looks like through each.
+    """Compare masks for one point of interest: metrics, and an object reconstructed through each.
 
     With --phantom the scan of a known object is simulated and reconstructed through each mask, directly and
     iteratively, and compared with the object around the point of interest and over the whole field.
@@ -104,7 +104,7 @@ def compare(
 def _named(
     given: list[str], aperture: float, depth: float, offset: tuple[float, float], count: int, seed: int
 ) -> dict[str, Mask]:
-    """Read or make each mask, by a name of its own."""
+    """Load or create each mask, under a name of its own."""
     found: dict[str, Mask] = {}
     for text in given:
         name, _, number = text.partition(":")
@@ -196,7 +196,7 @@ ALIKE = 0.003
 
 
 def _winners(found: Comparison) -> list[str]:
-    """Say in a line each who wins where."""
+    """Return one line for each metric that names the best mask."""
     from steradian.comparisons.comparison import REGIONS
 
     if found.simulation is None:

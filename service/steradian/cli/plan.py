@@ -1,4 +1,4 @@
-"""``steradian plan``: in what order and how fast."""
+"""``steradian plan``: create a scan plan and estimate its cost."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def plan(
     output: Annotated[Path, typer.Option("--output", "-o", help="The plan file to write (JSON).")] = Path("plan.json"),
     plot: Annotated[Path | None, picture("Also draw the way and where the time goes, e.g. plan.png.")] = None,
 ) -> None:
-    """Turn a mask into a plan and tell what it will cost before a pulse is fired.
+    """Create a plan from a mask and print its cost before any pulse.
 
     Errors refuse the plan (exit code 2, nothing written); warnings do not.
     """

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def show_report(report: Report, output: Path) -> None:
-    """Print what was made, and where it lies."""
+    """Print a reconstruction's summary and output files."""
     spacing = " × ".join(f"{1e6 * step:.4g}" for step in report.spacing_m)
     figures = {
         "sensors": f"{report.sensors} of {report.planned}",
@@ -42,7 +42,7 @@ def _area(report: Report) -> str:
 
 
 def _band(report: Report) -> dict[str, object]:
-    """Say what was left out of the A-lines."""
+    """Return the frequency band of the A-lines that was excluded."""
     if report.band is None:
         return {}
     end = 1e-6 * report.band.highest_frequency_hz

@@ -1,4 +1,4 @@
-"""``steradian benchmark scale``: what a service that is several nodes gains and costs."""
+"""``steradian benchmark scale``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``steradian scan``: measure, go on measuring, and check what was measured."""
+"""``steradian scan``: run, resume and check scans."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def resume(
     simulator_speed: Speed = 20.0,
     phantom: Phantom = None,
 ) -> None:
-    """Go on with an interrupted or partial scan, in the same file.
+    """Resume an interrupted or partial scan in the same file.
 
     Before a missing point is measured the scan proves that it is the same: plan, scanner and tuning must be, and a
     reference point is measured again and compared. Otherwise it is refused (exit code 4) and every difference named.
@@ -125,7 +125,7 @@ def check(
     file: File,
     repair: Annotated[bool, typer.Option(help="Correct the table of what is stored.")] = True,
 ) -> None:
-    """Verify every A-line of a file that no scan is writing, and correct the table of what is stored.
+    """Verify every A-line of a scan file that is not being written, and correct the table of stored A-lines.
 
     A-lines themselves are never changed. A damaged one counts as missing from then on: 'steradian scan resume'
     measures it again. Without --repair a file that is not sound ends with exit code 3.
@@ -172,7 +172,7 @@ def new_scan_id() -> str:
 def _measure(
     file: Path, scanner: str, speed: float, phantom: str | None, work: Callable[[str, Control], ScanSummary]
 ) -> ScanSummary:
-    """Let ``work(port, control)`` run a scan that Ctrl-C can stop; a simulated scanner lives until it is safe."""
+    """Run ``work(port, control)`` with handling of Ctrl-C; a simulated scanner runs until the laser is off."""
     from steradian.cli.interrupt import at_terminal
     from steradian.reconstructions.compiling import compiling_ahead
 

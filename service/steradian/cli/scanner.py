@@ -51,7 +51,7 @@ def status(scanner: Port, baud: Baud = None) -> None:
 
 @app.command("stop")
 def stop(scanner: Port, baud: Baud = None, by: By = None) -> None:
-    """Turn the laser off, whichever program holds the port, and print what the scanner says afterwards.
+    """Turn the laser off, whichever program holds the port, and print the scanner's state afterwards.
 
     Takes two seconds at most. Ends with exit code 5 where the scanner did not confirm it: use the hardware switch.
     """
@@ -66,7 +66,7 @@ def stop(scanner: Port, baud: Baud = None, by: By = None) -> None:
 
 @app.command("clear-fault")
 def clear_fault(scanner: Port, baud: Baud = None, by: By = None) -> None:
-    """Clear the scanner's latched fault, once its cause is gone; the laser stays off.
+    """Clear the scanner's latched fault, once its cause is removed; the laser stays off.
 
     A scan that the fault interrupted is then resumed by 'steradian scan resume'. Ends with exit code 4 while the cause
     stands: the interlock is open, the key is off, the shutter is open.

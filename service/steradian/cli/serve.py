@@ -1,4 +1,4 @@
-"""``steradian serve``: the service; ``steradian api`` and ``steradian acquisition``: nodes of one that is several."""
+"""``steradian serve``, ``api`` and ``acquisition``: run the whole service or a single node."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def acquisition(
     simulator_speed: Speed = None,
     scanner_watch: Watch = None,
 ) -> None:
-    """Be the node of a scanner: run its scans, stop its laser, answer the other nodes, until Ctrl-C.
+    """Run the node of a scanner until Ctrl-C: its scans, its emergency stop and requests of other nodes.
 
     It shares with the other nodes what `steradian api` does. They reach it at the address that it listens on, or at
     STERADIAN_ADDRESS if that is another one for them. Its folder holds the scans under way; its workers do nothing but

@@ -1,4 +1,4 @@
-"""``steradian sound-speed``: the speed of sound at which a recording is fitted best."""
+"""``steradian sound-speed``: estimate the speed of sound by autofocus."""
 
 from __future__ import annotations
 

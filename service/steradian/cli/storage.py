@@ -1,4 +1,4 @@
-"""``steradian storage``: what a service keeps, deleting of it, and moving it to an object store and back."""
+"""``steradian storage``: list and delete stored resources, and move them to an object store and back."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def delete(
     dependents: Annotated[bool, typer.Option("--dependents", help="Also delete all that depends on it.")] = False,
     data: Data = None,
 ) -> None:
-    """Delete a thing with its files, also while the service runs; what waits or runs keeps what it needs."""
+    """Delete a resource with its files, also while the service runs; queued and running jobs keep their inputs."""
     from steradian.errors import InvalidInput
     from steradian.storage.deletion import Deletion, delete_upload, remove_files
     from steradian.storage.object_store import arrays_of
@@ -103,7 +103,9 @@ def move(
     to: Annotated[str, typer.Argument(help="store or folder.", metavar="TO")],
     data: Data = None,
 ) -> None:
-    """Move what is over from the data folder to the object store (STERADIAN_STORE) or back; the service must not run.
+    """Move finished scans and jobs from the data folder to the object store (STERADIAN_STORE) or back.
+
+    Stop the service first.
 
     Everything is read back before it is removed where it was. A move that was stopped goes on where it was. Afterwards
     start the service with STERADIAN_STORE, or without.

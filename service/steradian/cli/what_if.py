@@ -1,4 +1,4 @@
-"""``steradian what-if``: a dense scan as if a sparse mask had been measured."""
+"""``steradian what-if``: reconstruct a dense scan from the subset of A-lines that a sparse mask would have measured."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``steradian worker``: workers of a service that runs elsewhere."""
+"""``steradian worker``: run workers for a service on another machine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Masks on equal terms: what each promises, and what an object looks like through it."""
+"""Compare masks by figures of merit and by simulation."""
 
 from steradian.comparisons.comparison import Comparison, compare_masks
 from steradian.comparisons.phantoms import phantom

@@ -23,7 +23,7 @@ REGIONS: dict[Region, str] = {"around": "around the point of interest", "field":
 
 @dataclass(frozen=True)
 class Comparison:
-    """What each of several masks promises, and what became of an object through it.
+    """Comparison of masks: metrics of each, and figures of an object reconstructed through it.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Comparison:
         return tuple(method for method in METHODS if method in tried)
 
     def as_json(self) -> dict[str, Any]:
-        """Return all figures as what JSON can hold; lengths in metres."""
+        """Return all figures as JSON values; lengths in metres."""
         told: dict[str, Any] = {"point_of_interest_m": list(self.point_of_interest), "pulse_rate_hz": self.pulse_rate}
         if self.simulation is not None:
             told |= {"region_m": self.simulation.region, "noise_db": self.simulation.noise}
@@ -99,7 +99,7 @@ def compare_masks(
     progress: Progress | None = None,
     cancelled: IsCancelled | None = None,
 ) -> Comparison:
-    """Compare masks: what each promises and, with an object, what the object looks like through each.
+    """Compare masks by their metrics and, with an object, by its simulated images.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A page of pictures of several masks beside each other."""
+"""Figure comparing several masks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a mask promises for one point of interest, in one row of figures."""
+"""Figures of merit of one mask."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Promised:
 def promised(
     mask: Mask, point: Point, *, pulse_rate: float = 50.0, noise: float = 30.0
 ) -> tuple[Promised, PointSpread]:
-    """Work out what a mask promises.
+    """Compute the metrics of a mask for the comparison.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A scan of a known object through a mask, simulated, and how alike its reconstructions are to the object."""
+"""Simulated scan and reconstruction of a phantom through a mask."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MARGIN = 3.0
 
 @dataclass(frozen=True)
 class Outcome:
-    """How alike an image is to the object, Pearson's correlation over all voxels (pixels) of a region.
+    """Similarity of an image to the object: Pearson's correlation over all voxels (pixels) of a region.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Simulated:
-    """What a mask made of the object: an :class:`Outcome` by each method, and the object's own z-projection."""
+    """Simulated images of an object through a mask: an :class:`Outcome` by method, and the object's z-projection."""
 
     by: dict[Method, Outcome]
     truth_mip: NDArray[np.floating[Any]]

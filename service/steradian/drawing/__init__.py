@@ -1,1 +1,1 @@
-"""How all pictures look: one style for what is drawn straight into pixels and for plots of matplotlib."""
+"""Plot style and the two renderers (pixels, matplotlib)."""

@@ -1,4 +1,4 @@
-"""Pictures inside a notebook: what an object shows of itself where HTML can be shown."""
+"""HTML representations for notebooks."""
 
 from __future__ import annotations
 

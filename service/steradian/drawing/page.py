@@ -1,4 +1,4 @@
-"""Pages of plots: matplotlib figures in the style of all pictures.
+"""Styled matplotlib figures.
 
 Nothing global is changed: pages may be drawn in several threads at once.
 """

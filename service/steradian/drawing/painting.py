@@ -1,4 +1,4 @@
-"""Pages of plots drawn straight into pixels, in a fraction of the time that a plotting library needs.
+"""Fast raster renderer of plots.
 
 What lies inside of a plot's frame is drawn larger than it is and shrunk, which smooths its edges.
 """
@@ -96,7 +96,7 @@ def _put(pen: Pen, plot: Plot, cell: tuple[int, int, int, int]) -> None:
 
 
 class Inside:
-    """What is within a plot's frame of some size in pixels; texts are left for who puts it down."""
+    """Plot area of a given size in pixels; texts are returned for the caller to place."""
 
     def __init__(self, plot: Plot, width: int, height: int) -> None:
         self._plot, self._size = plot, (FINENESS * width, FINENESS * height)

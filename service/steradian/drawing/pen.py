@@ -1,4 +1,4 @@
-"""A pen for pixels: what every picture that is drawn without a plotting library has in common."""
+"""Drawing primitives of the raster renderer."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MARK = 5
 
 @dataclass(frozen=True)
 class Bar:
-    """A bar of colours (256, 3), first colour at the axis' first value; ``beyond``: values go on past its top."""
+    """Colour bar (256, 3), first colour at the axis' first value; ``beyond``: values continue above its top."""
 
     colours: NDArray[np.uint8]
     axis: Axis
@@ -58,7 +58,7 @@ class Pen:
         self.labels.append((text, (round(x), top, round(x) + height, top + width)))
 
     def put_axes(self, left: int, top: int, width: int, height: int, across: Axis, up: Axis | NamedRows) -> None:
-        """Mark and name the axes of what lies there."""
+        """Draw ticks and labels of axes."""
         bottom, tips = top + height, [left - MARK - GAP]
         for place, text in across.marks(width):
             x = left + place
@@ -90,7 +90,7 @@ class Pen:
 
 
 def room_before(up: Axis | NamedRows, height: int) -> int:
-    """Pixels that marks and name of an axis upward need to the left of what it belongs to."""
+    """Width in pixels of the ticks and label of a vertical axis."""
     name = line_height(LABEL) + GAP if up.name else 0
     return round(2 * GAP + name + _widest(up, height) + GAP + MARK)
 

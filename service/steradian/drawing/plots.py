@@ -1,4 +1,4 @@
-"""What a page of plots shows, as values: drawn by :mod:`.painting` into pixels, by :mod:`.page` with matplotlib.
+"""Renderer-independent plot specifications.
 
 Lengths of what is drawn are in pixels of the page; places are in the units of the plot's axes.
 """
@@ -21,7 +21,7 @@ Shape = Literal["+", "o", "s", ">"]
 
 @dataclass(frozen=True)
 class Colours:
-    """Colours of values: the name of a map, the values at its ends, and what the values are."""
+    """Colour scale: name of a colour map, values at its ends, and label."""
 
     name: str
     low: float
@@ -30,7 +30,7 @@ class Colours:
 
     @classmethod
     def spanning(cls, values: Floats, name: str, label: str) -> Colours:
-        """From least to greatest value, but rounding is no difference: less than a thousandth is one colour."""
+        """Return the scale from minimum to maximum; a range of less than a thousandth counts as one colour."""
         low, high = float(values.min()), float(values.max())
         margin = 0.05 * high if high - low < 1e-3 * high else 0.0
         return cls(name, low - margin, high + margin, label)
@@ -38,7 +38,7 @@ class Colours:
 
 @dataclass(frozen=True)
 class Field:
-    """Values (rows, columns) all over the plot, first row at its top; ``smooth``: with what lies between them."""
+    """Heat map of values (rows, columns), first row at the top; ``smooth``: interpolated."""
 
     values: Floats
     colours: Colours
@@ -96,7 +96,7 @@ class Sign:
 
 @dataclass(frozen=True)
 class Steps:
-    """How many there are between each two of the edges (n + 1,): counts (n,)."""
+    """Histogram: counts (n,) between edges (n + 1,)."""
 
     edges: Floats
     counts: Floats
@@ -128,7 +128,7 @@ Part: TypeAlias = Field | Dots | Way | Curve | Upright | Sign | Steps | Bars | R
 
 @dataclass(frozen=True)
 class Plot:
-    """Axes with what they show, first things first; up's first value is at the top. ``equal``: one scale for both."""
+    """Plot: axes and layers, first ones below; the first value of ``up`` is at the top. ``equal``: equal scales."""
 
     title: str
     across: Axis
@@ -138,7 +138,7 @@ class Plot:
 
     @property
     def colours(self) -> Colours | None:
-        """What its bar of colours shows."""
+        """Colour scale shown by the plot's colour bar."""
         return next((part.colours for part in self.parts if isinstance(part, Field | Dots | Way)), None)
 
 

@@ -1,4 +1,4 @@
-"""Plots drawn with matplotlib: into axes that a user has, and pages in formats that are enlarged without loss."""
+"""Render plot specifications with matplotlib."""
 
 from __future__ import annotations
 

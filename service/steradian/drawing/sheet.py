@@ -1,4 +1,4 @@
-"""A sheet with one image, its axes, a bar of colours and a scale bar, drawn straight into pixels.
+"""Figure of one image with axes, colour bar and scale bar.
 
 Every reconstruction draws several, and a plotting library takes longer over them than the reconstruction needs for
 the volume. Margins follow from the labels, which therefore never leave the sheet nor meet each other.
@@ -27,7 +27,7 @@ ROUND_LENGTHS = (0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50)
 
 @dataclass(frozen=True)
 class Drawn:
-    """What was drawn where.
+    """Drawn plot areas with their positions.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Drawn:
 
 @dataclass
 class Sheet:
-    """An image of (height, width, 3) pixels enlarged to ``width`` × ``height``, with what belongs around it.
+    """Figure of an image (height, width, 3) enlarged to ``width`` × ``height`` pixels, with axes and labels.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Values that show themselves: a line, a picture in a notebook, a plot, a page in a file."""
+"""Value with notebook display, plot() and save()."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class ShownValue(Value):
         return plotted(repr(self), self.plot)
 
     def plot(self, axes: Axes | None = None) -> Axes:
-        """Show a mask's sensors, coloured by what each stands for, or a plan's way of the beam.
+        """Plot a mask's sensors, coloured by weight, or the scan path of a plan.
 
         Parameters
         ----------

@@ -24,7 +24,7 @@ class Axis:
         return abs(self.last - self.first)
 
     def share(self, value: float) -> float:
-        """Where a value lies between the first edge, 0, and the last one, 1."""
+        """Position of a value between the first edge, 0, and the last one, 1."""
         return (value - self.first) / (self.last - self.first)
 
     def ticks(self, most: int) -> list[float]:
@@ -46,7 +46,7 @@ class LogAxis(Axis):
     """An axis of positive values on which equal ratios are equally long, marked at powers of ten."""
 
     def share(self, value: float) -> float:
-        """Where a value lies; what is not positive lies far before the lesser end."""
+        """Position of a value; values that are not positive lie far below the lower end."""
         first, last = log10(self.first), log10(self.last)
         return (log10(max(value, 1e-300)) - first) / (last - first)
 
@@ -65,7 +65,7 @@ class NamedRows:
     name: str = ""
 
     def share(self, value: float) -> float:
-        """Where a row's middle lies, of the row with that number."""
+        """Position of the centre of a row with the given number."""
         return (value + 0.5) / len(self.names)
 
     def marks(self, pixels: int, _room: int | None = None) -> list[tuple[float, str]]:

@@ -1,4 +1,4 @@
-"""Planar photoacoustic Fourier reconstruction from sensors anywhere on the plane.
+"""Planar photoacoustic Fourier reconstruction from arbitrary sensor positions.
 
 Traces (M, N_t) and positions (M, 2) in; a :class:`Volume` indexed [x, y, z] out. Numba is imported by the first run.
 """

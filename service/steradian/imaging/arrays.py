@@ -1,4 +1,4 @@
-"""Arrays of NumPy, and of a GPU: NumPy's functions take CuPy's arrays, too, but the two do not mix."""
+"""NumPy and CuPy array helpers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far up in frequency A-lines hold signal, what noise they hold, and the same A-lines with fewer samples."""
+"""Signal bandwidth and noise of A-lines; decimation and sinc interpolation."""
 
 from __future__ import annotations
 
@@ -72,12 +72,15 @@ def _mean_power(traces: RealArray) -> NDArray[np.float64]:
 
 
 def thinning(highest: float, sampling_interval: float) -> int:
-    """Tell how many samples one sample of a band ending at ``highest`` may stand for."""
+    """Return the decimation factor for a band that ends at ``highest``."""
     return max(1, int(0.5 / sampling_interval / (_MARGIN * highest)))
 
 
 def thinned(traces: RealArray, factor: int, dtype: str, scale: float = 1.0) -> RealArray:
-    """Every ``factor``-th sample, scaled, of what is below the new Nyquist frequency; zeros fill up to a multiple."""
+    """Decimate: low-pass filter to the new Nyquist frequency and take every ``factor``-th sample, scaled.
+
+    Zero-padded to a multiple.
+    """
     from scipy import fft
 
     if factor == 1:

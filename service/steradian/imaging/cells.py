@@ -1,4 +1,4 @@
-"""Voronoi cells of points within an outline: the usual compensation of an uneven density."""
+"""Areas of Voronoi cells clipped to an outline."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def _polygons(places: NDArray[np.float64], edge: Outline) -> NDArray[np.float64]
 
 
 def _within(edge: Outline, point: NDArray[np.float64], neighbours: NDArray[np.float64]) -> float:
-    """Area within the edge of what is nearer to a point than to its neighbours."""
+    """Area of a point's Voronoi cell, clipped to the outline."""
     cell = edge
     away = neighbours - point
     limits = (away * (neighbours + point)).sum(axis=1) / 2

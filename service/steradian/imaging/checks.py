@@ -1,4 +1,4 @@
-"""What the user gave, checked: the same refusals for a reconstruction, a plan, an operator and a fit."""
+"""Argument validation shared by plans, operators and fits."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ least."""
 
 @runtime_checkable
 class Sensors(Protocol):
-    """A mask, or whatever else knows where its sensors are and what they stand for."""
+    """Protocol of a mask: positions, weights and aperture of sensors."""
 
     @property
     def positions(self) -> Any:
@@ -50,7 +50,7 @@ class Sensors(Protocol):
 def of_mask(
     positions: ArrayLike | Sensors, weights: Any, aperture: float | Sequence[float] | None
 ) -> tuple[ArrayLike, Any, Any]:
-    """Return positions, weights and aperture; a mask's own for what is not given beside a mask."""
+    """Return positions, weights and aperture; missing arguments are taken from a mask."""
     if isinstance(positions, Sensors):
         own = positions
         return (
@@ -71,7 +71,7 @@ def whole(field: str, value: object, low: int, high: int | None = None) -> int:
 
 
 def within(field: str, value: object, low: float, high: float, what: str) -> float:
-    """Return a number from ``low`` to ``high``; ``what`` says in words what it is."""
+    """Return a number if it lies from ``low`` to ``high``; ``what`` is its name in the error."""
     allowed = f"{what} from {low:g} to {high:g}"
     number = real(field, value, allowed)
     if not low <= number <= high:
@@ -116,7 +116,7 @@ def apertures(value: object, axes: int) -> tuple[float, ...]:
 
 
 def working_precision(dtype: DTypeLike | None, tolerance: float) -> Literal["float32", "float64"]:
-    """Return the name of the precision to work in: that asked for, or what the tolerance needs."""
+    """Return the working precision: the requested one, or the one that the tolerance requires."""
     if dtype is None:
         return "float32" if tolerance >= SINGLE_FLOOR else "float64"
     try:
@@ -185,7 +185,7 @@ def numbers(field: str, values: ArrayLike, allowed: str) -> Floats:
 
 
 def first_bad(traces: NDArray[Any]) -> str:
-    """Say what is wrong with A-lines (M, N_t) that cannot be reconstructed."""
+    """Return the reason why A-lines (M, N_t) cannot be reconstructed."""
     for m, row in enumerate(traces):
         bad = np.flatnonzero(~np.isfinite(row))
         if bad.size:

@@ -1,4 +1,4 @@
-"""What Fabry-Pérot labs do to A-lines before, and to the image after the reconstruction: one declared chain each.
+"""Preprocessing of A-lines (band-pass, offset removal, apodisation).
 
 The steps run in the order of the fields. Nothing is done by default.
 """

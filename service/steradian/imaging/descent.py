@@ -1,4 +1,4 @@
-"""Accelerated proximal gradients: the other way to fit an image, for every regulariser but thresholding.
+"""FISTA with adaptive restart, for all regularisers except thresholding.
 
     minimise over f (≥ 0):  ½‖A f − g‖² + λ·R(f)
 

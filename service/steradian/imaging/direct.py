@@ -1,4 +1,4 @@
-"""Direct sums in float64: slow, obviously right, the yardstick of accuracy.
+"""Brute-force float64 evaluation of the reconstruction sums, used as accuracy reference.
 
 The spectrum F(j, l) of the image by the paper's equation for non-equispaced sensors, term by term:
 

@@ -1,4 +1,4 @@
-"""Depths that a record tells of: from where to where an image goes, and how long the image's period must be.
+"""Depth extent of a record: first and last depth of the image, and the minimum period along depth.
 
 A sample at the time t after the pulse tells of depths from 0 (waves along the film) to c·t (waves straight up). So a
 record of N_t samples from t₀ on tells of depths up to c·(t₀ + N_t·dt), and an image with a shorter period along the
@@ -65,5 +65,5 @@ class Extent:
 
     @property
     def end(self) -> int:
-        """One past the deepest slice that the record tells of."""
+        """Index after the deepest slice covered by the record."""
         return self.samples + ceil(self.begins)

@@ -1,4 +1,4 @@
-"""Sensors, aperture, modes and times of one reconstruction, checked."""
+"""Validated geometry of one reconstruction: sensors, periods, modes and depths."""
 
 from __future__ import annotations
 
@@ -170,7 +170,7 @@ def _depth_points(highest: float | None, depth_step: float | None, record: int, 
 
 
 def geometry(positions: ArrayLike | Sensors, samples: int, chosen: Parameters) -> Geometry:
-    """Check and complete what was chosen for sensors (M, d−1) whose A-lines have so many samples.
+    """Validate and complete the geometry of sensors (M, d−1) with ``samples`` samples per A-line.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""An image that grows: A-lines are added to the sum over sensors as they arrive.
+"""Incremental reconstruction: A-lines are added to the lateral sum as they arrive.
 
 The lateral transform (paper, NED-NUFFT, equation 6) is a sum over sensors, h_m · e^{−2πi j·x_m/X} · g[m, n], and
 nothing before its end needs all of them. So that sum, per lateral mode j and time sample n, is kept, A-lines are added

@@ -1,4 +1,4 @@
-"""What the ways to fit an image have in common: what is counted, told and asked."""
+"""Base class of the iterative solvers: counters, stopping rules and progress."""
 
 from __future__ import annotations
 

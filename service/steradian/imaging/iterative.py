@@ -138,7 +138,7 @@ def fit(
     progress: Progress | None = None,
     cancelled: IsCancelled | None = None,
 ) -> IterativeResult:
-    """Do the same with parameters that are one value; raises as :func:`reconstruct_iteratively`."""
+    """Solve for given parameters as one value; raises as :func:`reconstruct_iteratively`."""
     options = chosen.iterative or Iterative()
     positions, _, aperture = checks.of_mask(positions, None, chosen.aperture)
     positions = checks.places(positions)
@@ -204,7 +204,7 @@ def fit(
 
 
 def _since_pulse(data: RealArray, chosen: Parameters) -> tuple[RealArray, Parameters]:
-    """Leave out samples from before the laser pulse, when there is no sound; the model would have some there."""
+    """Exclude samples before the laser pulse, in which the model would predict sound."""
     extent = Extent.of(data.shape[1], chosen.sampling_interval, chosen.time_zero)
     before = max(0, ceil(-extent.begins))
     if not before:
@@ -225,7 +225,7 @@ def _nearest_heard(
 
 
 def _unit(data: RealArray, scale: float, dtype: str) -> float:
-    """Power of two near the largest sample, which iterations count in: squares are then within what floats can hold."""
+    """Power of two close to the largest sample, by which iterations are scaled, so that squares do not overflow."""
     largest = float(np.abs(data).max(initial=0.0)) * abs(scale)
     if not largest < 2.0 ** checks.SUMMABLE[dtype]:
         raise InvalidInput("traces", "beyond the range of the working precision", "finite numbers")
@@ -235,7 +235,7 @@ def _unit(data: RealArray, scale: float, dtype: str) -> float:
 def _bytes(
     model: ForwardOperator, measured: RealArray, options: Iterative, factor: int, upsampling: int, depths: int
 ) -> int:
-    """Bound of what a run allocates: modes, scratch, traces and images of the iterations, or the fine image."""
+    """Upper bound of a run's allocations: modes, scratch, traces and images of the iterations, or the fine image."""
     item = measured.dtype.itemsize
     image = int(np.prod(model.volume_shape)) * item
     dual = 3 * image if options.regularisation == "total-variation" else 0

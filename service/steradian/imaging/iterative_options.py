@@ -1,4 +1,4 @@
-"""What an iterative reconstruction seeks, and when it stops."""
+"""Options of iterative reconstruction: regularisation and stopping rules."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Regularisation: TypeAlias = Literal["thresholding", "total-variation", "sparsity
 
 @dataclass(frozen=True, slots=True)
 class Iterative:
-    """What the iterative reconstruction seeks, and when it stops.
+    """Options of the iterative method: regularisation and stopping rules.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The refusal of a reconstruction that needs more memory than there is."""
+"""Refuse a reconstruction that exceeds the memory limit."""
 
 from __future__ import annotations
 

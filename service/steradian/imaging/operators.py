@@ -133,7 +133,7 @@ class ForwardOperator(_Base):
 
     @property
     def engine(self) -> AnyEngine:
-        """What computes."""
+        """Name of the engine in use."""
         return self.chosen.engine
 
     @property
@@ -158,7 +158,7 @@ class ForwardOperator(_Base):
 
     @property
     def memory_bytes(self) -> int:
-        """Bound of what one product allocates, its result included."""
+        """Upper bound of the memory that one product allocates, its result included."""
         return self.engine.room.memory_bytes
 
     def forward(
@@ -178,7 +178,7 @@ class ForwardOperator(_Base):
     def backward(
         self, traces: ArrayLike, *, progress: Progress | None = None, cancelled: IsCancelled | None = None
     ) -> RealArray:
-        """Volume that the transposed operator makes of traces of shape (M, N_t); errors as for :meth:`forward`."""
+        """Apply the adjoint to traces of shape (M, N_t) and return a volume; errors as for :meth:`forward`."""
         return self._product(image_of, "traces", traces, self.trace_shape, Watch(progress, cancelled))
 
     def _matvec(self, x: NDArray[Any]) -> NDArray[Any]:

@@ -1,4 +1,4 @@
-"""Convex outlines of what sensors cover: (V, 2) corners in metres, anticlockwise; (2, 1), both ends, on a line."""
+"""Convex polygons in the sensor plane."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def hull(points: NDArray[np.float64]) -> Outline:
 
 
 def widened(outline: Outline, by: float) -> Outline:
-    """Hull of all that is no farther than ``by`` metres from a hull."""
+    """Return the convex hull dilated by ``by`` metres."""
     if outline.shape[1] == 1:
         longer: Outline = outline + np.array([[-by], [by]])
         return longer
@@ -67,7 +67,7 @@ def widened(outline: Outline, by: float) -> Outline:
 
 
 def clip(outline: Outline, normal: NDArray[np.float64], limit: float) -> Outline:
-    """Keep what of a polygon lies at normal · r ≤ limit; (0, 2) if nothing does."""
+    """Return the part of a polygon with normal · r ≤ limit; (0, 2) if it is empty."""
     beyond = outline @ normal - limit
     inside = beyond <= 0
     if inside.all():
@@ -83,7 +83,7 @@ def clip(outline: Outline, normal: NDArray[np.float64], limit: float) -> Outline
 
 
 def common(outline: Outline, other: Outline) -> Outline:
-    """Cut out what lies within both."""
+    """Return the intersection of two convex polygons."""
     if outline.shape[1] == 1:
         low, high = max(outline[0, 0], other[0, 0]), min(outline[1, 0], other[1, 0])
         return np.array([[low], [max(low, high)]])
@@ -94,7 +94,7 @@ def common(outline: Outline, other: Outline) -> Outline:
 
 
 def is_convex(outline: Outline) -> bool:
-    """Tell whether corners given by somebody else are those of a convex polygon, anticlockwise, once around."""
+    """Whether given corners form a simple convex polygon in anticlockwise order."""
     if outline.shape[1] == 1:
         return len(outline) == 2 and bool(outline[0, 0] < outline[1, 0])
     if len(outline) < 3 or not area(outline) > 0:
@@ -109,7 +109,7 @@ def is_convex(outline: Outline) -> bool:
 
 
 def holds(outline: Outline, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tell which points (N, 2) lie within a polygon, its sides included."""
+    """Return which points (N, 2) lie within a polygon or on its sides."""
     middle = outline.mean(axis=0)
     corners, wanted = outline - middle, points - middle
     angle = np.arctan2(corners[:, 1], corners[:, 0])

@@ -1,4 +1,4 @@
-"""What is chosen about a reconstruction, as one checked value."""
+"""Validated parameters of a reconstruction."""
 
 from __future__ import annotations
 

@@ -94,7 +94,7 @@ class ReconstructionPlan:
 
     @classmethod
     def of(cls, positions: ArrayLike | Sensors, samples: int, parameters: Parameters) -> Self:
-        """Make a plan of parameters that are one value already."""
+        """Create a plan from parameters as one value."""
         plan = cls.__new__(cls)
         plan.parameters = parameters
         plan.tables, plan.chosen = _made(positions, samples, parameters)
@@ -102,7 +102,7 @@ class ReconstructionPlan:
 
     @property
     def engine(self) -> AnyEngine:
-        """What computes."""
+        """Name of the engine in use."""
         return self.chosen.engine
 
     @property
@@ -132,7 +132,7 @@ class ReconstructionPlan:
 
     @property
     def memory_bytes(self) -> int:
-        """Bound of what a run allocates."""
+        """Upper bound of the memory that a run allocates."""
         return self.engine.room.memory_bytes
 
     def run(

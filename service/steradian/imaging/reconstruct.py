@@ -1,4 +1,4 @@
-"""Traces to volume in one call."""
+"""One-shot reconstruction."""
 
 from __future__ import annotations
 

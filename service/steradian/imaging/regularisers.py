@@ -1,4 +1,4 @@
-"""Proximal steps of the iterative reconstruction: what the image is pulled towards between two gradient steps.
+"""Proximal operators of the regularisers.
 
 Each regulariser R has ``step(u, x, length)``: x becomes the minimiser of ½‖x − u‖² + length·R(x), over x ≥ 0 where
 asked. Total variation is isotropic, in units of the finest voxel side; its dual variables stay from one call to the
@@ -85,7 +85,7 @@ class _TotalVariation:
         workers.run("regularisation", pieces, lambda: None, descend, **how)
 
     def _by_arrays(self, u: RealArray, x: RealArray, length: float) -> None:
-        """Do the same in whole arrays, which a GPU takes at once (:mod:`steradian.imaging.variation` says what)."""
+        """Compute the step with whole arrays, as a GPU needs (see :mod:`steradian.imaging.variation`)."""
         dual, kind = self._dual, u.dtype.type
         assert dual is not None  # noqa: S101
         rate = 1 / (max(length, 1e-30) * 4 * float(np.sum(np.square(self._rates))))

@@ -1,4 +1,4 @@
-"""What the sensor makes of the pressure, over frequency and angle: the Fabry–Pérot film's response S(f, sin θ).
+"""Film transfer function over frequency and angle, and its regularised inverse.
 
 In the spectrum of the A-lines over the film the angle is known: a lateral mode j at the frequency κ is a plane wave
 from sin θ = |j|/κ. So the response is one number at each (j, κ), which :class:`Correction` divides out with a bound on

@@ -1,4 +1,4 @@
-"""Tables: all that a reconstruction or a model needs to know besides the A-lines, in no engine's layout."""
+"""Engine-independent tables of the transforms."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from steradian.ranges import real
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tables:
-    """What engines compute from (:mod:`steradian.imaging.engines`).
+    """Precomputed tables of a geometry, used by engines (:mod:`steradian.imaging.engines`).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Iterative thresholding: the direct reconstruction of what is not explained yet is added, and its streaks cut off.
+"""Iterative soft thresholding preconditioned with the direct inverse.
 
     f ← f + s·(T(f + B(g − A f)) − f),   A the model, B the direct reconstruction, T soft thresholding
 
@@ -133,7 +133,7 @@ class Thresholding(Iterations):
         return _norm(new)
 
     def _beyond(self, misfit: float) -> float:
-        """Return what of a misfit is not noise."""
+        """Return the part of the residual that exceeds the noise."""
         return float(np.sqrt(max(0.0, (misfit * self._norm) ** 2 - self._noise**2)))
 
     def _misfit(self, image: RealArray) -> RealArray:

@@ -1,4 +1,4 @@
-"""Loops of the total variation's proximal step (compiled)."""
+"""Compiled kernels of the total-variation proximal operator."""
 
 from __future__ import annotations
 

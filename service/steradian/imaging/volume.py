@@ -183,5 +183,5 @@ class Volume:
 
 
 def _shown() -> Any:
-    """Return what draws and stores volumes: files and pictures lie above the numerics, so it is asked for by name."""
+    """Return the module that draws and stores volumes, imported by name because it lies above the numerics."""
     return importlib.import_module("steradian.reconstructions.shown")

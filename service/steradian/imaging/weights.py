@@ -1,4 +1,4 @@
-"""Areas that sensors stand for: the h_m of the paper's sum over non-equispaced sensors.
+"""Quadrature weights: area represented by each sensor.
 
 Sensors cover an outline, the *sensed* area, which need not be the reconstruction's aperture: h_m is the area of sensor
 m's Voronoi cell within it, so the sum over sensors is an integral over what was sensed and the image has the object's
@@ -78,7 +78,7 @@ def find_lattice(points: NDArray[np.float64], *, filled: float = 1.0) -> Lattice
 
 
 def sensed_outline(positions: NDArray[np.float64], aperture: float | Sequence[float]) -> Outline:
-    """Outline of what sensors cover, from their positions alone.
+    """Outline of the area covered by sensors, from their positions alone.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def sensor_areas(positions: NDArray[np.float64], aperture: float | Sequence[floa
 
 
 def voronoi_weights(positions: ArrayLike, aperture: float | tuple[float, ...]) -> NDArray[np.float64]:
-    """Areas of the sensors' Voronoi cells within what they cover: what ``weights=None`` and "voronoi" mean.
+    """Areas of the sensors' Voronoi cells within their outline: the meaning of ``weights=None`` and "voronoi".
 
     Parameters
     ----------

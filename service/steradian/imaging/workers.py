@@ -1,4 +1,4 @@
-"""Threads for pieces of work that release the interpreter lock, with progress and cancellation."""
+"""Run chunks of GIL-free work on threads with progress and cancellation."""
 
 from __future__ import annotations
 

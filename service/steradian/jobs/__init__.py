@@ -1,4 +1,4 @@
-"""Who does what when: jobs, their queue, the workers and what each kind of job does.
+"""Job queue: job model, ledger, DBOS queue, workers and task handlers.
 
 Nothing is imported here: the queue's engine takes seconds to load and only those who need it pay.
 """

@@ -1,4 +1,4 @@
-"""What workers are able to do, what a job requires, and who may take which.
+"""Worker capabilities, job requirements and the matching between them.
 
 A job says what it requires: memory and cores if it states them, memory at least for its volume, a GPU if it insists on
 one. A worker notes what it has in the database every few seconds and takes jobs whose requirements it meets, in the
@@ -41,7 +41,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Capabilities:
-    """What a worker has.
+    """Capabilities of a worker: processors, memory, GPU, node.
 
     Attributes
     ----------
@@ -62,12 +62,12 @@ class Capabilities:
 
     @classmethod
     def of_this_machine(cls, settings: Settings, gpu: str | None) -> Capabilities:
-        """Look what a worker of these settings has here."""
+        """Return the capabilities of a worker with these settings on this machine."""
         memory = settings.worker_memory_bytes or installed()
         return cls(memory, settings.threads_per_job, gpu, settings.scanner_id if settings.follows else None)
 
     def meet(self, wanted: Requirements) -> bool:
-        """Whether a job that requires this can be done."""
+        """Whether the capabilities satisfy a job's requirements."""
         has_room = self.memory is None or wanted.memory <= self.memory
         return has_room and wanted.cores <= self.cores and (self.gpu is not None or not wanted.gpu)
 
@@ -77,14 +77,14 @@ class Capabilities:
 
 
 def unmet(has: Capabilities) -> ColumnElement[bool]:
-    """Make the condition on the table of jobs that is true of those which such a worker cannot do."""
+    """Return the SQL condition that selects jobs which a worker with these capabilities cannot run."""
     without_gpu = JobRow.requires_gpu if has.gpu is None else false()
     too_large = false() if has.memory is None else JobRow.requires_memory > has.memory
     return or_(too_large, JobRow.requires_cores > has.cores, without_gpu)
 
 
 def workers(session: Session, now: datetime, within: timedelta = PRESENT_FOR) -> dict[str, Capabilities]:
-    """Tell what the workers have that were heard of within that time, by their names.
+    """Return the capabilities of the workers seen within :data:`PRESENT_FOR`, by name.
 
     Hosts' clocks need not agree to the second; one that is minutes ahead or behind is not believed.
     """
@@ -94,7 +94,7 @@ def workers(session: Session, now: datetime, within: timedelta = PRESENT_FOR) ->
 
 
 def own_scanner(session: Session, kind: str, scan_id: str | None) -> str | None:
-    """Tell which scanner's own workers may make an image: of a scan that is not over, where its file grows."""
+    """Return the scanner whose own workers may run a live job: that of an unfinished scan, where its file grows."""
     if kind not in FOLLOWING:
         return None
     scan = (ScanRow.scanner_id == ScannerRow.id) & (ScanRow.id == scan_id) & ScanRow.ended.is_(None)
@@ -102,12 +102,12 @@ def own_scanner(session: Session, kind: str, scan_id: str | None) -> str | None:
 
 
 def who_does(scanner_id: str | None, known: Mapping[str, Capabilities]) -> list[Capabilities]:
-    """Choose the workers that do a job: everybody's, and those of the node of its :func:`own_scanner`."""
+    """Return the workers that may run a job: those of all nodes, and those of its :func:`own_scanner`'s node."""
     return [has for has in known.values() if has.scanner_id in {None, scanner_id}]
 
 
 def check_met(session: Session, now: datetime, scanner_id: str | None, wanted: Requirements) -> None:
-    """Refuse what no worker has that was here lately; where there was none, nothing is known.
+    """Reject requirements that no recently seen worker meets; without recent workers nothing is rejected.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def count_unmet(session: Session, present: Mapping[str, Capabilities]) -> int:
 
 
 def awaited(scanner_id: str | None, wanted: Requirements, known: Mapping[str, Capabilities]) -> str | None:
-    """Say what worker a waiting job waits for; ``None`` where one of these can do it, or there is none."""
+    """Return the capability for which a queued job waits; ``None`` if a present worker can run it."""
     present = who_does(scanner_id, known)
     if not present or any(has.meet(wanted) for has in present):
         return None
@@ -159,7 +159,7 @@ def awaited(scanner_id: str | None, wanted: Requirements, known: Mapping[str, Ca
 
 
 class Notice:
-    """A worker's note of what it has, kept fresh by a thread of its own."""
+    """Publisher of a worker's capabilities, refreshed by a thread."""
 
     def __init__(self, database: Database, name: str, has: Capabilities, clock: Clock = utc_now) -> None:
         self._database, self._name, self._has, self._clock = database, name, has, clock

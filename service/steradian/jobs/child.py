@@ -1,4 +1,4 @@
-"""Jobs, one after another, in a process of a worker: ``python -m steradian.jobs.child``."""
+"""Subprocess of a worker that runs jobs one after another."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _log = logging.getLogger("steradian.jobs.child")  # whatever this module is call
 
 
 def work(payload: dict[str, Any], progress: Progress, *, kept: list[KeptPlans]) -> dict[str, Any]:
-    """Do what the payload asks.
+    """Run the task of the payload's kind.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Where the job queue's engine, DBOS Transact, keeps its queue, and the names under which both of its sides know it.
+"""DBOS configuration: database URL, queue names, migrations.
 
 :mod:`steradian.jobs.queue` is the client's side, :mod:`steradian.jobs.worker` a worker's; nothing else knows it.
 The engine decides who runs a job and when; how a job stands is written in the ledger, which everybody reads.
@@ -30,7 +30,7 @@ WORKFLOW: Final = "job"
 
 
 def queue_url(settings: Settings) -> str:
-    """Tell where the engine keeps the queue: beside the metadata."""
+    """Return the URL of the queue's database, beside the metadata."""
     if settings.database_url is None:
         return with_subseconds(metadata_url(settings))
     timeouts = {name: str(value) for name, value in TIMEOUTS.items()}

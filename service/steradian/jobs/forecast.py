@@ -1,4 +1,4 @@
-"""Where a job stands in the queue, and when it will be over as far as past jobs of its sort tell."""
+"""Queue position and estimated completion time of waiting jobs."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _SORT: Final = (JobRow.kind, _METHOD, _FORMAT, JobRow.promised)
 
 @dataclass(frozen=True)
 class Forecast:
-    """What can be said of a job that is not over.
+    """Estimate of a queued or running job: position, start and end.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class Forecast:
 
 
 def forecast(session: Session, job_id: str, workers: int, now: datetime) -> Forecast | None:
-    """Tell where a job stands; ``None`` when it is over or gone.
+    """Return a job's estimate; ``None`` once it has ended or was deleted.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def forecast(session: Session, job_id: str, workers: int, now: datetime) -> Fore
 
 @dataclass(frozen=True)
 class Backlog:
-    """What waits for a worker: the figures to scale workers on.
+    """Backlog of the queue: the figures for scaling the number of workers.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class Backlog:
 
 
 def backlog(session: Session, now: datetime, present: Mapping[str, capabilities.Capabilities]) -> Backlog:
-    """Tell how much work waits for the workers that are present, of :data:`FARTHEST` jobs in detail."""
+    """Return the backlog of the present workers, with up to :data:`FARTHEST` jobs in detail."""
     waits = [JobRow.state == _R.QUEUED, ~WAITS_FOR_SCAN, *_passed_over(present)]
     count, oldest = session.execute(select(func.count(), func.min(JobRow.created)).where(*waits)).one()
     if not count:
@@ -116,13 +116,13 @@ def backlog(session: Session, now: datetime, present: Mapping[str, capabilities.
 
 
 def _passed_over(present: Mapping[str, capabilities.Capabilities]) -> list[ColumnElement[bool]]:
-    """Leave out the jobs that no present worker can do: they hold up nobody."""
+    """Exclude jobs that no present worker can run, because they do not delay others."""
     able = capabilities.who_does(None, present)
     return [or_(JobRow.kind.in_(FOLLOWING), capabilities.doable(able))] if able else []
 
 
 def _last_end(free: list[datetime], lasting: list[float]) -> datetime:
-    """Give each job to the worker that is free first; tell when the last one is over."""
+    """Assign each job to the first free worker; return the end of the last one."""
     heapq.heapify(free)
     end = free[0]
     for seconds in lasting:
@@ -136,26 +136,26 @@ def _in_future(end: datetime | None, now: datetime) -> datetime | None:
 
 
 class _Pace:
-    """How long jobs take: the median of such as were done last."""
+    """Duration model of jobs: the median of recent jobs of the same class."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
         self._past: dict[str, dict[Hashable, list[float]]] = {}
 
     def seconds(self, row: JobRow) -> float | None:
-        """Tell how long a job will take; ``None`` when too few like it were done, or it follows a scan."""
+        """Return the estimated duration of a job; ``None`` without enough similar jobs, or if it follows a scan."""
         parameters = row.payload.get("parameters") or {}
         return self.of(row.kind, parameters.get("method"), row.payload.get("format"), row.promised)
 
     def of(self, kind: str, method: str | None, form: str | None, promised: int) -> float | None:
-        """Tell how long a job of that sort will take."""
+        """Return the estimated duration of a class of jobs."""
         if kind in FOLLOWING:
             return None
         taken = self._of_kind(kind).get(_sort(method, form, promised), [])
         return median(taken) if len(taken) >= FEWEST else None
 
     def end_of(self, row: JobRow) -> datetime | None:
-        """Tell when a job that runs will be over."""
+        """Return the estimated end of a running job."""
         seconds = self.seconds(row)
         if seconds is None or not row.attempts:
             return None
@@ -176,7 +176,7 @@ class _Pace:
 
 
 def _lasted(attempts: Sequence[Mapping[str, Any]]) -> float | None:
-    """Tell how long the last attempt took, in seconds; ``None`` where that was not noted."""
+    """Return the duration of the last attempt in seconds; ``None`` if it was not recorded."""
     last = attempts[-1] if attempts else {}
     if not (last.get("started") and last.get("ended")):
         return None
@@ -184,5 +184,5 @@ def _lasted(attempts: Sequence[Mapping[str, Any]]) -> float | None:
 
 
 def _sort(method: str | None, form: str | None, promised: int) -> Hashable:
-    """Tell which jobs of a kind take about as long: the same method and format, about as much to write."""
+    """Return the class of a job with similar durations: the same method, format and order of output size."""
     return method, form, round(math.log2(promised + 1))

@@ -1,4 +1,4 @@
-"""The form in which a job's request is stored: its version, and what brings an earlier one up to date when it is read.
+"""Versions of stored job requests, and the migrations that convert earlier versions when they are read.
 
 A job may wait while the service is upgraded, so its request outlives the models that checked it. A change of
 :mod:`steradian.jobs.requests` after which a stored request would be refused, or mean something else, adds a function
@@ -37,12 +37,12 @@ def stored(request: Mapping[str, Any]) -> Stored:
 
 
 def asked(request: Mapping[str, Any]) -> Stored:
-    """Return a stored request without the version of its form: what was asked, in the words of then."""
+    """Return a stored request without its version, in the fields of that version."""
     return {name: value for name, value in request.items() if name != KEY}
 
 
 def today(request: Mapping[str, Any]) -> Stored:
-    """Return a stored request of whatever form in today's, for its model to check.
+    """Return a stored request of any version in the current form, unvalidated.
 
     Raises
     ------

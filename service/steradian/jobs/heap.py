@@ -1,4 +1,4 @@
-"""A worker's memory stays level, however long it runs and however many threads its queue's engine keeps."""
+"""Memory tuning of long-running workers: one malloc arena, frozen GC generation."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _ARENA_MAX: Final = -8
 
 
 def share_one_heap() -> None:
-    """Have all threads that begin from now on allocate from one heap; does nothing without glibc.
+    """Limit malloc to one arena for all threads started from now on; no effect without glibc.
 
     Else glibc gives each thread one of its own, and what one of them freed no other takes: a worker's threads wake in
     turn, and each of their heaps grows to the most that any job needed there. They take turns in Python anyway.
@@ -24,7 +24,7 @@ def share_one_heap() -> None:
 
 
 def keep_libraries() -> None:
-    """Have collections of garbage look no more at what is loaded: full ones then come soon and cost little.
+    """Exclude loaded objects from garbage collection, so that full collections are early and cheap.
 
     Python puts them off until a quarter as much as there is has been added, which here is tens of thousands of objects.
     """

@@ -1,4 +1,4 @@
-"""The next job is looked for at once when one has just ended, not while one is at work, nor where nothing moves."""
+"""Adaptive polling: poll fast right after a job, slowly while one runs, on database change otherwise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a worker makes sure of before it takes jobs: the database and the data folder are those of its service.
+"""Wait until the service has migrated the database, and verify versions and data folder.
 
 Workers never change tables: a service may be running whose code is another one.
 """
@@ -26,7 +26,7 @@ _log = logging.getLogger(__name__)
 
 
 def engine_version() -> str:
-    """Tell the version of the queue's engine."""
+    """Return the version of the queue's engine."""
     return version("dbos")
 
 
@@ -49,7 +49,7 @@ def join(settings: Settings) -> None:
 
 
 def _missing(settings: Settings) -> str | None:
-    """Say what a worker still lacks; ``None``: nothing."""
+    """Return the unmet precondition of a worker; ``None`` when it is ready."""
     if settings.database_url is None and not DataDirectory(settings.data).metadata_file.exists():
         return f"there is no database in {settings.data}"
     database = Database(metadata_url(settings))

@@ -1,4 +1,4 @@
-"""What a worker keeps of a job in the object store: results, known once it has succeeded, and a log of each start."""
+"""Upload of job results and logs to the object store; they become visible with the success transaction."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _log = logging.getLogger(__name__)
 
 
 def put_results(arrays: Arrays, folder: JobDirectory) -> dict[str, Any]:
-    """Put all that a job left into the store, in its own process; returns what its report says of it.
+    """Upload all results of a job to the store, in a process of their own; returns their entries in the report.
 
     The volume first, which takes longest: until the success is noted, what has gone can be had from nowhere.
     """
@@ -46,7 +46,7 @@ class JobKeeper:
         self._arrays, self._database = arrays_of(settings, database), database
 
     def announced(self, outcome: Outcome) -> Outcome:
-        """Have what was put into the store be known in the transaction that notes the success."""
+        """Commit staged results in the transaction that records the success."""
         if not isinstance(outcome, Succeeded) or not self._has_store or STORED not in outcome.result:
             return outcome
         stored = [Stored.of_json(each) for each in outcome.result[STORED]]
@@ -54,7 +54,7 @@ class JobKeeper:
         return Succeeded(report, lambda session: self._arrays.announce(session, *stored))
 
     def tidy(self, ledger: JobLedger, data: DataDirectory) -> None:
-        """Put away what is left of jobs that were cut off here, by a power cut for example, and are over now.
+        """Upload results left by jobs that were interrupted on this host, by a power cut for example.
 
         Results of earlier times, before there was a store, stay: they are nowhere else.
         """

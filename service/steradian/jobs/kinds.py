@@ -1,4 +1,4 @@
-"""The kinds of jobs: one table that says of each what it is asked, what does it and as which resource it is known."""
+"""Registry of job kinds: request model, handler and resource."""
 
 from __future__ import annotations
 

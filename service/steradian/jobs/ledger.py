@@ -1,4 +1,4 @@
-"""The ledger of jobs: the only place that changes a job's state, each change with who, when and why."""
+"""Job repository: the only writer of job states, with fencing and history."""
 
 from __future__ import annotations
 
@@ -83,11 +83,11 @@ class JobLedger(Repository[JobRow]):
         return row
 
     def status(self, job_id: str) -> JobStatus:
-        """Tell how a job stands; raises :class:`NotFound`."""
+        """Return the status of a job; raises :class:`NotFound`."""
         return to_status(self.get(job_id))
 
     def standing(self, job_id: str) -> tuple[ReconstructionState, int]:
-        """Tell a job's state and the number of its newest start; raises :class:`NotFound`."""
+        """Return a job's state and the number of its newest attempt; raises :class:`NotFound`."""
         with self.database.read() as session:
             found = session.execute(select(JobRow.state, JobRow.fence).where(JobRow.id == job_id)).one_or_none()
         if found is None:
@@ -95,7 +95,7 @@ class JobLedger(Repository[JobRow]):
         return found.state, found.fence
 
     def statuses(self, job_ids: list[str]) -> dict[str, JobStatus]:
-        """Tell how several jobs stand."""
+        """Return the status of several jobs."""
         with self.database.read() as session:
             return {row.id: to_status(row) for row in session.scalars(select(JobRow).where(JobRow.id.in_(job_ids)))}
 
@@ -219,7 +219,7 @@ class JobLedger(Repository[JobRow]):
     def set_priority(
         self, session: Session, job_id: str, priority: int, revision: int | None = None, who: str = "local"
     ) -> JobRow:
-        """Note another priority, and tell of it; with ``revision``, only if the job has not changed since.
+        """Change the priority and log an event; with ``revision``, only if the job has not changed since.
 
         Raises
         ------
@@ -330,7 +330,7 @@ class JobLedger(Repository[JobRow]):
 
 
 def to_status(row: JobRow) -> JobStatus:
-    """Copy what a row says of a job."""
+    """Convert a row to a job's status."""
     return JobStatus(
         id=row.id,
         kind=row.kind,

@@ -1,4 +1,4 @@
-"""Signs of life among workers on one PostgreSQL database, and what becomes of the jobs of one that shows none."""
+"""Detect dead workers by their advisory lock and requeue their jobs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a job is and how it stands, whatever engine queues it."""
+"""Job model: request, status and outcomes, independent of the queue engine."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class QueueUnavailable(SteradianError):
 
 @dataclass(frozen=True)
 class Requirements:
-    """What a job requires of its worker.
+    """Requirements of a job on its worker.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Requirements:
 
 
 def requirements_of(row: JobRow) -> Requirements:
-    """Read what a job's row says that it requires."""
+    """Parse the requirements in a job's row."""
     return Requirements(row.requires_memory, row.requires_cores, row.requires_gpu)
 
 
@@ -98,7 +98,7 @@ class JobRequest:
 
 @dataclass(frozen=True)
 class JobStatus:
-    """How a job stands.
+    """Status of a job: state, progress, attempts, timestamps and error.
 
     Attributes
     ----------
@@ -158,7 +158,7 @@ class JobStatus:
 
 @dataclass(frozen=True)
 class Succeeded:
-    """A job's process ended well; ``announce`` makes known what it keeps, in the transaction that says so."""
+    """Success of a job's process; ``announce`` commits its results in the transaction that records the success."""
 
     result: dict[str, Any]
     announce: Callable[[Session], object] | None = None
@@ -181,7 +181,7 @@ class Died:
 
 @dataclass(frozen=True)
 class Interrupted:
-    """What a job stands on failed, not the job: it is put back, and the start does not count."""
+    """Failure of a job's environment, not of the job: it is requeued, and the attempt does not count."""
 
     message: str
 

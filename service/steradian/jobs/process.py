@@ -1,4 +1,4 @@
-"""One child process that runs jobs one after another: the worker's end of the pipe, and the child's.
+"""Parent and child ends of the job subprocess protocol (JSON lines over pipes).
 
 The child reads each job as one JSON line from standard input, which stays open: when it closes, the worker is gone and
 the child ends at once. It writes JSON lines: ``{"begun"}``, ``{"stage", "done", "total"}`` on the way and at last
@@ -173,7 +173,9 @@ def _ending(code: int) -> str:
 
 
 def child_main(work: Callable[[dict[str, Any], Progress], dict[str, Any]]) -> None:
-    """Be the child: read jobs, do ``work``, report; end when standard input closes, after a failure or when idle.
+    """Run the child loop: read jobs from standard input, call ``work`` and report.
+
+    Returns on end of input or failure or when idle.
 
     An error of our own tree is reported and final; any other is reported with its type, its traceback in the log,
     and counts as deterministic too. What is no fault of the job (a lost database or folder, an earlier start that is
@@ -223,7 +225,7 @@ def _do(
 
 
 def _for_clients(message: str, payload: dict[str, Any]) -> str:
-    """Leave out where the data folder lies, and what a database does not take as text; the log has the whole."""
+    """Remove the data folder's path and unstorable characters from an error for clients; the log has the original."""
     return message.replace(f"{payload.get('data')}/", "").translate(_NO_CHARACTERS)
 
 
@@ -236,7 +238,7 @@ def _is_interruption(error: Exception) -> bool:
 
 
 def _listen(jobs: queue.SimpleQueue[dict[str, Any]]) -> None:
-    """Pass on jobs; when standard input closes, end the process whatever it is doing."""
+    """Forward jobs from standard input; end the process when it closes."""
     for line in sys.stdin:
         jobs.put(json.loads(line))
     os._exit(70)
@@ -258,7 +260,7 @@ def _resident() -> int:
 
 
 class _Speaker:
-    """JSON lines to the worker, whole ones whatever thread speaks; ordinary output goes to the log instead."""
+    """Writer of JSON lines to the worker, atomic across threads; other standard output is redirected to the log."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()

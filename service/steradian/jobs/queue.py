@@ -1,4 +1,4 @@
-"""The client's side of the job queue: it submits, looks and cancels, and runs nothing."""
+"""Client side of the job queue: submit, cancel, reprioritise, reconcile."""
 
 from __future__ import annotations
 
@@ -92,14 +92,17 @@ class JobQueue:
         )
 
     def _queue_of(self, session: Session, row: JobRow) -> str:
-        """Name the queue of a job: what follows a scan is best done where its file grows, if a worker there can."""
+        """Return the queue of a job.
+
+        Jobs that follow a scan prefer the node of its file, if a worker there can run them.
+        """
         scanner = own_scanner(session, row.kind, row.scan_id)
         if scanner is None or _is_too_much(row, scanner, workers(session, utc_now())):
             return QUEUE
         return queue_at(scanner)
 
     def status(self, job_id: str) -> JobStatus:
-        """Tell how a job stands; raises :class:`NotFound`."""
+        """Return the status of a job; raises :class:`NotFound`."""
         return self.ledger.status(job_id)
 
     def cancel(self, job_id: str, who: str = "local", reason: str | None = None) -> JobStatus:
@@ -139,7 +142,7 @@ class JobQueue:
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], object] = time.sleep,
     ) -> JobStatus:
-        """Follow a job until it is over or ``timeout`` seconds have passed, and tell how it stands then."""
+        """Wait until a job has ended or ``timeout`` seconds have passed, and return its status."""
         deadline = None if timeout is None else clock() + timeout
         while True:
             status = self.status(job_id)
@@ -150,7 +153,7 @@ class JobQueue:
             sleep(POLL / 2)
 
     def reconcile(self) -> None:
-        """Settle with the engine what a death, a full disk or an earlier release left; call it about once a second.
+        """Reconcile jobs with the engine after crashes, a full disk or an upgrade; call it about once a second.
 
         A disagreement counts when it is seen twice in a row: a single one may be an operation under way. What waits
         and is unknown to the engine, because it followed a scan that waited too, for example, it is given at once.
@@ -168,7 +171,7 @@ class JobQueue:
         self._doubted = frozenset(doubted)
 
     def _leave_to_others(self, waiting: Sequence[tuple[JobRow, str | None]]) -> None:
-        """Move what waits for a scanner's own workers to everybody's queue where they are gone or cannot do it.
+        """Move jobs from a scanner's queue to the common queue if its workers are gone or cannot run them.
 
         Parameters
         ----------
@@ -191,7 +194,7 @@ class JobQueue:
                     _log.warning("job %s is anybody's: no worker on its scanner's node can do it", row.id)
 
     def forget(self, job_ids: Sequence[str]) -> None:
-        """Let the engine forget jobs that are over."""
+        """Delete ended jobs from the engine."""
         if job_ids:
             self._client.delete_workflows(list(job_ids))
 

@@ -1,4 +1,4 @@
-"""What each kind of job is asked: the body of the HTTP request, kept in the ledger and read by whoever does the job.
+"""Request models of all job kinds; used as HTTP body, stored payload and handler argument.
 
 One model all the way. Jobs name resources by identifier; where their files lie follows from the data directory of
 whoever runs them.
@@ -63,14 +63,17 @@ RECONSTRUCTION_EXAMPLES: list[Any] = [
 
 
 class Required(Value):
-    """What a job's worker must have, beside what the job itself tells: room for its volume, and the GPU it asks for."""
+    """Explicit requirements on a job's worker, beside those that follow from the job.
+
+    Memory for its volume, and a GPU.
+    """
 
     memory: int | None = Field(default=None, ge=1, le=2**50, description="Memory of the worker, at least (bytes)")
     cores: int | None = Field(default=None, ge=1, le=4096, description="Threads that its jobs may use, at least")
 
 
 class Request(Value):
-    """What can be said of any job: when, for how long and where."""
+    """Fields common to all job requests: priority, limits and requirements."""
 
     priority: int = Field(default=DEFAULT_PRIORITY, ge=0, le=LOWEST_PRIORITY, description="Smaller ones run first")
     timeout: float | None = Field(default=None, gt=0, le=30 * 86_400, description="Longest it may run (s)")
@@ -108,7 +111,7 @@ class OfFrames(Request):
 
 
 class ReconstructionRequest(OfFrames):
-    """What to reconstruct and how."""
+    """Request of a reconstruction."""
 
     model_config = ConfigDict(json_schema_extra={"examples": RECONSTRUCTION_EXAMPLES})
 
@@ -239,7 +242,7 @@ class ImportRequest(Request):
 
 
 def check_described(description: dict[str, Any] | None) -> None:
-    """Refuse a description that names a file: it would be a path of whoever runs the service."""
+    """Reject a description that names a file, because the path would be one of the service's host."""
     if isinstance((description or {}).get("positions"), str):
         raise InvalidInput("description.positions", "a name", "numbers, or a file sent as companion_id")
 
@@ -257,7 +260,7 @@ def job_of(
     promised: int = 0,
     memory: int = 0,
 ) -> JobRequest:
-    """Make a job of a request; ``memory`` is what it needs at least, whatever it says itself (bytes)."""
+    """Create a job from a request; ``memory`` is a lower bound of its needs in bytes."""
     payload = request.model_dump(mode="json")
     if request.requires == Required():
         del payload["requires"]  # workers of before do not know it

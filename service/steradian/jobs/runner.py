@@ -1,4 +1,4 @@
-"""What a worker does with a job that the engine gave it: attempts, progress, cancelling, putting back."""
+"""Run one job: attempts, progress, cancellation, requeueing."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ class JobRunner:
             gc.collect()  # what the job left, while the engine looks for the next
 
     async def _attempt(self, row: JobRow) -> JobRow:
-        """Do what a start of a job asks for and note how it ended, whatever happens on the way."""
+        """Run one attempt of a job and record its outcome, also after an error."""
         process = self._processes.get(row.kind)
         if process is None:
             return await self._settle(row, Failed("unknown-kind", f"no worker runs jobs of kind {row.kind!r}"))
@@ -214,7 +214,7 @@ class JobRunner:
             _log.warning("the log of job %s cannot be written: %s", job_id, error)
 
     async def _is_unwanted(self, row: JobRow) -> bool:
-        """Tell whether a person wants a start ended; raises :class:`Superseded` when there is a newer one."""
+        """Whether cancellation was requested; raises :class:`Superseded` when there is a newer attempt."""
         try:
             state, fence = await asyncio.to_thread(self._ledger.standing, row.id)
         except SQLAlchemyError:
@@ -233,7 +233,7 @@ class JobRunner:
             _log.warning("progress of job %s is lost: %s", row.id, error)
 
     async def _rest(self, seconds: float) -> None:
-        """Wait before the next start; a worker that is asked to end meanwhile has nothing to put back."""
+        """Wait before the next attempt; a worker that is stopped meanwhile has no job to requeue."""
         deadline = time.monotonic() + seconds
         while (left := deadline - time.monotonic()) > 0:
             if self.stopping.is_set():
@@ -246,7 +246,7 @@ class JobRunner:
             await self._rest(BACKOFF)
 
     async def _stand_still(self) -> None:
-        """Let the worker's process end before the engine hears of this one's end."""
+        """Block until the worker's process ends, before the engine observes the end of this job."""
         self.idle.set()
         await asyncio.Event().wait()
 
@@ -269,7 +269,7 @@ class JobRunner:
 
 
 def _may_pass(error: SQLAlchemyError) -> bool:
-    """Whether a database is away, busy, full or only reads, or somebody changed the same row: trying again may help."""
+    """Whether a database error is transient: unavailable, busy, full, read-only, or a concurrent change of a row."""
     if isinstance(error, DBAPIError):
         only_reads = getattr(error.orig, "sqlstate", None) == READ_ONLY
         return only_reads or error.connection_invalidated or isinstance(error, OperationalError | InterfaceError)
@@ -288,7 +288,7 @@ class _Progress:
         await self.pass_on()
 
     async def pass_on(self) -> None:
-        """Report what has not been reported, if it is time."""
+        """Report pending progress when the interval has passed."""
         if self._newest is None or time.monotonic() - self._when < POLL:
             return
         self._when, newest, self._newest = time.monotonic(), self._newest, None

@@ -1,4 +1,4 @@
-"""The work of each kind of job, as it is done in a worker's child process."""
+"""Handlers of the job kinds, run in the worker's subprocess."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whose turn it is: among jobs of equal priority, those who asked take turns, however many jobs each has queued.
+"""Fair queueing between API keys within a priority level (start-time fair queueing).
 
 A job's turn is the start tag of start-time fair queueing (Goyal, Vin and Cheng, 1996) with jobs of equal length: one
 more than the newest of whoever asked for it, but not before the first that waits. Each priority has turns of its own; a
@@ -30,7 +30,7 @@ _WAITING, _RUNNING = ReconstructionState.QUEUED, ReconstructionState.RUNNING
 
 
 def next_turn(session: Session, owner: str, priority: int) -> int:
-    """Tell the turn of one more job that somebody asks for; it is later than any other of theirs at that priority.
+    """Return the start tag of the owner's next job; it is later than all others of that owner and priority.
 
     Nobody else takes one before this transaction ends. Jobs that follow a scan count with nobody: most are done where
     the scanner is, whatever else waits.
@@ -48,12 +48,12 @@ def next_turn(session: Session, owner: str, priority: int) -> int:
 
 
 def place(row: JobRow) -> int:
-    """Tell a job's place as the engine counts: from 1, smaller ones first, equal ones by age."""
+    """Return a job's queue priority for the engine: from 1, smaller values first, equal ones by age."""
     return row.priority * TURNS + row.turn + 1
 
 
 def renumber(session: Session, engine_table: str) -> None:
-    """Give what waits the places of today's counting, which an earlier version or an old backup knew not.
+    """Assign current start tags to queued jobs of an earlier version or a restored backup.
 
     Parameters
     ----------

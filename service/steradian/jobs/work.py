@@ -1,4 +1,4 @@
-"""Where and with what a job works, in its own process."""
+"""Execution context of a job: data directory, working folder, plan cache, progress callback."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Work:
-    """Where and with what a job works.
+    """Context in which a job runs: its folder, progress and stores.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A worker process: it takes jobs from the queue one at a time and runs each in a child process."""
+"""Worker process: claims jobs one at a time and runs each in a subprocess."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _log = logging.getLogger(__name__)
 def run_worker(
     settings: Settings, slot: int, commands: Mapping[str, Sequence[str]], has: Capabilities | None = None
 ) -> None:
-    """Be a worker until SIGTERM or SIGINT: take jobs one at a time and run each in a child process.
+    """Run a worker until SIGTERM or SIGINT: take jobs one at a time and run each in a child process.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def _gate(has: Capabilities) -> Callable[..., list[ColumnElement[bool]]]:
 
 
 def _register(runner: JobRunner) -> None:
-    """Tell the engine of the workflow and its one step."""
+    """Register the workflow and its single step with the engine."""
 
     @DBOS.step(name="attempts", preemptible=True)
     async def attempts(job_id: str) -> str:
@@ -129,7 +129,7 @@ def _register(runner: JobRunner) -> None:
 
 
 def _adopt_orphans(settings: Settings) -> None:
-    """Queue again what workers left behind that no longer exist, because fewer are started than before."""
+    """Requeue the jobs of workers that no longer exist, because fewer are started than before."""
     present = {settings.executor(slot) for slot in range(max(1, settings.workers))}
     if gone := _pending_executors() - present:
         _recover(sorted(gone))

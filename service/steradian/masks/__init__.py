@@ -1,4 +1,4 @@
-"""Sensor arrangements: where on the plane to sense, and what to expect of it."""
+"""Sensor masks: arrangements, weights and figures of merit."""
 
 from __future__ import annotations
 

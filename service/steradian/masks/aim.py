@@ -1,4 +1,4 @@
-"""What a mask of any arrangement is for: its point of interest, and about how many points."""
+"""Base class of arrangements with an optional point of interest."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def check_either(**given: object) -> None:
 
 
 def along(aperture: float, spacing: float) -> float:
-    """Tell how often a spacing fits into the aperture's side; more than anybody's mask has is as good as any more."""
+    """Return how often a spacing fits into the aperture's side, limited to the maximum number of points."""
     return min(aperture / spacing, float(MOST_POINTS))
 
 

@@ -79,7 +79,7 @@ def _read_csv(path: Path) -> tuple[tuple[float, float], ...]:
 
 
 def beams_mask(mask: Mask, beams: ArrayLike, *, places: int | None = None) -> Mask:
-    """Make the mask that a pattern of interrogation beams measures in place of another.
+    """Return the mask measured by a pattern of interrogation beams in place of another mask.
 
     Its points are those that beams really sense: point n is that of beam n mod B at place ⌊n / B⌋. Their density is
     the mask's as nearly as the pattern lets it be; their weights are the areas of their own cells.

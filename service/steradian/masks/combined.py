@@ -23,7 +23,7 @@ CLOSEST = 0.6
 
 
 class PointOfInterest(Value):
-    """Where a mask should see well, and by how many points."""
+    """Point of interest of a mask, and the number of points for it."""
 
     depth: float = quantity("m", "Distance r0 from the sensor plane", **LENGTH.limits)
     count: int = quantity("points", "Points that an equi-steradian mask for it alone would have", ge=5, le=1_000_000)
@@ -46,7 +46,7 @@ class Combined(Value):
 
     @property
     def expected_count(self) -> int:
-        """At most about so many points the mask will have."""
+        """Upper bound of the number of points of the mask."""
         return sum(point.count for point in self.points_of_interest)
 
     def build(self) -> Mask:
@@ -76,7 +76,7 @@ class Combined(Value):
         )
 
     def _around(self, number: int) -> EquiSteradian:
-        """Return the mask for one point of interest alone; what is wrong with it is said of that point."""
+        """Return the mask for one point of interest alone; errors name that point."""
         try:
             return EquiSteradian.create(aperture=self.aperture, **dict(self.points_of_interest[number]))
         except InvalidInput as error:
@@ -84,13 +84,13 @@ class Combined(Value):
 
 
 def _spacing(positions: NDArray[np.float64], patterns: Sequence[Pattern]) -> NDArray[np.float64]:
-    """Tell the expected distance between neighbours: that of the densest pattern at each place."""
+    """Return the expected distance between neighbours: that of the densest pattern at each place."""
     found: NDArray[np.float64] = np.min([pattern.spacing(positions) for pattern in patterns], axis=0)
     return found
 
 
 def _own_part(patterns: Sequence[Pattern], index: int) -> NDArray[np.float64]:
-    """Points of one pattern where it is the densest."""
+    """Return the points of one pattern where it is the densest."""
     positions = patterns[index].positions
     spacings = [pattern.spacing(positions) for pattern in patterns]
     own: NDArray[np.float64] = positions[np.argmin(spacings, axis=0) == index]

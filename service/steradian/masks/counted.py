@@ -1,4 +1,4 @@
-"""Any arrangement by the number of its points, for one point of interest: masks on equal terms.
+"""Build any arrangement from a target number of points.
 
 Not every arrangement can have every number of points; each function here finds the nearest that it can have.
 """

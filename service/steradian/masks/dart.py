@@ -1,4 +1,4 @@
-"""Poisson-disc points in the unit square, by Bridson's method (SIGGRAPH 2007)."""
+"""Bridson's Poisson-disc sampling."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Equal cells: spacing slices so that the cells of their points really cover equal solid angles.
+"""Newton iteration that makes the Voronoi cells of the slices equal in solid angle.
 
 Points at the middle of equal units are not yet alike: where a slice doubles its number of points, the border between
 its cells and those of the slice before lies off the border between the units. The few points near the pole feel
@@ -101,7 +101,7 @@ def _jacobian(
     now: NDArray[np.float64],
     free: int,
 ) -> NDArray[np.float64]:
-    """Tell the derivatives (free + 1, free) of the cells' unevenness by the angles of slices 1 … free."""
+    """Return the derivatives (free + 1, free) of the cells' unevenness by the angles of slices 1 … free."""
     slope = np.zeros((free + 1, free))
     for first in range(1, min(2 * REACH + 1, free) + 1):
         moved = np.arange(first, free + 1, 2 * REACH + 1)
@@ -125,7 +125,7 @@ def _moved(angles: NDArray[np.float64], move: NDArray[np.floating[Any]]) -> NDAr
 
 
 def unit_angle(counts: Sequence[int], rim: float) -> float:
-    """Tell the solid angle in steradians of each point of slices that fill a cap, overhang included."""
+    """Return the solid angle in steradians of each point of slices that fill a cap, overhang included."""
     return 2 * pi * (1 - cos(rim)) / (sum(counts) - OVERHANG * counts[-1])
 
 

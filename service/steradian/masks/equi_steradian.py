@@ -91,7 +91,7 @@ class EquiSteradian(Value):
         return slices
 
     def outline(self) -> Outline:
-        """Outline of what is sensed: the disc around the point of interest's foot, as far as it is in the aperture."""
+        """Outline of the sensed area: the disc around the foot of the point of interest, clipped to the aperture."""
         half = np.full(2, self.aperture / 2)
         disc = outlines.disc(self.offset, self.depth * tan(self._rim))
         return outlines.common(disc, outlines.rectangle(-half, half))
@@ -133,7 +133,7 @@ class EquiSteradian(Value):
 
 @dataclass(frozen=True)
 class Pattern:
-    """Points of equal solid angle.
+    """Pattern of points of equal solid angle.
 
     Attributes
     ----------
@@ -169,7 +169,7 @@ class Pattern:
         return found
 
     def spacing(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Tell the expected distance in metres between neighbours: the root of a point's share of the plane."""
+        """Return the expected distance in metres between neighbours: the root of a point's area in the plane."""
         share = self.unit * self.distances_of(positions) ** 3 / self.point_of_interest[2]
         found: NDArray[np.float64] = np.sqrt(share)
         return found

@@ -1,4 +1,4 @@
-"""Masks from files; :mod:`steradian.masks.writing` writes them."""
+"""Read and write mask files (JSON, CSV, npy)."""
 
 from __future__ import annotations
 

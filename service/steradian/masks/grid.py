@@ -29,7 +29,7 @@ class Grid(Aimed):
 
     @property
     def expected_count(self) -> int:
-        """How many points the mask will have."""
+        """Number of points of the mask."""
         return self.count**2
 
     def build(self) -> Mask:

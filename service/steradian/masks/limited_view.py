@@ -1,4 +1,4 @@
-"""The limited view: which edges a plane of sensors can see (paper, section 4, after Xu et al. 2004).
+"""Limited-view analysis: visible edge orientations per position.
 
 Waves leave an edge along its normal. An edge is visible where the normal line through it meets the sensors, and no
 plane sees edges perpendicular to itself.
@@ -89,7 +89,7 @@ def limited_view(mask: Mask, deepest: float, *, y: float | None = None, pixels: 
 
 
 def visible_share(mask: Mask, point: tuple[float, float, float]) -> float:
-    """Tell which share of all orientations of an edge at ``point`` (x, y, z in metres) is visible, 0 to 1."""
+    """Return the visible fraction of all orientations of an edge at ``point`` (x, y, z in metres), 0 to 1."""
     outline = outline_of(mask)
     x, y, z = np.asarray(point, np.float64)
     if mask.is_line:
@@ -99,7 +99,7 @@ def visible_share(mask: Mask, point: tuple[float, float, float]) -> float:
 
 
 def _chord(outline: Outline, y: float) -> tuple[float, float]:
-    """Where a line at ``y`` enters and leaves a convex polygon; (∞, −∞) where it passes by."""
+    """Interval in which a line at ``y`` crosses a convex polygon; (∞, −∞) if it does not."""
     if (upper := outline[outline[:, 1] == y, 0]).size > 1:  # along an edge
         return float(upper.min()), float(upper.max())
     after = np.roll(outline, -1, axis=0)

@@ -58,7 +58,7 @@ class Mask(ShownValue):
     @model_validator(mode="before")
     @classmethod
     def _without_what_follows(cls, fields: Any) -> Any:
-        """Leave out the sensed area, which a mask's JSON repeats for whoever reads it."""
+        """Remove the derived sensed area from a mask's JSON."""
         if isinstance(fields, dict) and "sensed_area" in fields:
             return {name: value for name, value in fields.items() if name != "sensed_area"}
         return fields
@@ -189,7 +189,7 @@ class Mask(ShownValue):
 
 
 def check_shape(positions: NDArray[np.float64]) -> None:
-    """Refuse positions that are no points of a plane or line; raises :class:`InvalidInput`."""
+    """Validate the shape of positions of a plane or line; raises :class:`InvalidInput`."""
     shape = positions.shape
     if len(shape) != 2 or shape[1] not in (1, 2) or not shape[0]:
         raise InvalidInput("positions", f"an array of shape {shape}", "(M, 2), or (M, 1) for a line; M at least 1")

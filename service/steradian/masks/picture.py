@@ -1,4 +1,4 @@
-"""A page of pictures of a mask: where it senses, how densely, what it can see and how sharply."""
+"""Summary figure of a mask."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ def _spread_plot(spread: PointSpread) -> Plot:
 
 
 def _shares_plot(mask: Mask) -> Plot:
-    """Show how even the sensors are: in solid angle, or in spacing where there is no point of interest."""
+    """Plot the uniformity of the sensors: in solid angle, or in spacing without a point of interest."""
     seen = promises(mask)
     if seen.solid_angles is not None:
         values, name = 100 * seen.solid_angles / seen.solid_angles.mean(), "solid angle over its mean (%)"

@@ -1,4 +1,4 @@
-"""What a tiny ball at the point of interest will look like: simulated exactly, sensed by the mask, reconstructed."""
+"""Point-spread function at the point of interest, by simulation."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ class Points(Value):
 
     @property
     def expected_count(self) -> int:
-        """How many points the mask will have."""
+        """Number of points of the mask."""
         return len(self.positions)
 
     def build(self) -> Mask:
@@ -72,7 +72,7 @@ class Points(Value):
 
 
 def area_of_weights(total: float | None, aperture: float, axes: int) -> float | None:
-    """Return what weights sum to in m² (m for one axis) if that can be an area, else ``None``: they are relative."""
+    """Return the sum of weights in m² (m for one axis) if that can be an area, else ``None``: they are relative."""
     return total if total is not None and 0 < total <= MOST_AREA * aperture**axes else None
 
 

@@ -1,4 +1,4 @@
-"""What a mask promises before anything is measured."""
+"""Figures of merit of a mask: spacing, evenness, opening angle, sensed area."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Promises:
 
 
 def promises(mask: Mask, point_of_interest: tuple[float, float, float] | None = None) -> Promises:
-    """Work out what a mask promises.
+    """Compute the metrics of a mask.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def _opening(across: NDArray[np.float64], depth: float) -> float:
 
 
 def _inner(mask: Mask) -> NDArray[np.bool_]:
-    """Tell the sensors that are no part of the outermost ones' hull, nor next to it."""
+    """Return the sensors that are neither on the convex hull nor adjacent to it."""
     from scipy.spatial import KDTree
 
     focus = mask.points_of_interest[0, :2] if len(mask.points_of_interest) else np.zeros(2)

@@ -1,4 +1,4 @@
-"""Points by chance: independent ones, and ones that keep their distance."""
+"""Uniform random and Poisson-disc arrangements."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Random(Aimed):
 
     @property
     def expected_count(self) -> int:
-        """How many points the mask will have."""
+        """Number of points of the mask."""
         return self.count
 
     def build(self) -> Mask:

@@ -1,4 +1,4 @@
-"""How much a Fabry–Pérot film loses at oblique incidence: a rule of thumb for judging a mask.
+"""Empirical directivity loss of a Fabry–Pérot film.
 
 The paper (section 4.2, after Cox and Beard 2007) states two figures for 62°: below 1 MHz less than 5 dB, around 2 MHz
 more than 10 dB. The rule here goes through both: 5 dB a MHz at 62°, growing with sin²θ from nothing at normal
@@ -19,7 +19,7 @@ HIGHEST = 2e6
 
 
 def attenuation_db(angle: float, frequency: float) -> float:
-    """Tell the loss at an angle of incidence against normal incidence.
+    """Return the loss in dB at an angle of incidence relative to normal incidence.
 
     Parameters
     ----------

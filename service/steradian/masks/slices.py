@@ -1,4 +1,4 @@
-"""Slices of a spherical cap around the point of interest (paper, appendix A)."""
+"""Slices of a spherical cap with equal solid angle per point."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scanners that can only stop on a grid: masks moved onto it."""
+"""Snap a mask to the positions a scanner can reach."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Some of an existing mask's points: a sparser scan, or a "what if" on one already made."""
+"""Subset of an existing mask by point index."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Subset(Value):
 
     @property
     def expected_count(self) -> int:
-        """How many points the mask will have."""
+        """Number of points of the mask."""
         return len(self.indices)
 
     def build(self) -> Mask:

@@ -40,7 +40,7 @@ def voronoi_areas(positions: NDArray[np.float64], aperture: float) -> NDArray[np
 
 
 def covering(outline: Outline, positions: NDArray[np.float64]) -> Outline:
-    """Widen an outline to points beside it, such as those moved onto a scanner's grid."""
+    """Extend an outline to nearby points, such as those moved onto a scanner's grid."""
     if outline.shape[1] == 2 and outlines.holds(outline, positions).all():
         return outline
     return outlines.hull(np.concatenate([outline, positions]))
@@ -79,7 +79,7 @@ def weights_for(
 
 
 def outline_of(mask: Mask) -> Outline:
-    """Outline of what a mask senses; found from its points for a mask that has none."""
+    """Outline of the sensed area of a mask, computed from its points if the mask has none."""
     return sensed_outline(mask.positions, mask.aperture) if mask.outline is None else mask.outline
 
 

@@ -1,4 +1,4 @@
-"""Masks as files: JSON keeps everything, CSV and npy the points and weights for other programs."""
+"""Write masks as JSON, CSV or npy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Waves in two dimensions, propagated exactly: the k-space method on a domain that nothing can re-enter in time.
+"""2-D wave propagation (k-space method).
 
 In a homogeneous medium each plane wave of the initial pressure oscillates as cos(c·|k|·t), which has no error of time
 steps. Instead of an absorbing layer, the periodic domain is made so large that no wave comes round within the record.

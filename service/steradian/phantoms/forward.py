@@ -96,7 +96,7 @@ def pressure(
 
 
 def sampled(balls: Balls, like: Volume) -> Volume:
-    """Return the initial pressure of balls at the voxels of a reconstruction: its truth.
+    """Return the initial pressure of Gaussian balls at the voxels of a reconstruction: its ground truth.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a Fabry–Pérot film does to the pressure: the same model as the simulated scanner's."""
+"""Film response shared with the simulator."""
 
 from fabry_perot.simulator.film import directivity as angular_response
 from fabry_perot.simulator.film import low_pass as band_limited

@@ -62,7 +62,7 @@ def vessels(
 
 
 def _bent(random: np.random.Generator, origin: Array, direction: Array, length: float, s: float) -> tuple[Array, Array]:
-    """Return a path of points one s apart that bends gently, and the direction at its end."""
+    """Return a gently curved path of points one s apart, and the direction at its end."""
     count = max(2, int(length / (_STEP * s)))
     bend = random.normal(size=3) * np.array([0.5, 0.5, 0.3]) / length
     points, at, heading = [], origin, direction

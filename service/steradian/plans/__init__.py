@@ -1,4 +1,4 @@
-"""Plans: in what order and at what pace a mask is measured, and what that will cost."""
+"""Scan plans: visit order, timing and cost preview."""
 
 from steradian.plans.fringe import Fringe
 from steradian.plans.order import VisitOrder, travel, visit_order

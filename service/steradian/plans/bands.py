@@ -1,4 +1,4 @@
-"""Bands of bias wavelength: a film that differs from place to place, measured with few retunings of the laser.
+"""Partition bias wavelengths into bands to minimise retuning time.
 
 Tuning the interrogation laser takes longer than moving the beam, and a point may be read a little beside its best
 wavelength for a little less signal. So points whose best wavelengths lie close together share one, within a loss of
@@ -44,7 +44,7 @@ class Tuned:
 
 
 def cut(optima: Array, reach: tuple[float, float], fringe: Fringe) -> Array:
-    """Choose the fewest bands, and of all such choices one that loses little.
+    """Choose the fewest bands, and among those choices one with a low loss.
 
     Dynamic programming over the sorted optima: the fewest bands first, then the least sum of squared distances from
     the bands' means, as a loss grows with the square of the detuning.

@@ -12,7 +12,7 @@ HILBERT_LEVELS = 16
 
 
 def snake(positions: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Visit points (M, 2) in strips along y, up one and down the next."""
+    """Return the boustrophedon order of points (M, 2) in strips along y."""
     x, y = positions.T
     width = float(np.ptp(x))
     # In strips of width w over an area A, travel is about A/w along and n·w/3 across them: least at w = √(3A/n).

@@ -18,7 +18,7 @@ exact = partial(compiled, fast=False)
 def eliminate(
     starts: NDArray[np.int64], neighbours: NDArray[np.int64], crowding: NDArray[np.float64], wanted: int
 ) -> NDArray[np.bool_]:
-    """Eliminate points.
+    """Eliminate points until ``count`` are left (weighted sample elimination).
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ Kind = TypeVar("Kind", bound=Value)
 
 
 def read_value(kind: type[Kind], path: Path) -> Kind:
-    """Read a mask or a plan.
+    """Read a mask or a plan from a JSON file.
 
     Raises
     ------

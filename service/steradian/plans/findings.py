@@ -1,4 +1,4 @@
-"""What stands against a plan: errors refuse it, warnings do not; each names the field and what would do."""
+"""Validate a plan against scanner, link, record length, sampling and disk."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def _limits(plan: ScanPlan) -> Iterator[Finding]:
 
 
 def _link(plan: ScanPlan, alines_per_second: float) -> Iterator[Finding]:
-    """Compare the rate of A-lines with what the line carries."""
+    """Compare the rate of A-lines with the capacity of the link."""
     carried = plan.link.alines_per_second(plan.samples)
     if alines_per_second <= carried:
         return

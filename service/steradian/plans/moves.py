@@ -1,4 +1,4 @@
-"""Moves that shorten a tour: 2-opt and Or-opt, on a closed tour kept as an array with each point's place in it.
+"""2-opt and Or-opt moves on an array tour.
 
 The tour has one node more than there are points. It is near to all, so that a closed tour through it is a way with two
 open ends. Everything is done by turning parts round, noted in a log, so that it can be undone.
@@ -19,13 +19,13 @@ exact = partial(compiled, fast=False)
 
 @exact
 def apart(positions: NDArray[np.float64], a: int, b: int) -> float:
-    """Tell the distance of two points."""
+    """Return the distance of two points."""
     return float(np.hypot(positions[a, 0] - positions[b, 0], positions[a, 1] - positions[b, 1]))
 
 
 @exact
 def length(positions: NDArray[np.float64], a: int, b: int) -> float:
-    """Tell the distance of two nodes; the helper node after the last point is near to all."""
+    """Return the distance of two nodes; the helper node after the last point is close to all."""
     if a == len(positions) or b == len(positions):
         return 0.0
     return float(apart(positions, a, b))

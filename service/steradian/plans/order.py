@@ -14,7 +14,7 @@ from steradian.plans.progressive import progressive
 
 
 class VisitOrder(StrEnum):
-    """How the points are ordered."""
+    """Order in which the points are visited."""
 
     GIVEN = "given"
     """As the mask lists them."""
@@ -97,5 +97,5 @@ def by_wavelength(positions: NDArray[np.float64], wavelengths: NDArray[np.float6
 
 
 def travel(positions: NDArray[np.float64], visit: NDArray[np.int64]) -> float:
-    """Length in metres of the way from point to point in the order ``visit``."""
+    """Return the length in metres of the path through the points in the order ``visit``."""
     return float(np.linalg.norm(np.diff(positions[visit], axis=0), axis=1).sum())

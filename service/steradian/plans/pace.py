@@ -1,4 +1,4 @@
-"""How long a scanner needs from one point to the next."""
+"""Time between points: motion, settling and retuning."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from steradian.plans.scanner import Motion, Tuning
 
 @dataclass(frozen=True)
 class Pace:
-    """What decides how soon the next pulse can be used.
+    """Timing of the motion, tuning, laser and link between two pulses.
 
     When a record is over, the beam moves and settles while the laser tunes; the next pulse of a laser that runs freely
     is used. So a move a little longer than the rest of the pulse period costs a second period.

@@ -1,4 +1,4 @@
-"""A page of pictures of a plan: the way of the beam, and where the time goes."""
+"""Summary figure of a plan."""
 
 from __future__ import annotations
 

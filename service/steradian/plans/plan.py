@@ -35,7 +35,7 @@ _LATER = ("wavelength_uncertainty", "max_sensitivity_loss", "fringe", "gate", "g
 
 
 class ScanPlan(ShownValue):
-    """What a scanner needs to know to measure a mask; immutable and identified by its content."""
+    """Scan plan: the instructions for a scanner to measure a mask; immutable and identified by its content."""
 
     mask: Mask
     pulse_rate: float = quantity("Hz", "Laser pulses per second", ge=0.1, le=10_000, default=50.0)
@@ -148,7 +148,7 @@ class ScanPlan(ShownValue):
 
     @property
     def way(self) -> NDArray[np.float64]:
-        """(M/B, 2) the places in the order of interrogation, in m."""
+        """(M/B, 2) positions in the order of interrogation, in m."""
         return self.mask.film_positions[self.visit[:: self.beam_count]]
 
     @cached_property
@@ -193,7 +193,7 @@ class ScanPlan(ShownValue):
 
     @property
     def pace(self) -> Pace:
-        """How soon the next point can be measured."""
+        """Time until the next point can be measured."""
         return Pace(self.motion, self.tuning, self.pulse_rate, self.samples * self.sampling_interval)
 
     @property

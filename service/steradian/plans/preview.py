@@ -1,4 +1,4 @@
-"""What a plan will cost and what stands against it, told before a pulse is fired."""
+"""Cost of a plan, and the objections to it, before the scan."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ __all__ = ["Finding", "Preview", "preview"]
 
 @dataclass(frozen=True)
 class Preview:
-    """Cost of a plan, and remarks.
+    """Preview of a plan: its cost and remarks.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ def preview(
     resolution: float | None = None,
     disk_rate: float = DISK_RATE,
 ) -> Preview:
-    """Work out what a plan costs and whether scanner, link, records and disk can do it.
+    """Estimate the cost of a plan and check it against scanner, link, record lengths and disk.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def preview(
 
 
 def _frame_seconds(plan: ScanPlan, each: NDArray[np.float64]) -> float:
-    """Return the time of a frame whose points take ``each`` (M,) s; what is gated begins at an edge."""
+    """Return the duration of a frame whose points take ``each`` (M,) s; gated points start at a trigger edge."""
     if plan.gate == "none":
         return float(each.sum())
     waiting = each.sum(keepdims=True) if plan.gate == "frame" else each
@@ -146,7 +146,7 @@ def _frame_seconds(plan: ScanPlan, each: NDArray[np.float64]) -> float:
 
 
 def _loss(plan: ScanPlan) -> dict[str, float]:
-    """Return what the wavelengths that are set lose, by the film's fringe."""
+    """Return the sensitivity lost by the planned wavelengths, according to the film's fringe."""
     if plan.bias is None or plan.wavelengths is None:
         return {}
     detuning = plan.bias - plan.wavelengths
@@ -156,7 +156,7 @@ def _loss(plan: ScanPlan) -> dict[str, float]:
 
 
 def _limiting(seconds: dict[Part, float], loop: float) -> Part:
-    """Name the part that decides: what outlasts the loop of moves and shots, else the longest within it."""
+    """Return the bottleneck: a part that outlasts the loop of moves and shots, or else the longest within it."""
     outside: list[Part] = [part for part in ("link", "disk") if seconds[part] > loop]
     inside: list[Part] = ["laser", "mover", "tuning", "gate"]
     return max(outside or inside, key=lambda part: seconds.get(part, 0.0))

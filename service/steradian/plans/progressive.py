@@ -1,4 +1,4 @@
-"""A progressive order: whenever the scan is stopped after a pass, what was measured is a sparse mask of its own.
+"""Progressive visit order: after each pass, the points measured so far are a sparse mask of their own.
 
 Points are eliminated from the mask one by one, always the one most crowded by those that are left (C. Yuksel, "Sample
 elimination for generating Poisson disk sample sets", 2015), until half are left, then a quarter and so on. Crowding
@@ -91,7 +91,7 @@ def _even_space(positions: NDArray[np.float64], mask: Mask | None) -> NDArray[np
 
 
 def _eliminate(space: NDArray[np.float64], wanted: int) -> NDArray[np.bool_]:
-    """Tell which ``wanted`` points are left after always the most crowded has been taken away.
+    """Return which ``wanted`` points remain after repeated removal of the most crowded point.
 
     A neighbour at distance d adds (1 − d/(REACH·r))⁸ to the crowding, r the distance in an ideal hexagonal arrangement
     of the points that will be left.

@@ -1,4 +1,4 @@
-"""What a plan must know of the scanner: its limits, how it moves and tunes, and what its link carries."""
+"""Scanner limits, motion, tuning and link throughput."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ REPORT_BYTES = 91
 
 
 class ScannerLimits(Value):
-    """Ranges, lowest and highest, of what a scanner can do."""
+    """Limits of a scanner: ranges from lowest to highest."""
 
     x: tuple[float, float] = Field(default=(-10e-3, 10e-3), description="Positions on the film (m)")
     y: tuple[float, float] = Field(default=(-10e-3, 10e-3), description="Positions on the film (m)")
@@ -39,14 +39,14 @@ class ScannerLimits(Value):
 
 
 class Motion(Value):
-    """How the beam gets from point to point: at a speed, after which it settles."""
+    """Motion of the beam from point to point: speed and settling time."""
 
     speed: float = quantity("m/s", "Speed of the beam on the film", gt=0, le=1e4, default=5.0)
     settling: float = quantity("s", "Time until the mirrors rest after a move", ge=0, le=60, default=400e-6)
 
 
 class Tuning(Value):
-    """How the interrogation laser gets from one bias wavelength to the next."""
+    """Tuning of the interrogation laser from one bias wavelength to the next."""
 
     settling: float = quantity("s", "Time until the wavelength is stable", ge=0, le=60, default=10e-3)
     speed: float = quantity("m/s", "Wavelength swept per second", gt=0, le=1, default=100e-9)
@@ -54,7 +54,7 @@ class Tuning(Value):
 
 
 class Link(Value):
-    """What the line from the scanner carries."""
+    """Capacity of the line from the scanner."""
 
     byte_rate: float | None = quantity(
         "B/s", "Bytes per second on the line; none: not limiting", gt=0, default=1_200_000.0
@@ -107,6 +107,6 @@ class Link(Value):
         return float("inf") if self.byte_rate is None else self.load * self.byte_rate / self.bytes_of(samples)
 
     def baud_for(self, alines_per_second: float, samples: int) -> int:
-        """Smallest usual baud rate that carries so many A-lines a second, or the exact need beyond the usual ones."""
+        """Return the smallest standard baud rate that carries ``rate`` A-lines a second; beyond them the exact rate."""
         need = alines_per_second * self.bytes_of(samples) * 10 / self.load
         return next((baud for baud in STANDARD_BAUD if baud >= need), ceil(need / 1e6) * 1_000_000)

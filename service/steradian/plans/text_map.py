@@ -63,7 +63,7 @@ def read_text_map(path: Path, pitch: float | None) -> tuple[Array, Array]:
 
 
 def is_text_matrix(path: Path) -> bool:
-    """Tell a matrix from a table with named columns: its first line of text is numbers."""
+    """Whether a text is a matrix rather than a table with named columns: its first line contains numbers."""
     with path.open("rb") as file:
         start = file.read(4096).removeprefix(b"\xef\xbb\xbf")
     lines = [line for line in start.splitlines() if line.strip() and not line.lstrip().startswith((b"#", b"%"))]

@@ -29,7 +29,7 @@ BOTH = 60_000
 
 
 def shortest(positions: NDArray[np.float64], kicks: int = KICKS) -> NDArray[np.int64]:
-    """Visit points (M, 2) on a short way, open at both ends, disturbed and mended at most ``kicks`` times.
+    """Return a short open tour of points (M, 2) by iterated local search with at most ``kicks`` perturbations.
 
     Returns
     -------
@@ -75,7 +75,7 @@ def join(positions: NDArray[np.float64], pieces: Sequence[NDArray[np.int64]]) ->
 
 
 def nearest(positions: NDArray[np.float64], count: int) -> NDArray[np.int64]:
-    """Nearest neighbours (M, K) of each point, closest first; K is ``count`` where there are so many."""
+    """Nearest neighbours (M, K) of each point, closest first; K is at most ``count``."""
     from scipy.spatial import KDTree
 
     count = min(count, len(positions) - 1)

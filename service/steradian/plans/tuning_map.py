@@ -1,4 +1,4 @@
-"""A measured map of a film: at which wavelength it is best read, here and there, and between with what uncertainty."""
+"""Measured tuning map of a film: optimum bias wavelengths at some places, interpolated with uncertainty."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ class TuningMap(Value):
         return found, np.maximum(uncertainty, self.repeatability)
 
     def fields(self, mask: Mask) -> dict[str, Any]:
-        """Return what a :class:`~steradian.plans.ScanPlan` of a mask says of it, by the plan's names.
+        """Return the fields of a :class:`~steradian.plans.ScanPlan` of a mask that the map determines.
 
         The uncertainty is the root mean square over the mask's points.
         """
@@ -123,7 +123,7 @@ class TuningMap(Value):
         return {"wavelengths": wavelengths, "wavelength_uncertainty": rms}
 
     def _residuals(self, tree: object, count: int) -> Array:
-        """Return how far each place is from what the others around it promise (N,), in m."""
+        """Return the deviation of each place from the prediction of the others (N,), in m."""
         if len(self.wavelengths) == 1:
             raise InvalidInput("tuning map", "one place", "one at every point, or several to interpolate between")
         others = tree.query(self.positions, k=min(count, len(self.wavelengths) - 1) + 1)[1]  # type: ignore[attr-defined]

@@ -1,4 +1,4 @@
-"""How alike, how sharp and how resolved images are (paper, appendix B and section 3); for projections and volumes.
+"""Image quality metrics: correlation, sharpness, resolution and contrast.
 
 A projection shows each column's maximum and so hides what lies beneath it: state the volume's figures beside it.
 """

@@ -40,7 +40,7 @@ class BadLine:
 
     @property
     def mend(self) -> Mend:
-        """What would mend it."""
+        """Treatment that would mend the A-line."""
         return MENDS[self.kind]
 
 

@@ -1,4 +1,4 @@
-"""How an object stands out of its surroundings."""
+"""Contrast, CNR and modulation depth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How alike two images are: Pearson's correlation coefficient (paper, appendix B)."""
+"""Pearson correlation of images and volumes."""
 
 from __future__ import annotations
 

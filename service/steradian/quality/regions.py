@@ -36,7 +36,7 @@ def disc(
 
 
 def of_interest(reference: ArrayLike, threshold: float = 0.04) -> Region:
-    """Region of interest: the elements that have at least a share of the reference's maximum (paper, section 6).
+    """Return the region of interest: elements of at least a share of the reference's maximum (paper, section 6).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Saturated A-lines, told by samples that are equal at an extreme value while few lie just below it."""
+"""Detection of saturated A-lines: many samples equal an extreme value, and few lie just below it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How sharp an image is: the normalised Tenenbaum function (paper, appendix B)."""
+"""Sharpness of an image: the normalised Tenenbaum function (paper, appendix B)."""
 
 from __future__ import annotations
 

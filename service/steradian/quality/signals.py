@@ -27,7 +27,7 @@ LOW_BAND: Final = 256
 
 @dataclass(frozen=True, eq=False)
 class SignalReport:
-    """What an inspection of A-lines found; values are in units of the traces.
+    """Report of an inspection of A-lines; values are in units of the traces.
 
     Attributes
     ----------

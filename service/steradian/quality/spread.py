@@ -1,4 +1,4 @@
-"""How wide a line or an edge has become: fits as in the paper (section 3) and a direct width beside them.
+"""Line- and edge-spread fits.
 
 A Lorentzian fitted to the few samples around a maximum reads low on lines that are Gaussian or sinc-like, as images of
 a band-limited system are: it trades width for tails. So each fit carries the directly measured width.

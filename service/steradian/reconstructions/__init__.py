@@ -1,1 +1,1 @@
-"""Reconstructions: from a stored scan to a stored volume, its projections and figures."""
+"""Reconstruction pipeline from scan files to volume files."""

@@ -25,7 +25,7 @@ MOST_LISTED: Final = 500
 
 @dataclass
 class BadLinesFound:
-    """Bad A-lines of a recording, and what was done about them.
+    """Bad A-lines of a recording, and their treatment.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class BadLinesFound:
     shifts_s: tuple[float, float] | None = None
 
     def note(self) -> str:
-        """Return what was done, in a sentence."""
+        """Return the treatment as a sentence."""
         said = []
         if self.left_out:
             said.append(f"left out {_of(self.left_out, self.looked_at)}: {_listed(self.left_out)}")

@@ -1,4 +1,4 @@
-"""Compiling what a first reconstruction needs, while something else takes its time.
+"""Warm up the JIT cache in background processes.
 
 ``python -m steradian.reconstructions.compiling``, at the other end of a pipe to its standard input, does once, with
 little data, what reconstructions of scans do, and ends at once where all that is on disk, or where another process is
@@ -35,7 +35,7 @@ _log = logging.getLogger(__name__)
 
 @contextmanager
 def compiling_ahead(*half: str) -> Iterator[None]:
-    """Have it done by other processes while the block runs; what they have not done by its end is left.
+    """Context manager that compiles kernels in other processes; unfinished ones are abandoned at its end.
 
     For our own programs: where Python is part of another one, ``sys.executable`` may be anything.
     """
@@ -50,7 +50,7 @@ def compiling_ahead(*half: str) -> Iterator[None]:
 
 
 def compile_ahead() -> None:
-    """Have it done by other processes, until they are done or this one is gone."""
+    """Compile kernels in other processes, until they finish or this process exits."""
     with suppress(OSError), _started() as process:
         if code := process.wait():
             _log.warning("what the first reconstruction needs is not compiled ahead: exit code %d", code)
@@ -58,7 +58,7 @@ def compile_ahead() -> None:
 
 @contextmanager
 def compiling_beside() -> Iterator[None]:
-    """Have the second half done by another process while the block, which reconstructs, begins with the first."""
+    """Compile the second half of the kernels in another process while this one starts with the first half."""
     with compiling_ahead(SECOND) if _is_wanted() else nullcontext():
         yield
 
@@ -110,7 +110,7 @@ def is_needed() -> bool:
 
 
 def compile_all(half: str = "") -> None:
-    """Do once what reconstructions of a scan do, in the precision that they have; one half of it first."""
+    """Run each kernel of a scan's reconstruction once, in its precision; one half of the kernels first."""
     import numpy as np
 
     from steradian.imaging import ReconstructionPlan
@@ -130,7 +130,7 @@ def compile_all(half: str = "") -> None:
 
 
 def main(half: str = "") -> None:
-    """Be such a process, until it is done or whoever started it is gone."""
+    """Entry point of a compiling process, which ends when it is done or its parent has exited."""
     threading.Thread(target=end_with_stdin, args=(lambda: os._exit(0),), daemon=True).start()
     die_first(SCORE)
     if not half:

@@ -1,4 +1,4 @@
-"""How well points cover their aperture."""
+"""Fill distance of sensor positions within the aperture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which sensor recorded the A-lines, and how far its response is taken back."""
+"""Choice of the Fabry–Pérot film response to correct for."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Film(Value):
     backing_density: float = quantity("kg/m³", "Of the backing", gt=0, le=30e3, default=1200.0)
 
     def correction(self, recorded: str = "") -> Correction | None:
-        """Return what the reconstruction takes; None for an ideal film.
+        """Return the film correction for the reconstruction; None for an ideal film.
 
         Parameters
         ----------
@@ -70,7 +70,7 @@ class Film(Value):
                 return Correction(film, self.max_gain)
 
     def notes(self, recorded: str = "") -> tuple[str, ...]:
-        """Return what a scan's statement of its film says against this choice; ``recorded`` as above."""
+        """Return notes on differences between the scan's recorded film and this choice; ``recorded`` as above."""
         lost = [part for part in SIMULATED if part in recorded]
         match self.kind:
             case "simulated" if not recorded:

@@ -1,4 +1,4 @@
-"""What a reconstruction found out on its way: how its fit went, and what it left out."""
+"""Diagnostics of a reconstruction: convergence and band limit."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Fit:
-    """How the method iterative found an image.
+    """Diagnostics of an iterative fit.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class Fit:
 
 @dataclass(frozen=True)
 class Band:
-    """What was left out of the A-lines.
+    """Excluded frequency band.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A volume at half its resolution: each voxel the mean of 2 × 2 × 2, of fewer at far edges of odd length."""
+"""Downsample a volume by 2 along each axis (mean of 2×2×2)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a scan file of our own says of its plan: an imported recording needs a mask and a plan like any other scan."""
+"""Plan and mask stored in a scan file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from steradian.scans.origin import notes_of, read_origin
 
 @dataclass(frozen=True)
 class Imported:
-    """What the file says.
+    """Plan of an imported scan.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The job: from a file of A-lines to a volume, its projections and a report."""
+"""Reconstruction pipeline: recording → volume, projections and report."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class Report:
         self.fit = Fit(found.iterations, found.stopped, found.products, misfits[-1], misfits)
 
     def note_device(self, name: str, notes: Sequence[str]) -> None:
-        """Note what computed, and why it is not what was asked for."""
+        """Record the device that computed, and the reason if it is not the requested one."""
         self.device = name
         self.notes += notes
 

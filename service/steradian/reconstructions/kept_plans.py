@@ -1,4 +1,4 @@
-"""Reconstruction plans kept from job to job: scans of one mask with the same parameters need the tables once."""
+"""LRU cache of reconstruction plans, keyed by a hash of geometry and parameters."""
 
 from __future__ import annotations
 

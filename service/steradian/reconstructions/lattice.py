@@ -1,4 +1,4 @@
-"""Where the voxels of an image lie, also of a part of it and of coarser copies."""
+"""Voxel grid: origin and spacing per axis, also of slices and pyramid levels."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ class Lattice:
         )
 
     def moved(self, by: tuple[float, ...]) -> Lattice:
-        """Return the same at other coordinates, ``by`` so many metres along each axis."""
+        """Return the grid with its coordinates shifted by ``by`` metres along each axis."""
         return replace(self, origin=tuple(first + step for first, step in zip(self.origin, by, strict=True)))
 
     def without(self, name: str) -> Lattice:
-        """Return that of what is projected along an axis."""
+        """Return the grid without a projected axis."""
         return self.part(tuple(0 if name == other else slice(None) for other in self.names))
 
     def part(self, index: Index) -> Lattice:

@@ -1,4 +1,4 @@
-"""How a volume lies in its file: in chunks that hardly stick out of it, with coarser copies of 2³ voxels each."""
+"""Chunk shape and resolution pyramid of volume files."""
 
 from __future__ import annotations
 

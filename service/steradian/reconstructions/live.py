@@ -1,4 +1,4 @@
-"""The live view: an image that follows a scan, with a revision every few seconds.
+"""Online reconstruction that follows a running scan.
 
 A revision adds the A-lines stored since the last one to the running sum (:mod:`steradian.imaging.growing`), makes an
 image of the points so far and replaces ``mip-*.png``, ``projections.h5`` and ``revision.json``. When the scan is over
@@ -185,7 +185,7 @@ class LiveView:
         return self._growing.volume()
 
     def revise(self, *, cancelled: IsCancelled | None = None) -> Revision | None:
-        """Make a revision of what is stored now; ``None`` if nothing new is."""
+        """Update the image with newly stored A-lines; ``None`` if there are none."""
         clock = _Clock()
         if not self._add_new(clock, cancelled):
             return None
@@ -199,7 +199,7 @@ class LiveView:
         return revision
 
     def _add_new(self, clock: _Clock, cancelled: IsCancelled | None) -> int:
-        """Add what is new to the sum and return how many A-lines that is."""
+        """Add new A-lines to the sum and return their number."""
         # what all A-lines have in common changes with each of them: then they are taken anew, and all at once
         common = self.parameters.conditioning.remove_common is not None
         count = 0

@@ -1,4 +1,4 @@
-"""What a partly measured scan lacks: how many points, where, and how large a hole they leave."""
+"""Planned points without an A-line and the largest gap they leave."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Missing:
 
 
 def missing_points(recording: Recording) -> Missing | None:
-    """Say what a recording lacks of its plan; ``None`` when it has everything, or its file does not tell."""
+    """Return the incompleteness of a recording relative to its plan; ``None`` when it is complete or unknown."""
     absent = recording.missing
     if absent is None or not len(absent):
         return None

@@ -25,7 +25,7 @@ MATTERS = 0.25
 
 
 def near_field(volume: Volume, positions: NDArray[np.float64]) -> float:
-    """Tell down to which depth the sensors' noise outshines the object, from the mask and the noise in the image.
+    """Return the depth above which sensor noise dominates, from the mask and the noise in the image.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a recording and the parameters chosen for it come to: A-lines as they are used, and what a plan takes."""
+"""Resolve request parameters against a recording."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def conditioned(recording: Recording, parameters: ReconstructionParameters) -> N
 
 
 def plan_parameters(recording: Recording, parameters: ReconstructionParameters) -> Parameters:
-    """Return what a reconstruction takes, but positions and traces.
+    """Return the arguments of a reconstruction other than positions and traces.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def plan_parameters(recording: Recording, parameters: ReconstructionParameters) 
 
 
 def sound_speed_of(recording: Recording, parameters: ReconstructionParameters) -> float:
-    """Return the speed of sound in m/s that takes effect; raises :class:`InvalidInput` when nobody states one."""
+    """Return the effective speed of sound in m/s; raises :class:`InvalidInput` when none is stated."""
     speed = parameters.sound_speed or recording.sound_speed
     if speed is None:
         raise InvalidInput("sound_speed", "missing", f"{SOUND_SPEED}; the recording states none")
@@ -90,7 +90,7 @@ def begins_at(recording: Recording, parameters: ReconstructionParameters) -> flo
 
 
 def extent_of(recording: Recording, parameters: ReconstructionParameters) -> Extent:
-    """Return of which depths the record tells."""
+    """Return the range of depths that the record covers."""
     samples = recording.traces.shape[1]
     return Extent.of(samples, recording.sampling_interval, begins_at(recording, parameters))
 

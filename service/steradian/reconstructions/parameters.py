@@ -1,4 +1,4 @@
-"""What may be chosen about a reconstruction."""
+"""Reconstruction parameters of the service and command line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures of a volume: maximum-intensity projections with axes in millimetres, a colour bar and a scale bar."""
+"""Render maximum-intensity projections as PNG."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Previews: the same reconstruction with fewer, about isotropic voxels, for a person who watches a scan.
+"""Previews of a running scan: the same reconstruction with fewer, nearly isotropic voxels.
 
 A digitiser samples depth finer (12 µm at 8 ns) than sensors and modes sample the plane (60 µm in the paper's yarn). A
 preview keeps the lateral pixels and takes the frequencies of the A-lines only as far as a depth step of that size
@@ -26,7 +26,7 @@ COARSER = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0)
 
 @dataclass(frozen=True)
 class Preview:
-    """How much coarser than the full image.
+    """Coarser reconstruction parameters for live previews.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Preview:
         return ceil(samples / self.decimation)
 
     def reduce(self, traces: NDArray[Any]) -> NDArray[np.float32]:
-        """Take every ``decimation``-th sample of A-lines freed of what lies beyond the new Nyquist frequency.
+        """Decimate A-lines by ``decimation`` after a low-pass filter at the new Nyquist frequency.
 
         Parameters
         ----------

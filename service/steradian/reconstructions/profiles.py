@@ -1,4 +1,4 @@
-"""Values of a volume along a line, and the direction of what lies at a place."""
+"""Profiles of a volume along a line, and local orientation of structures."""
 
 from __future__ import annotations
 

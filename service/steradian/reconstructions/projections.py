@@ -38,7 +38,7 @@ def project(volume: Volume) -> Projections:
 
 
 def project_from(volume: Volume, depth: float) -> tuple[Projections, Projections]:
-    """Return the projections of what lies from a depth in metres on, and those of everything, in one pass.
+    """Return the projections of the part below a depth in metres, and those of the whole volume, in one pass.
 
     Of the first kind ``x`` and ``y`` begin at that depth.
     """

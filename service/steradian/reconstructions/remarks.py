@@ -1,4 +1,4 @@
-"""Notes of a report on what limits an image."""
+"""Notes in a report on limits of an image."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def notes_on_depth(recording: Recording, chosen: ReconstructionParameters) -> It
 
 
 def notes_on_weights(recording: Recording, total: float) -> Iterator[str]:
-    """Warn of weights whose sum is no area: those of scans measured before weights were areas."""
+    """Return warnings about weights whose sum is not an area, as in scans of early versions."""
     if recording.outline is not None:
         return
     ratio = total / outlines.area(sensed_outline(recording.positions, recording.aperture))

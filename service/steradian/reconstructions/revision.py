@@ -1,4 +1,4 @@
-"""What is noted of a revision of the live view."""
+"""Metrics of one live-view revision."""
 
 from __future__ import annotations
 

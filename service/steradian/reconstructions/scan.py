@@ -1,4 +1,4 @@
-"""A scan file in a person's hands: what it holds, its A-lines, and the way to a volume."""
+"""Scan file as a Python object: metadata, A-lines, reconstruction."""
 
 from __future__ import annotations
 
@@ -55,12 +55,12 @@ class Scan:
 
     @property
     def mask(self) -> Mask:
-        """Where was sensed."""
+        """Mask of the scan."""
         return self.plan.mask
 
     @property
     def simulated(self) -> bool:
-        """Whether the A-lines are no measurement."""
+        """Whether the A-lines are simulated."""
         return self._said.simulated
 
     @property
@@ -75,7 +75,7 @@ class Scan:
 
     @property
     def frames(self) -> tuple[Frame, ...]:
-        """What is known of each frame, a repetition or another excitation: its light, A-lines, first and last shot."""
+        """Frames of the scan (repetitions or wavelengths), each with its light, A-lines, first and last shot."""
         return list_frames(self.path)
 
     def recording(self, frame: int | FrameChoice | None = None) -> Recording:

@@ -1,4 +1,4 @@
-"""What differs from shot to shot, and what is done about it before an image is made.
+"""Per-shot normalisation: energy, sensitivity, time zero and quality flags.
 
 A-lines are put on one grid of times, divided by their pulse energy (and, where asked, by what a wavelength beside the
 best one left of the film's sensitivity), and those whose quality flags say that they mean something else are left out;
@@ -28,7 +28,7 @@ BITS: dict[Flag, int] = {"saturated": 1, "mistuned": 2, "misfire": 4, "partial":
 
 
 class ShotTreatment(Value):
-    """How differences from A-line to A-line are treated."""
+    """Treatment of differences between shots."""
 
     time_zero: Literal["each", "common"] = Field(
         default="each", description="each: every A-line at the time at which it began; common: all at the earliest"
@@ -51,7 +51,7 @@ class ShotTreatment(Value):
     )
 
     def wanted(self, shots: Shots, known: bool | None = None) -> NDArray[np.bool_]:
-        """(M,) which A-lines are used: those without such a flag and, where energies matter, with light.
+        """Return (M,) which A-lines are used: those without an excluded flag and, where energies matter, with light.
 
         ``known``: whether the scan knows energies; None: these A-lines are all of it.
         """
@@ -62,7 +62,7 @@ class ShotTreatment(Value):
         return wanted
 
     def strengths(self, shots: Shots, known: bool | None = None) -> NDArray[np.float32]:
-        """(M,) what A-lines are divided by; ``known`` as in :meth:`wanted`."""
+        """Return (M,) the divisors of A-lines; ``known`` as in :meth:`wanted`."""
         found = shots.energy if self._divides(shots, known) else np.ones(len(shots.energy))
         if self.correct_sensitivity and shots.sensitivity is not None:
             found = found * shots.sensitivity
@@ -75,7 +75,7 @@ class ShotTreatment(Value):
 
 @dataclass
 class Unevenness:
-    """What was found, as written to a reconstruction's report.
+    """Variation between A-lines, as written to a reconstruction's report.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ def even_out(
     progress: Progress | None = None,
     cancelled: IsCancelled | None = None,
 ) -> tuple[Recording, Unevenness]:
-    """Return a recording whose A-lines differ in nothing but what they measured, and what they differed in.
+    """Normalise the shots of a recording; returns the recording and the variation found.
 
     A recording without :attr:`~steradian.scans.recording.Recording.shots` comes back as it is but for bad A-lines, and
     one that this returned comes back as it is. Of several frames the mean of each point's A-lines is returned.
@@ -149,7 +149,7 @@ def even_out(
 
 
 def even_out_new(new: NewAlines, whole: Recording, treatment: ShotTreatment) -> NewAlines:
-    """Do the same with A-lines of a running scan, on the grid of times of ``whole``; what lies outside it is cut."""
+    """Normalise new A-lines of a running scan, on the time grid of ``whole``; samples outside of it are cut."""
     wanted, shots = treatment.wanted(new.shots, new.energy_known), new.shots
     traces = new.traces
     if not wanted.all():

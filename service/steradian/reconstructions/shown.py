@@ -1,4 +1,4 @@
-"""A volume shows and stores itself: what :class:`steradian.Volume` asks of pictures and files."""
+"""Notebook display, plotting and saving of volumes."""
 
 from __future__ import annotations
 

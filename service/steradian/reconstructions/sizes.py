@@ -12,7 +12,7 @@ from steradian.scans.recording import Recording
 
 
 class LargeVolume(InvalidInput):
-    """A volume that is larger than what is made unasked."""
+    """Volume that exceeds the size limit for unconfirmed output."""
 
 
 def expected_shape(recording: Recording, parameters: ReconstructionParameters) -> tuple[int, ...]:
@@ -31,7 +31,7 @@ def expected_shape(recording: Recording, parameters: ReconstructionParameters) -
 
 
 def require_agreed(recording: Recording, parameters: ReconstructionParameters) -> None:
-    """Refuse a volume file above 1 GB that nobody has agreed to.
+    """Reject a volume file above 1 GB without explicit agreement.
 
     Raises
     ------

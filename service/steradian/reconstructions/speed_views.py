@@ -48,7 +48,7 @@ class Views:
         self._cancelled: IsCancelled | None = None
 
     def report(self, progress: Progress | None, cancelled: IsCancelled | None, total: int) -> None:
-        """Take whom to tell of progress and to ask, and how many steps there will be."""
+        """Set progress and cancellation callbacks, and the number of steps."""
         self._progress, self._cancelled, self._total = progress, cancelled, total
 
     def tell(self) -> None:

@@ -1,4 +1,4 @@
-"""Values of a volume file, read by their places in it: a slice costs what it spans, whichever way it lies.
+"""Read slices of an uncompressed HDF5 dataset directly from its chunks.
 
 The HDF5 library reads whole chunks, or single values one by one, and holds a lock for all threads meanwhile. Values of
 volumes are stored as they are, so that where they lie is all one needs to know.
@@ -66,7 +66,7 @@ class StoredValues:
         self.places[tuple(at // c for at, c in zip(chunk.chunk_offset, self.chunks, strict=True))] = chunk.byte_offset
 
     def _planes(self, dataset: h5py.Dataset) -> tuple[int, ...]:
-        """Take what lies in one piece as chunks of a few planes."""
+        """Yield chunks of planes of a contiguous dataset."""
         begin, plane = dataset.id.get_offset(), math.prod(self.shape[1:]) * self.dtype.itemsize
         thick = min(self.shape[0], max(1, PIECE_BYTES // plane)) if plane else 1
         if begin is not None:
@@ -75,7 +75,9 @@ class StoredValues:
         return (thick, *self.shape[1:])
 
     def read(self, index: Index) -> NDArray[Any]:
-        """Return what numpy's ``values[index]`` would be: a slice of steps of at least 1, or an integer, for each axis.
+        """Return the equivalent of numpy's ``values[index]``.
+
+        A slice with a step of at least 1, or an integer, for each axis.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""A volume file as it is looked at: slices, slabs and projections as numbers, without reading more than they need."""
+"""Slices, slabs and projections of a volume file without loading it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from steradian.scans.broken import BROKEN
 
 @lru_cache(maxsize=32)
 def stored_volume(path: Path, version: str) -> StoredVolume:
-    """Open one that is asked for again and again; ``version`` tells its replacement apart."""
+    """Open a volume through a cache of open files; ``version`` distinguishes a replaced file."""
     return StoredVolume(path)
 
 

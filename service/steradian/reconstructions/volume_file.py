@@ -104,7 +104,7 @@ def _write_levels(file: h5py.File, values: NDArray[Any], lattice: Lattice) -> No
 
 
 def write_projections(path: Path, volume: Volume, projections: Projections) -> None:
-    """Write the projections of a volume without its values, each time anew: a volume file's, but for what it lacks.
+    """Write the projections of a volume to a file like a volume file, without values; replaces an existing one.
 
     Origin, spacing, names of the axes and shape are attributes of the file itself.
     """
@@ -167,13 +167,13 @@ def read_projection(path: Path, axis: Literal["x", "y", "z"]) -> NDArray[np.floa
 
 
 def require_volume(file: h5py.File, path: Path) -> None:
-    """Raise :class:`DamagedFile` when a file is none of a volume, or of a version that is not known."""
+    """Raise :class:`DamagedFile` for a file that is not a volume, or of an unknown version."""
     if file.attrs.get("format") != FORMAT or file.attrs.get("schema_version") not in READABLE:
         raise DamagedFile(f"{path} is no volume file of schema version {' or '.join(map(str, READABLE))}")
 
 
 def centre_in(file: h5py.File, axes: int) -> tuple[float, ...]:
-    """Return what to add to coordinates, one an axis (the depth last), for those of the source's frame, in m."""
+    """Return the offset of each axis (depth last) to the coordinates of the source's frame, in m."""
     centre = tuple(map(float, np.ravel(file.attrs.get("centre_m", ()))))
     return (*centre, 0.0) if len(centre) == axes - 1 else (0.0,) * axes
 

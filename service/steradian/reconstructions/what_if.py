@@ -1,4 +1,4 @@
-"""What if: a scan that was made, reconstructed as if a sparser mask had been scanned.
+"""Retrospective undersampling: reconstruct a scan as if only a sparse mask had been measured.
 
 The A-lines that a mask would have measured are picked from those of a finished dense scan, reconstructed with the
 mask's weights, and compared with the image of all A-lines.
@@ -47,7 +47,7 @@ class Made:
 
 @dataclass
 class WhatIfReport:
-    """What the mask would have come to, as written to ``what-if.json``."""
+    """Report of retrospective undersampling, as written to ``what-if.json``."""
 
     mask_id: str
     scan_points: int

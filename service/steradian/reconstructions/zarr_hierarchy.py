@@ -1,4 +1,4 @@
-"""A volume file seen as OME-Zarr 0.5 (Zarr 3): metadata made on the fly, chunks as they lie in the file.
+"""Volume file presented as a virtual OME-Zarr 0.5 store.
 
 The file's chunks are [x, y, z], as are its values; Zarr's axes are z, y, x, as viewers expect, by the codec
 *transpose*.
@@ -19,7 +19,7 @@ _MICROMETRES: Final = 1e6
 
 
 def member(stored: StoredVolume, path: str) -> bytes | None:
-    """Return what lies at a path of the hierarchy; None where there is nothing.
+    """Return the node at a path of the hierarchy; None if it does not exist.
 
     Raises
     ------

@@ -1,1 +1,1 @@
-"""The processes of the service, their logs and their signs of life."""
+"""Processes of the service: supervisor, acquisition, workers, backups."""

@@ -135,7 +135,10 @@ class Acquisition:
         self._scanner.report("unknown", "idle")
 
     def step(self) -> None:
-        """Settle what is to end; resume an interrupted one that is wished to run, or run the oldest queued one."""
+        """Finish abandoned scans.
+
+        Then resume an interrupted scan whose desired state is running, or run the oldest queued one.
+        """
         for row in self._scans.wished_settled():
             self._settle(row)
         found, begin = self._scans.wished_resumed(), self._resume
@@ -173,7 +176,7 @@ class Acquisition:
         return self._scanner.refusal(row) if self._emergency.standing is None else "the emergency stop is pressed"
 
     def _loss(self, row: ScanRow) -> str | None:
-        """Say that what an interrupted scan has stored is not here, as on a node whose folder is a new one."""
+        """Return the reason why an interrupted scan's stored part is missing, such as a new data folder."""
         if row.started is None or self._data.scan_file(row.id).exists():
             return None
         return "the file with its A-lines is not in this node's folder"
@@ -269,7 +272,7 @@ class Acquisition:
 
 
 def main() -> None:
-    """Be the acquisition process of the service that the environment describes."""
+    """Entry point of the acquisition process; the environment contains its settings."""
     settings = Settings.create()
     configure_logging(settings, "acquisition")
     stopping = StopEvent()

@@ -1,4 +1,4 @@
-"""Which GPU reconstructions of this machine use."""
+"""Name of the usable CUDA device, detected in a subprocess."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A sign of life: a file that a running process touches every second."""
+"""Heartbeat file touched every second by a running process."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Heartbeat:
         self._path.unlink(missing_ok=True)
 
     def tell_gpu(self, name: str) -> None:
-        """Have the file say which GPU the process uses."""
+        """Record which GPU the process uses."""
         self._about["gpu"] = name
         self._write()
 

@@ -1,4 +1,4 @@
-"""What of a data folder its database knows, what it does not, and what can be got back."""
+"""Compare data folder and database; register orphans and set damaged files aside."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Finding:
 
 
 def inspect(settings: Settings) -> list[Finding]:
-    """Compare folder and database, changing nothing; nobody else may use them meanwhile."""
+    """Compare folder and database without changes; no other process may use them meanwhile."""
     arrays: Arrays = Folder(data := DataDirectory(settings.data))
     found = [*_databases(settings, data), *_scans(settings, data, arrays), *_results(settings, data, arrays)]
     going = removals(settings)

@@ -1,4 +1,4 @@
-"""Scans go to the object store when they are over, from the host that measured them."""
+"""Upload finished scans to the object store and remove the local copy after a grace period."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ class ScanKeeper:
                 self._sent.pop(scan.id, None)
 
     def _keep(self, scan: ScanRow, path: Path) -> None:
-        """Keep what no one writes to any more as it is, of what may be resumed a copy."""
+        """Upload finished scan files, and copies of resumable ones."""
         as_of = self._scans.clock()
         with _draft(self._data) as draft:
             if is_terminal(scan.state):
@@ -106,7 +106,10 @@ class ScanKeeper:
                     _log.info("scan %s is in the store", scan.id)
 
     def _announce(self, scan: ScanRow, stored: Stored) -> bool:
-        """Make known what was sent, unless the scan was deleted, resumed or settled meanwhile: it is swept then."""
+        """Commit an uploaded file, unless the scan was deleted, resumed or settled meanwhile.
+
+        The sweep then removes it.
+        """
         with self._scans.database.write() as session:
             now = session.scalar(select(ScanRow.revision).where(ScanRow.id == scan.id).with_for_update())
             if now is None or not (is_terminal(scan.state) or now == scan.revision):
@@ -116,7 +119,7 @@ class ScanKeeper:
 
 
 def keep(store: ObjectStore, data: DataDirectory, name: str, path: Path) -> None:
-    """Keep a file that nobody writes to any more; it stays where it is."""
+    """Upload a finished file, which also stays where it is."""
     with _draft(data) as draft:
         os.link(path, draft)
         store.keep(name, draft)
@@ -124,7 +127,7 @@ def keep(store: ObjectStore, data: DataDirectory, name: str, path: Path) -> None
 
 @contextmanager
 def _draft(data: DataDirectory) -> Iterator[Path]:
-    """Yield a path beside the copies of what the store keeps: what is put there becomes one."""
+    """Yield a path in the folder of local copies: a file written there becomes the copy."""
     folder = data.cache / DRAFTS
     folder.mkdir(mode=PRIVATE, parents=True, exist_ok=True)
     draft = folder / f"{os.getpid()}-{threading.get_ident()}"

@@ -1,4 +1,4 @@
-"""Moving what a service keeps from its folder to an object store, and back; whoever stops it may start it again."""
+"""Migrate finished data between the local folder and the object store; restartable."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ STAGE: Final = "moving"
 
 
 def move_to_store(store: ObjectStore, database: Database, data: DataDirectory, progress: Progress) -> int:
-    """Put what is over into the store and remove it from the folder; returns how many files that were.
+    """Move finished scans and jobs into the store and remove their local files; returns the number of files.
 
     What is interrupted, waits or runs stays, as do files that the database does not know. Each is removed only after
     all of it was read back.
@@ -84,7 +84,7 @@ def move_to_folder(store: ObjectStore, data: DataDirectory, progress: Progress) 
 
 
 def _over(database: Database, data: DataDirectory) -> Iterator[tuple[str, Path]]:
-    """Name what is over, with its files."""
+    """Yield finished scans and jobs with their files."""
     scans, ledger = ScanRepository(database), JobLedger(database)
     for path in data.scan_files():
         if _is_over(scans, path.stem):

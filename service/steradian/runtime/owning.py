@@ -1,4 +1,4 @@
-"""Being the only one: the service of a database, which several nodes may be together, and the node of a scanner."""
+"""Singleton locks: one service per database, one node per scanner."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ OWNER_PATIENCE = 10.0
 
 @contextmanager
 def owning_database(settings: Settings) -> Iterator[Callable[[], None]]:
-    """Be the one service on a PostgreSQL database; yields what raises :class:`Conflict` when it is that no more.
+    """Hold the service lock of a PostgreSQL database; yields a check that raises :class:`Conflict` when it is lost.
 
     The nodes of one service share it.
     """
@@ -37,7 +37,7 @@ def owning_database(settings: Settings) -> Iterator[Callable[[], None]]:
 
 @contextmanager
 def owning_scanner(settings: Settings) -> Iterator[Callable[[], None]]:
-    """Be the one node of a scanner, where a service is several nodes; yields as above."""
+    """Hold the node lock of a scanner, in a service of several nodes; yields a check as above."""
     if settings.database_url is None or settings.role != "acquisition":
         yield lambda: None
         return

@@ -1,4 +1,4 @@
-"""Where the acquisition's scanner is."""
+"""Port of the acquisition's scanner."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from steradian.settings import Settings
 
 
 class ScannerPort:
-    """Where the scanner is; a simulated one is started when first needed and again after it failed."""
+    """Port of the scanner; a simulated scanner is started on first use and again after a failure."""
 
     def __init__(self, settings: Settings) -> None:
         self._settings, self._stack, self._url = settings, ExitStack(), ""

@@ -55,7 +55,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass
 class Child:
-    """A process that is started again whenever it ends."""
+    """Supervised process, restarted with exponential backoff whenever it ends."""
 
     name: str
     command: Sequence[str]
@@ -222,7 +222,7 @@ def _refuse_unusable(settings: Settings, data: DataDirectory) -> None:
 
 
 def _refuse_foreign_folder(settings: Settings) -> None:
-    """Say at once what each worker would say; a database that does not answer yet is left to them."""
+    """Reject a data folder of another database before workers start; an unavailable database is left to them."""
     database = Database(metadata_url(settings))
     try:
         belonging.check(settings, database)
@@ -317,7 +317,7 @@ def _migrate(settings: Settings, announce: Callable[[str], None]) -> None:
 
 
 def _refuse_lone_node(settings: Settings) -> None:
-    """Refuse a node without what makes several nodes one service."""
+    """Reject settings of a node that lack the database and store shared by several nodes."""
     if settings.role != "service":
         needed = {
             "database_url": "postgresql://…, the database that all nodes share",
@@ -330,7 +330,7 @@ def _refuse_lone_node(settings: Settings) -> None:
 
 
 def _addressed(settings: Settings, port: int) -> Settings:
-    """Tell the API where the other nodes reach it, unless somebody has said so."""
+    """Set the address at which other nodes reach the API, unless the settings have one."""
     if settings.address is not None or settings.node_secret is None:
         return settings
     everywhere = settings.host in {"0.0.0.0", "::"}  # noqa: S104 - compared, not bound

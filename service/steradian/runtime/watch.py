@@ -1,4 +1,4 @@
-"""Which of the service's processes still run and yet do nothing: stopped, or caught in something without end."""
+"""Watchdog: detects processes that run but no longer respond."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _log = logging.getLogger(__name__)
 
 
 class Watch:
-    """Asks the API and looks at the signs of life of the other processes; says once what it finds.
+    """Watchdog of the service's processes: polls the API and the heartbeats, and logs changes once.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Watch:
         threading.Thread(target=self._ask, name="watch", daemon=True).start()
 
     def look(self, children: Sequence[Child], now: float) -> None:
-        """Name who has fallen silent and who is back; kill an API that does not answer, so that it is started anew."""
+        """Log processes that became silent or returned; kill an unresponsive API, so that it is restarted."""
         for child in children:
             if child.process is None or now - child.started < HUNG_AFTER:
                 self._silent.discard(child.name)

@@ -26,7 +26,7 @@ CHILD = (sys.executable, "-P", "-m", "steradian.jobs.child")
 
 
 def main(slot: int) -> None:
-    """Be worker number ``slot`` of the service that the environment describes."""
+    """Entry point of worker number ``slot``; the environment contains its settings."""
     share_one_heap()  # before any thread begins
     settings = Settings.create()
     configure_logging(settings, settings.executor(slot))

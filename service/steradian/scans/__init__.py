@@ -1,1 +1,1 @@
-"""Scans: running a plan on a scanner, and the files that hold the A-lines."""
+"""Scan acquisition and the HDF5 scan-file format."""

@@ -1,4 +1,4 @@
-"""Putting A-lines that begin at different times after their pulses onto one grid of times."""
+"""Resample A-lines with different start times to a common time grid."""
 
 from __future__ import annotations
 

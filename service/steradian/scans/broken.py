@@ -1,4 +1,4 @@
-"""What reading a damaged HDF5 file raises, and what is said then."""
+"""Translate h5py errors on damaged files to DamagedFile."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ BROKEN: Final = (KeyError, IndexError, RuntimeError, ValueError, TypeError, Attr
 
 @contextmanager
 def reading(path: Path | str, kind: str) -> Iterator[None]:
-    """Turn what reading a file of a ``kind`` raises into :class:`DamagedFile`; what is refused is let through."""
+    """Context manager that converts errors of reading a file of a ``kind`` into :class:`DamagedFile`.
+
+    Refusals pass through.
+    """
     try:
         yield
     except SteradianError:

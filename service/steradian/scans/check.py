@@ -1,4 +1,4 @@
-"""Checking a scan file: every A-line against its checksum, and the table of what is stored against the A-lines."""
+"""Verify every A-line's checksum and repair the status table."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from steradian.scans.store import AlineStore
 
 @dataclass(frozen=True, eq=False)
 class CheckReport:
-    """What a check found.
+    """Result of a check.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class CheckReport:
 
 
 def check_scan_file(path: Path, *, repair: bool = True, progress: Progress | None = None) -> CheckReport:
-    """Verify a scan file that no scan is writing; corrects the table of what is stored, never an A-line.
+    """Verify a scan file that is not being written; corrects the table of stored A-lines, never an A-line.
 
     A damaged A-line becomes a missing one, which a resumed scan measures again; one that the table does not list is
     listed where its checksum proves all of it.
@@ -105,7 +105,7 @@ def _check_frame(path: Path, file: h5py.File) -> None:
 def _verify(
     file: h5py.File, table: RowTable, progress: Progress | None
 ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
-    """Tell which rows (F·M,) are proven, and how strong they are; reads one chunk of the file at a time.
+    """Return which rows (F·M,) are intact, and the strengths of their A-lines; reads one chunk of the file at a time.
 
     Where the checksum does not cover the columns, nothing proves those of a row that the table does not list.
     """

@@ -1,4 +1,4 @@
-"""Beginning a scan with the A-lines of an earlier one: it measures what is missing, and the earlier file stays."""
+"""Create a scan file pre-filled with the A-lines of an earlier scan."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from steradian.scans.layout import check_disk, is_full
 
 
 def begin_with(earlier: Path, path: Path, scan_id: str) -> None:
-    """Make a scan file with what an earlier one holds, to be continued by :func:`steradian.scans.run.resume_scan`.
+    """Create a scan file with an earlier file's A-lines, for :func:`steradian.scans.run.resume_scan` to continue.
 
     Parameters
     ----------

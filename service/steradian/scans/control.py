@@ -1,4 +1,4 @@
-"""Between a session and whoever started it: what is wished of it, and what it tells."""
+"""Interface between a scan session and its owner: commands in, phases and progress out."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from steradian.progress import IsCancelled, Progress
 
 
 class Wish(StrEnum):
-    """What somebody wants of a running session."""
+    """Command to a running session."""
 
     RUN = "run"
     PAUSE = "pause"
@@ -29,7 +29,7 @@ ENDING = frozenset({Wish.STOP, Wish.LEAVE, Wish.ABORT})
 
 
 class Phase(StrEnum):
-    """What a session is at."""
+    """Phase of a session."""
 
     ARMING = "arming"
     RUNNING = "running"
@@ -45,7 +45,7 @@ class Phase(StrEnum):
 
 
 class End(StrEnum):
-    """How a session ended."""
+    """Outcome of a session."""
 
     COMPLETE = "complete"
     STOPPED = "stopped"
@@ -67,14 +67,14 @@ class Control:
         self._progress, self._cancelled = progress, cancelled
 
     def guarding(self, scanner: fabry_perot.Scanner) -> AbstractContextManager[None]:
-        """Answer for a connected scanner until the block ends; here that is left to the session."""
+        """Monitor a connected scanner until the block ends; the base class leaves that to the session."""
         return nullcontext()
 
     def may_fire(self, allowed: bool) -> None:
-        """Learn, before the scanner is told to, that it may fire from now on, or afterwards that it does not."""
+        """Handle, before it happens, that the scanner may fire from now on, or afterwards that it no longer may."""
 
     def wish(self) -> Wish:
-        """Return what is wanted now; asked some twenty times a second."""
+        """Return the current command; called about twenty times a second."""
         return Wish.LEAVE if self._cancelled is not None and self._cancelled() else Wish.RUN
 
     def enter(self, phase: Phase) -> None:
@@ -92,5 +92,5 @@ class Control:
             self._progress("A-lines", done, total)
 
     def wait(self, seconds: float) -> None:
-        """Let some time pass before the session looks again."""
+        """Wait until the session polls again."""
         time.sleep(seconds)

@@ -1,4 +1,4 @@
-"""A course: what a scanner is told to measure, in which order, as the plan says it and the scan file keeps it."""
+"""Visit sequence and parameters of a scan, from a plan or a scan file."""
 
 from __future__ import annotations
 

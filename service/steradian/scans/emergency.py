@@ -1,4 +1,4 @@
-"""The acquisition's own look at the emergency stop, in a thread that waits for nothing else."""
+"""Watchdog thread that switches the laser off while the emergency stop is active."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _log = logging.getLogger(__name__)
 
 
 class EmergencyWatch:
-    """Switches the laser off while the stop stands, whatever the rest of the process is waiting for.
+    """Watchdog that switches the laser off while the emergency stop is active, independently of other threads.
 
     A connected scan is stopped by its own connection; without one the scanner is asked through its port, whoever holds
     that. While the stop stands, a scanner that fires again is stopped again.
@@ -64,7 +64,7 @@ class EmergencyWatch:
 
     @property
     def standing(self) -> Press | None:
-        """The press that nobody has released, if there is one."""
+        """The active press, if there is one."""
         return self._latch.standing()
 
     @contextmanager
@@ -81,7 +81,7 @@ class EmergencyWatch:
             self._scanner, self._cause = None, ""
 
     def may_fire(self, allowed: bool) -> None:
-        """Say, before it is told to, that the scanner may fire from now on, or afterwards that it does not."""
+        """Report, before the command is sent, that the scanner may fire, or afterwards that it no longer does."""
         if self._port is not None:
             self._port.may_fire(allowed)
 
@@ -129,7 +129,7 @@ class EmergencyWatch:
         return self._scanner is not scanner
 
     def _switch_off(self, scanner: fabry_perot.Scanner | None, press: Press) -> tuple[str, str]:
-        """Turn the laser off; returns what it is then, and the scanner's words or why it could not be asked."""
+        """Turn the laser off; returns its state, and the scanner's reply or the reason why it could not be asked."""
         who = f"{press.who}: {press.reason}" if press.reason else press.who
         answer: fabry_perot.StopAnswer | None = None
         try:

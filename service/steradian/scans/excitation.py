@@ -1,4 +1,4 @@
-"""The excitation laser's wavelength, where the scanner tunes it."""
+"""Tune the excitation laser; check that the scanner supports a wavelength."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Following a scan file that another process is filling."""
+"""Incremental reader of a scan file that another process is writing."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class NewAlines:
 
 
 class ScanFollower:
-    """What was stored in a scan file since the last look.
+    """Reader of the rows added to a scan file since the previous read.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ class ScanFollower:
 
 
 def has_alines(path: Path, frame: int = 0) -> bool:
-    """Whether a scan file is there and holds an A-line of a frame, or has no such frame."""
+    """Whether a scan file exists and holds an A-line of a frame, or lacks that frame."""
     if not path.is_file():
         return False
     frames = list_frames(path)
@@ -143,7 +143,9 @@ def has_alines(path: Path, frame: int = 0) -> bool:
 
 
 class Quiet:
-    """Whether a scan that somebody else makes is over: all is stored, or nothing has been added for long enough.
+    """Detector of the end of a scan written by another process.
+
+    All A-lines are stored, or none was added for a given time.
 
     Parameters
     ----------
@@ -167,7 +169,7 @@ class Quiet:
         return stored == rows or self._clock() - self._since > self._patience
 
     def _count(self) -> tuple[int, int]:
-        """A-lines stored, and to be stored; -1 of 0 when there is no file yet."""
+        """Return the numbers of stored and of planned A-lines; -1 of 0 while there is not yet a file."""
         if not self._path.is_file():
             return -1, 0
         with reading(self._path, "scan"), open_to_read(self._path) as file:

@@ -64,7 +64,7 @@ class FrameChoice:
             raise InvalidInput("frame", self.frame, "neither wavelength nor average with it")
 
     def pick(self, frames: Sequence[Frame]) -> tuple[list[int], tuple[str, ...]]:
-        """Return the numbers of the frames, and notes on what was chosen for want of a choice.
+        """Return the numbers of the selected frames, and notes on defaults.
 
         Raises
         ------

@@ -24,7 +24,7 @@ MOST_BAD: Final = 5_000
 
 @dataclass(frozen=True, eq=False)
 class Inspection:
-    """What an inspection of one frame of a scan found.
+    """Inspection of one frame of a scan.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Inspection:
         return dict(Counter(line.kind for line in self.signals.bad))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the report in plain values, SI units and null for what is not known."""
+        """Return the report as plain values in SI units, with null for unknown values."""
         told, places = self.signals, self.recording.positions
         some = slice(None, None, -(-len(places) // MOST_MAPPED))
         y = places[:, 1] if places.shape[1] > 1 else np.zeros(len(places))

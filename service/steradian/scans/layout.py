@@ -1,4 +1,4 @@
-"""Making scan files: everything at its full size and in its place before the first pulse."""
+"""Create scan files with all datasets preallocated."""
 
 from __future__ import annotations
 
@@ -120,7 +120,9 @@ def scan_file_bytes(plan: ScanPlan, sample_kind: np.dtype[Any] = schema.SAMPLES)
 
 
 def check_disk(folder: Path, need: int) -> str | None:
-    """Compare what a scan needs with what is free in ``folder`` (bytes); returns a warning when little is left.
+    """Compare the bytes needed by a scan with the free bytes of ``folder``.
+
+    Returns a warning when little space is left.
 
     Raises
     ------
@@ -136,7 +138,7 @@ def check_disk(folder: Path, need: int) -> str | None:
 
 
 def is_full(error: OSError) -> bool:
-    """Whether a write failed because the disk, or somebody's share of it, is full."""
+    """Whether a write failed because the disk or the user's quota is full."""
     return error.errno in _FULL
 
 
@@ -158,7 +160,7 @@ GEOMETRY = (
 
 
 def geometry_checksum(file: h5py.File) -> int:
-    """CRC-32C of all that says what the A-lines mean: positions, weights, order, wavelengths, outline."""
+    """CRC-32C of the metadata that define the A-lines' meaning: positions, weights, order, wavelengths, outline."""
     crc = 0
     for name in GEOMETRY:
         if name in file:

@@ -9,16 +9,16 @@ import fabry_perot
 
 
 class Port(Protocol):
-    """Where the scanner is."""
+    """Location of the scanner's port."""
 
     def present(self) -> str | None:
-        """Return the port; ``None`` when there is no scanner, because a simulated one was not started."""
+        """Return the port; ``None`` without a scanner, because a simulated one was not started."""
         ...
 
 
 @dataclass
 class Lent:
-    """What is known of the scan that has the port.
+    """State of the scan that uses the port.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""One writer of a scan file at a time, and any number of readers meanwhile."""
+"""Single-writer, multiple-reader locking of scan files."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def lock(handle: int, path: Path) -> None:
 
 
 def open_to_read(path: Path) -> h5py.File:
-    """Open a scan file, also one that somebody writes to.
+    """Open a scan file for reading, also while another process writes to it.
 
     The HDF5 library locks what it opens, and NFS makes of its lock one of the same kind as the writer's, which keeps
     every reader out, the writer's own included. The file's structure never changes while it is written and each row

@@ -1,4 +1,4 @@
-"""Which A-line of a scan file was stored last."""
+"""Find the most recently stored row."""
 
 from __future__ import annotations
 

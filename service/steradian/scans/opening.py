@@ -1,4 +1,4 @@
-"""Recordings from files of every known kind."""
+"""Open a recording of any supported format."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FIRST = FrameChoice()
 
 
 def open_recording(path: Path, frame: int | FrameChoice = FIRST) -> Recording:
-    """Read a recording from one of the known kinds of file, told apart by what is in them.
+    """Read a recording from any supported kind of file, recognised by its content.
 
     A scan file, or anything :func:`steradian.scans.importing.import_scan` reads without a description.
 

@@ -1,4 +1,4 @@
-"""What a scan file keeps of the recording that it was imported from: the root's attribute ``source``, in JSON.
+"""Metadata of the imported recording in a scan file: the root's attribute ``source``, in JSON.
 
 ``name`` and ``format`` of that file, ``notes`` (what was decided or assumed), and what a format has that has no other
 place in a scan file, under the format's own name.
@@ -19,13 +19,13 @@ MOST, LONGEST = 40, 600
 
 
 def printable(text: str) -> str:
-    """Return a text without what steers terminals, and with a mark for bytes of names that are no characters."""
+    """Return a text without terminal control characters, with a mark for undecodable bytes of names."""
     plain = text.encode("utf-8", "replace").decode("utf-8")
     return "".join(each for each in plain if each.isprintable())
 
 
 def parse_origin(text: str | None) -> dict[str, Any]:
-    """Return the object of a JSON text; empty for none, and for what cannot be understood."""
+    """Return the object of a JSON text; empty for missing or invalid JSON."""
     try:
         said = json.loads(text or "{}")
     except (ValueError, RecursionError):
@@ -34,7 +34,7 @@ def parse_origin(text: str | None) -> dict[str, Any]:
 
 
 def read_origin(file: h5py.File) -> dict[str, Any]:
-    """Read what an open scan file of this program keeps of its source; empty where it keeps nothing."""
+    """Read the source metadata of an open scan file; empty without any."""
     text = file.attrs.get(SOURCE)
     return parse_origin(text if isinstance(text, str) else None)
 

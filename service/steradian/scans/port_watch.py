@@ -1,4 +1,4 @@
-"""The scanner's port between scans: its state is listened to, told to the API and the database, and a stop reaches it.
+"""Monitor of the scanner's port between scans: reports its state to API and database, and delivers emergency stops.
 
 While no scan of this process has the port, a :class:`fabry_perot.Monitor` holds it. A scan gets the port lent; the
 monitor is closed for it and opened again afterwards, however the scan ended. No failure in here ends the process or a
@@ -119,7 +119,7 @@ class PortWatch:
 
     @contextmanager
     def guarding(self, scanner: fabry_perot.Scanner) -> Iterator[None]:
-        """Tell what a scan's connected scanner says until the block ends."""
+        """Report the state of a scan's connected scanner until the block ends."""
         lent = self._lent = self._lent or Lent()
         lent.scanner = scanner
         with suppress(fabry_perot.ScannerError):
@@ -130,13 +130,13 @@ class PortWatch:
             lent.scanner, lent.may_fire, lent.is_over = None, False, True
 
     def may_fire(self, allowed: bool) -> None:
-        """Say, before it is told to, that a scan's scanner may fire from now on, or afterwards that it does not."""
+        """Report, before the command is sent, that a scan's scanner may fire, or afterwards that it no longer does."""
         if (lent := self._lent) is not None:
             lent.may_fire = allowed
             self._write_once()
 
     def stop(self, who: str) -> fabry_perot.StopAnswer | None:
-        """Turn the laser off through the port and say what the scanner says; ``None``: there is no scanner.
+        """Turn the laser off through the port and return the scanner's answer; ``None`` without a scanner.
 
         It is answered within two seconds, whoever holds the port; a connected scan of this process is stopped by its
         own connection instead.
@@ -180,7 +180,7 @@ class PortWatch:
             return clear_through(self._monitor, self._port.present(), is_lent=self._lent is not None, wanted=wanted)
 
     def note_stop(self, answer: fabry_perot.StopAnswer) -> None:
-        """Take the scanner's word after a stop: what it said before does not hold any more."""
+        """Record the scanner's state after a stop, which replaces earlier reports."""
         if answer.laser == "off":
             self._stopped = answer, time.monotonic()
             if (lent := self._lent) is not None:
@@ -188,7 +188,7 @@ class PortWatch:
             self._write_once()
 
     def status(self) -> ScannerStatus:
-        """Return what is known of the scanner now."""
+        """Return the scanner's current state."""
         found, (answer, at) = self._present_status(), self._stopped
         if answer is None or found.heard is None or found.heard >= at or found.laser not in {"armed", "on"}:
             return found
@@ -228,7 +228,7 @@ class PortWatch:
             _log.exception("the scanner's state cannot be written")
 
     def _look_once(self) -> None:
-        """Find out what is at the port, at the start; what is wrong with it the monitor says."""
+        """Probe the port once at the start; the monitor reports problems."""
         url = self._port.present()
         if url is None:
             return

@@ -1,4 +1,4 @@
-"""The proof that a scan can be continued: same plan, same scanner, same tuning, same answer of a reference point."""
+"""Checks before resuming a scan: same plan, scanner, tuning and reference signal."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class ResumeRefused(Conflict):
 
 @dataclass(frozen=True)
 class Tolerance:
-    """What may have changed between two sessions of a scan.
+    """Tolerated differences between two sessions of a scan.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ def compare_identity(store: AlineStore, plan: ScanPlan | None, capabilities: fab
 
 
 def note_tuning(scanner: fabry_perot.Scanner, store: AlineStore) -> None:
-    """Sweep the bias wavelength at the first point of a new scan and note what was found."""
+    """Sweep the bias wavelength at the first point of a new scan and record the curve."""
     if scanner.capabilities.tuning_time:
         point = int(store.course.visit[0])
         curve = _sweep(scanner, store, point)
@@ -173,7 +173,7 @@ def _sweep(scanner: fabry_perot.Scanner, store: AlineStore, point: int) -> fabry
 
 
 def _measure(scanner: fabry_perot.Scanner, store: AlineStore, row: int) -> fabry_perot.ALine:
-    """Measure one row's point anew, into memory; its shots count as fired for the scan."""
+    """Re-measure the point of one row, into memory; its shots count as fired for the scan."""
     course = store.course
     tune_excitation(scanner, course.excitation[row // course.points])
     shots, tag = min(SHOTS, scanner.capabilities.averages[1]), 1 + secrets.randbelow(0xFFFFFFFE)

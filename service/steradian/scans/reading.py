@@ -1,4 +1,4 @@
-"""Reading scan files, finished or not."""
+"""Read scan files, complete or partial."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def _rows_of(file: h5py.File, frame: int, points: int) -> tuple[NDArray[np.int64
 
 
 def shots_of(table: RowTable) -> Shots:
-    """Return what a scan file's rows say about each A-line."""
+    """Return the per-A-line metadata of a scan file's rows."""
     return Shots(
         energy=table["energy"].astype(np.float64),
         time_zero=table["time_zero_s"].astype(np.float64),

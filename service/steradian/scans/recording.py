@@ -1,4 +1,4 @@
-"""A recording: all that a reconstruction needs to know of a scan, whatever file it came from."""
+"""Recording: traces with sensor geometry and per-shot metadata."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from steradian.validation import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Shots:
-    """What differed from A-line to A-line.
+    """Per-A-line metadata: pulse energies, time zeros, bias wavelengths, flags.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The table of a scan file's A-lines, and the checksum that proves a row of it: samples and columns, or nothing.
+"""Per-A-line metadata table and its row checksums.
 
 One CRC-32C (Castagnoli) covers the row's samples and then its columns in the order of :data:`schema.ROW`, packed,
 little-endian. The samples' own checksum comes with them from the scanner; it is only continued over the columns, some
@@ -47,7 +47,7 @@ class RowTable:
 
     @classmethod
     def of_columns(cls, version: int, columns: Mapping[str, NDArray[Any]], averages: int, time_zero: float) -> Self:
-        """Complete the columns of a file of some version with what its plan says of all A-lines."""
+        """Add missing columns of a file of an earlier version, from the plan's values."""
         usual = {"averages": averages, "time_zero_s": time_zero}
         lacking = {
             name: np.full(len(columns["status"]), usual.get(name, 0), kind)

@@ -1,4 +1,4 @@
-"""Running a plan on a scanner, and going on with a scan that ended early."""
+"""Execution of a plan on a scanner, and resumption of incomplete scans."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ BAD = 0xF
 
 @dataclass(frozen=True)
 class ScanSummary:
-    """What a scan came to.
+    """Summary of a scan.
 
     Attributes
     ----------
@@ -152,7 +152,7 @@ def resume_scan(
     control: Control | None = None,
     recovery: fabry_perot.Recovery = DEFAULT,
 ) -> ScanSummary:
-    """Go on with an interrupted or partial scan in the same file, with the points that are missing.
+    """Resume an interrupted or partial scan in the same file, with the missing points.
 
     Before a point is measured the scan proves that it is the same: plan, scanner and tuning, and a reference point
     that is measured again. A-lines that the scanner still holds from a session that was killed come in first.
@@ -219,7 +219,7 @@ def _compare_reference(
 
 
 def check_scanner(plan: ScanPlan, capabilities: fabry_perot.Capabilities) -> None:
-    """Raise what the scanner cannot do of a plan, before a file is made."""
+    """Raise an error for requirements of a plan that the scanner does not meet, before a file is created."""
     check_pattern(plan.beams, capabilities)
     capabilities.check(
         plan.places,
@@ -247,7 +247,7 @@ def check_pattern(beams: Sequence[tuple[float, float]], capabilities: fabry_pero
 
 @contextmanager
 def _scanner(url: str, recovery: fabry_perot.Recovery, starter: Control) -> Iterator[fabry_perot.Scanner]:
-    """Connect, under the starter's guard until the laser is off, and say in our own words what goes wrong."""
+    """Connect to the scanner, guarded until the laser is off, and translate its errors."""
     scanner: fabry_perot.Scanner | None = None
     try:
         with ExitStack() as stack:

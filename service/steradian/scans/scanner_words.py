@@ -17,7 +17,7 @@ _CONNECTIONS: Final = {"connected": "connected", "disconnected": "disconnected",
 
 
 def status_of(scanner: fabry_perot.Scanner) -> ScannerStatus | None:
-    """Return what a connected scanner said last; ``None`` when it has said nothing."""
+    """Return the last status of a connected scanner; ``None`` if it has sent none."""
     try:
         heard = in_words(scanner.status, scanner.silence)
     except fabry_perot.ScannerError:
@@ -28,7 +28,7 @@ def status_of(scanner: fabry_perot.Scanner) -> ScannerStatus | None:
 
 
 def described(monitor: fabry_perot.Monitor) -> ScannerStatus:
-    """Return what a monitor knows of its port."""
+    """Return the scanner state known to a port monitor."""
     connection = _CONNECTIONS.get(monitor.connection, UNKNOWN)
     holder = monitor.holder or None if connection == "in-use" else None
     heard = monitor.status

@@ -1,4 +1,4 @@
-"""How much of the film's sensitivity each A-line was read with, as far as its scan file knows."""
+"""Relative film sensitivity at the set bias wavelength."""
 
 from __future__ import annotations
 

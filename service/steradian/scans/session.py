@@ -82,7 +82,7 @@ class ScanSession:
         """Seconds for which it has not, if that was too long."""
 
     def rescue(self) -> int:
-        """Store what the scanner still holds of the last session's upload, firing nothing; returns how many A-lines.
+        """Store A-lines of the previous upload that the scanner still holds, without firing; returns their number.
 
         After this process was killed the scanner holds A-lines that were fired and never acknowledged.
         """
@@ -172,7 +172,7 @@ class ScanSession:
         self._control.may_fire(allowed)
 
     def _after_a_lapse(self, lapse: fabry_perot.LeaseLapsed) -> End | None:
-        """Leave the laser off, unless somebody has wished a pause and ends it now; what else was wished is done."""
+        """Keep the laser off after a lapse, unless a requested pause ends now; execute other commands."""
         wish = self._control.wish()
         if wish is Wish.PAUSE:
             wish = self._pause()
@@ -187,7 +187,7 @@ class ScanSession:
         return int(self._insist(self._scanner.statistics, ending)["laser_shots"])
 
     def _take(self) -> End | None:
-        """Store A-lines as they come; returns how it ended, ``None`` when it goes on after all."""
+        """Store received A-lines; returns the outcome, or ``None`` if the session continues."""
         try:
             for batch in self._scanner.alines(idle=True):
                 if batch and not self._keep(batch):
@@ -217,7 +217,7 @@ class ScanSession:
         return End.COMPLETE
 
     def _pause(self) -> Wish:
-        """Stop firing, store what was fired, and wait until something else is wished; returns that."""
+        """Stop firing, store fired shots, and wait for another command, which is returned."""
         self._enter(Phase.PAUSING)
         self._halt()
         self._enter(Phase.PAUSED)
@@ -253,7 +253,7 @@ class ScanSession:
         return End.STOPPED
 
     def _halt(self) -> None:
-        """Stop firing and store what was fired already."""
+        """Stop firing and store the shots already fired."""
         self._fires = False
         self._rest()
         self._control.may_fire(False)
@@ -267,7 +267,7 @@ class ScanSession:
             return
 
     def _drain(self) -> None:
-        """Store what the scanner holds; it fires nothing meanwhile."""
+        """Store the A-lines that the scanner holds, without firing."""
         if not self._keep():
             return
         try:
@@ -300,7 +300,7 @@ class ScanSession:
         return True
 
     def _store_patiently(self, write: Callable[[], None]) -> bool:
-        """Write, and while the disk is full let the laser rest and try again; False when somebody wants to end."""
+        """Write A-lines; while the disk is full, pause the laser and retry. Returns False at a command to end."""
         blocked, clock = False, RealClock()
         while True:
             try:
@@ -326,7 +326,7 @@ class ScanSession:
         return True
 
     def _go_on(self, *, by_itself: bool = False) -> bool:
-        """Fire again, if there is something left to fire for and nobody has stopped the scanner itself.
+        """Resume firing, if points are left and the scanner was not stopped by another host.
 
         Returns whether that was allowed: ``by_itself`` nobody has decided so, and the scanner's own rule holds, which
         is asked again just before the laser starts.
@@ -365,7 +365,7 @@ class ScanSession:
         raise AssertionError
 
     def _report_fired(self) -> None:
-        """Note the scanner's account of this upload; an unanswered question after the last A-line is no failure."""
+        """Record the scanner's report of this upload; a report missing after the last A-line is not an error."""
         try:
             self._count(self._fired_before + self._insist(self._scanner.report).fired)
         except fabry_perot.ScannerError as error:
@@ -373,7 +373,7 @@ class ScanSession:
             self._note_fired()
 
     def _note_fired(self) -> None:
-        """Note the scanner's count; after it has booted anew that begins at 0, until the report at the end."""
+        """Record the scanner's shot count; after a reboot it restarts at 0, until the report at the end."""
         if self._phase not in {None, Phase.RESCUING}:  # the shots of the session before count otherwise
             self._count(self._fired_before + self._scanner.status.shots - self._shots_before)
 

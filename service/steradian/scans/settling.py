@@ -1,4 +1,4 @@
-"""What a scan holds that is over, or that nobody goes on with."""
+"""Final A-line counts of a scan."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from steradian.storage.arrays import Arrays, scan_name
 
 
 def figures_of(arrays: Arrays, own: Path, scan_id: str) -> dict[str, Any]:
-    """Count the A-lines of a scan that nobody goes on with.
+    """Count the A-lines of an abandoned scan.
 
     Where its file is lost with the host that wrote it, what was kept of it before counts from now on, for everybody;
     nothing is counted where that is lost or damaged too.
@@ -40,7 +40,7 @@ def figures_of(arrays: Arrays, own: Path, scan_id: str) -> dict[str, Any]:
 
 
 def count_alines(path: Path) -> dict[str, Any]:
-    """Count what a scan file holds: ``points``, ``stored``, ``fired``; empty when there is no readable file."""
+    """Count the rows of a scan file: ``points``, ``stored``, ``fired``; empty without a readable file."""
     try:
         with open_to_read(path) as file:
             status = np.asarray(file["alines/status"])

@@ -42,7 +42,7 @@ class StatusNotes:
         self._answers = True
 
     def run(self, over: threading.Event) -> None:
-        """Work until told that it is over."""
+        """Write status changes until the monitor ends."""
         while not over.wait(NOTE):
             try:
                 self._step()

@@ -1,4 +1,4 @@
-"""What the store needs to know of A-lines, one by one or as columns."""
+"""Convert A-lines to column arrays for storage."""
 
 from __future__ import annotations
 
@@ -21,7 +21,10 @@ ATTRIBUTE = {name: name for name in TABLE} | {"time_zero_s": "time_zero_offset_s
 
 
 class StorableAline(Protocol):
-    """What the store needs of an A-line (``fabry_perot.ALine`` has it); ``point`` counts in visit order."""
+    """Protocol of an A-line accepted by the store (``fabry_perot.ALine`` satisfies it).
+
+    ``point`` counts in visit order.
+    """
 
     @property
     def point(self) -> int: ...  # noqa: D102
@@ -72,7 +75,7 @@ class Columns:
 
 
 def columns_of(alines: Iterable[StorableAline], samples: int, kind: np.dtype[Any]) -> Columns:
-    """Take A-lines of so many samples apart; raises :class:`InvalidInput` for others.
+    """Convert A-lines of ``samples`` samples to columns; raises :class:`InvalidInput` for others.
 
     What comes as a batch of the driver's has its columns, and checksums that were made in the scanner, already.
     """

@@ -1,4 +1,4 @@
-"""The A-line store: durable appends into a scan file that is valid at every moment.
+"""Durable writer of scan files: append returns after fsync.
 
 The HDF5 library makes the file once, with every dataset allocated at its full size, and closes it
 (:mod:`steradian.scans.layout`). Appending then overwrites rows in their places and ends with ``fdatasync``, once a
@@ -38,7 +38,7 @@ SPAN = 1 << 16
 
 @dataclass(frozen=True, eq=False)
 class Upload:
-    """What a session gave to the scanner.
+    """Upload record: the points that a session sent to the scanner.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class AlineStore:
             raise
 
     def _locate(self, file: h5py.File) -> None:
-        """Note where everything lies, and what is stored already."""
+        """Locate the file's datasets and read which rows are stored."""
         alines = file["alines"]
         samples = alines["samples"]
         self.course = Course.of_file(file)
@@ -183,7 +183,7 @@ class AlineStore:
                 raise
 
     def note_upload(self, upload: Upload) -> None:
-        """Note durably what the scanner is about to get; a file of version 1 cannot."""
+        """Record durably the upload that the scanner is about to receive; files of version 1 cannot."""
         if not self._run:
             return
         data = np.ascontiguousarray(upload.rows, schema.UPLOAD).tobytes()
@@ -194,7 +194,7 @@ class AlineStore:
         sync_data(self._handle)
 
     def last_upload(self) -> Upload | None:
-        """Return what was last given to the scanner, if that is known for sure."""
+        """Return the last upload, if it is known for certain."""
         if not self._run:
             return None
         head = self._read(self._run["upload"], schema.UPLOAD_FIELDS, schema.UPLOAD)
@@ -213,14 +213,14 @@ class AlineStore:
             self._overwrite(self._run["reference"], values.tobytes())
 
     def reference(self) -> tuple[int, float, float, float] | None:
-        """Return what :meth:`set_reference` noted, if anything."""
+        """Return the reference set by :meth:`set_reference`, if any."""
         if not self._run:
             return None
         point, bias, sensitivity, reflectivity = self._read(self._run["reference"], 4, schema.REFERENCE).tolist()
         return (int(point), bias, sensitivity, reflectivity) if bias > 0 else None
 
     def set_status(self, rows: NDArray[np.int64], status: int) -> None:
-        """Correct the table of what is stored; the A-lines themselves stay as they are."""
+        """Correct the table of stored rows; the A-lines themselves stay unchanged."""
         self._columns["status"][rows] = status
         self._stored[rows] = status == schema.STORED
         for row in rows.tolist():
@@ -266,7 +266,7 @@ class AlineStore:
             self._overwrite(chunks[place // rows] + place % rows * size, data)
 
     def _write_columns(self, places: NDArray[np.int64]) -> None:
-        """Write the table at ``places``; what it has between them is what is proven to be there."""
+        """Write the table at ``places``; rows between them keep their verified content."""
         first, last = int(places.min()), int(places.max()) + 1
         for name, values in self._columns.items():
             offset, size = self._offsets[name], values.itemsize
@@ -281,7 +281,7 @@ class AlineStore:
             values[places] = rows[name]
 
     def _forget(self, places: NDArray[np.int64], before: _Rows) -> None:
-        """Put back what was at ``places``, but as missing: where a write failed lies neither old nor new."""
+        """Mark the rows at ``places`` as missing, because a failed write leaves them undefined."""
         self._put(places, before)
         self._columns["status"][places] = schema.MISSING
 

@@ -1,4 +1,4 @@
-"""Between a session and the database: what is wished of the scan, how far it is, and its state."""
+"""SessionControl that reads desired states from and reports to the database in its own thread."""
 
 from __future__ import annotations
 
@@ -78,16 +78,16 @@ class ScanWatch(Control):
 
     @contextmanager
     def guarding(self, scanner: fabry_perot.Scanner) -> Iterator[None]:
-        """Have the emergency stop reach a connected scanner until the block ends."""
+        """Connect the emergency stop to a connected scanner until the block ends."""
         with self._emergency.guarding(scanner):
             yield
 
     def may_fire(self, allowed: bool) -> None:
-        """Have the scanner's state say so at once."""
+        """Report immediately whether the scanner may fire."""
         self._emergency.may_fire(allowed)
 
     def wish(self) -> Wish:
-        """Return what is wanted now, as far as the database has told; raises what it says against the scan."""
+        """Return the current command according to the database; raises the reason that forbids the scan."""
         if self._stopping.is_set() or self._emergency.standing is not None:
             return Wish.ABORT
         if self._failure is not None:
@@ -107,16 +107,16 @@ class ScanWatch(Control):
         self._last = ("A-lines", done, total)
 
     def blocked(self, why: str | None) -> None:
-        """Note that the scan stands because nothing can be stored, or goes on."""
+        """Record that the scan is paused because nothing can be stored, or that it continues."""
         _log.warning("scan %s: %s", self._id, why or "A-lines can be stored again")
         self._note(lambda: self._tell(why))
 
     def wait(self, seconds: float) -> None:
-        """Let time pass, unless the service ends."""
+        """Wait, unless the service ends."""
         self._stopping.wait(seconds)
 
     def over(self) -> None:
-        """Write what is left to write; waits for a database that does not answer, unless the service ends."""
+        """Write pending changes; waits for an unavailable database, unless the service ends."""
         self.close()
         while self._is_behind and self._failure is None:
             self._settle()
@@ -124,7 +124,7 @@ class ScanWatch(Control):
                 return
 
     def close(self) -> None:
-        """End the thread; what it could not write is left."""
+        """End the thread; pending changes are dropped."""
         self._closing.set()
         self._news.set()
         self._clerk.join()
@@ -144,7 +144,7 @@ class ScanWatch(Control):
         return bool(self._notes) or self._last != self._reported
 
     def _settle(self) -> None:
-        """Read what is wished and write what there is to write, as far as the database answers."""
+        """Read the desired state and write pending changes, as far as the database answers."""
         try:
             row = self._scans.get(self._id)
             self._why, self._who = row.reason or "requested", row.wished_by or "acquisition"

@@ -1,1 +1,1 @@
-"""Who may do what: keys, their scopes and the rule under which a service starts at all."""
+"""API keys, sessions, scopes and rate limits."""

@@ -1,4 +1,4 @@
-"""Who is let in at all: a service that others can reach, or that is told to ask, does not start without a key."""
+"""Refuse to start without an API key where one is required."""
 
 from __future__ import annotations
 

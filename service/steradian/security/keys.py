@@ -37,7 +37,7 @@ _NAME = re.compile(r"key .* \(([0-9a-f]+)\)", re.DOTALL)
 
 
 class Scope(StrEnum):
-    """What a key allows; ``admin`` allows everything."""
+    """Permission of a key; ``admin`` includes all others."""
 
     READ = "read"
     PLAN = "plan"
@@ -47,7 +47,7 @@ class Scope(StrEnum):
 
 
 class Unauthorized(SteradianError):
-    """The caller has not proved who they are."""
+    """The request has no valid credentials."""
 
     code = "unauthorized"
 
@@ -60,7 +60,7 @@ class Forbidden(SteradianError):
 
 @dataclass(frozen=True)
 class Principal:
-    """Who asks, and what they may do."""
+    """Caller of a request and their scopes."""
 
     name: str
     scopes: frozenset[Scope]
@@ -90,12 +90,12 @@ class KeyStore:
         self._fixed = None if fixed is None else _hash(fixed)
 
     def create(self, name: str, scopes: Iterable[Scope], lifetime: timedelta | None = None) -> str:
-        """Make a key and return it; it cannot be had again."""
+        """Create a key and return its secret, which is not stored."""
         with self.database.write() as session:
             return self._create(session, name, scopes, lifetime)
 
     def create_first(self, name: str, scopes: Iterable[Scope], keep: Callable[[str], object]) -> bool:
-        """Make a key unless anybody could be let in already; of several nodes that do so at once one makes it.
+        """Create a key if there is none; of several nodes that call this at once, one creates it.
 
         Parameters
         ----------
@@ -126,7 +126,7 @@ class KeyStore:
         return f"{PREFIX}_{identifier}_{secret}"
 
     def any_exists(self) -> bool:
-        """Whether anybody could be let in."""
+        """Whether any valid key exists."""
         return self._fixed is not None or any(self._is_valid(row) for row in self.list())
 
     def list(self) -> list[KeyRow]:
@@ -143,7 +143,7 @@ class KeyStore:
             row.revoked = row.revoked or self.clock()
 
     def check(self, key: str) -> Principal:
-        """Tell whose key it is.
+        """Return the principal of a key.
 
         Raises
         ------
@@ -161,7 +161,7 @@ class KeyStore:
         self._remembered = {row.id: row for row in self.list()}
 
     def recall(self, key: str) -> Principal | None:
-        """Tell whose key it is without the database, from the last look at it; ``None`` when that did not hold it."""
+        """Return the principal of a key from the cache; ``None`` if the cache does not contain it."""
         if self._is_fixed(key):
             return _SETTINGS
         with suppress(Unauthorized):
@@ -183,7 +183,7 @@ class KeyStore:
         return self._fixed if principal is _SETTINGS else principal.key_id
 
     def of_issuer(self, issuer: str, *, from_memory: bool = False) -> Principal:
-        """Tell whose key it is that was named; as far as the last look knows, where the database may not be asked.
+        """Return the principal of a key by its identifier, from the cache where the database must not be queried.
 
         Raises
         ------
@@ -210,7 +210,7 @@ class KeyStore:
         return ticket
 
     def see_ticket(self, ticket: str) -> Principal:
-        """Tell whose ticket it is, without using it; raises :class:`Unauthorized` when it is worth nothing."""
+        """Return the principal of a ticket without using it; raises :class:`Unauthorized` when it is invalid."""
         with self.database.read() as session:
             row = session.get(TicketRow, _hash(ticket))
         return self._bearer(row)

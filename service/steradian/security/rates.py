@@ -1,4 +1,4 @@
-"""How often somebody may ask: a person never notices, a script that does nothing else does."""
+"""Token-bucket rate limiter per caller."""
 
 from __future__ import annotations
 

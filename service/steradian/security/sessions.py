@@ -30,7 +30,7 @@ _WORTHLESS = "the session is over; sign in again"
 
 @dataclass(frozen=True)
 class SeenSession:
-    """A session that holds.
+    """Valid session.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class SessionStore:
         self._remembered: Mapping[str, SessionRow] = {}
 
     def open(self, principal: Principal) -> str:
-        """Open a session of whoever has proved a key, and return its secret.
+        """Open a session for the holder of a key, and return its secret.
 
         Raises
         ------
@@ -75,7 +75,7 @@ class SessionStore:
         return secret
 
     def check(self, secret: str) -> SeenSession:
-        """Tell whose session it is; raises :class:`Unauthorized` when it, or its key, holds no more."""
+        """Return the principal of a session; raises :class:`Unauthorized` when it, or its key, is no longer valid."""
         with self.database.read() as session:
             row = session.get(SessionRow, _hash(secret))
         return self._seen(secret, row, from_memory=False)
@@ -87,7 +87,7 @@ class SessionStore:
             self._remembered = {row.hash: row for row in session.scalars(select(SessionRow))}
 
     def recall(self, secret: str) -> SeenSession:
-        """Tell whose session it is without the database, from the last look at it; raises :class:`Unauthorized`."""
+        """Return the principal of a session from the cache; raises :class:`Unauthorized`."""
         return self._seen(secret, self._remembered.get(_hash(secret)), from_memory=True)
 
     def end(self, secret: str) -> None:
@@ -103,7 +103,7 @@ class SessionStore:
 
 
 def csrf_token(secret: str) -> str:
-    """Derive the token, which lets nobody find the secret."""
+    """Derive the CSRF token, from which the session's secret cannot be recovered."""
     return hmac.new(secret.encode(), b"steradian csrf token", hashlib.sha256).hexdigest()
 
 

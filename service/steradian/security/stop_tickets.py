@@ -1,4 +1,4 @@
-"""Stop tickets: what lets a page that was opened signed in press the emergency stop after its session has ended.
+"""Stop tickets: credentials with which a page can press the emergency stop after its session has ended.
 
 A ticket names its principal and the time at which it ends, signed with HMAC-SHA256. It is checked without a database,
 so a page can press the stop while there is none. It allows the emergency stop and nothing else.
@@ -46,7 +46,7 @@ class StopTickets:
         self._secret, self._clock = secret, clock
 
     def issue(self, principal: Principal) -> str:
-        """Make a ticket for a principal who has proved a key, valid for :data:`LIFETIME`."""
+        """Issue a ticket to an authenticated principal, valid for :data:`LIFETIME`."""
         ends = self._clock() + LIFETIME
         said = json.dumps([principal.name, int(ends.timestamp())], ensure_ascii=False).encode()
         return f"{_text(said)}.{_text(self._sign(said))}"
@@ -110,7 +110,7 @@ def _data(text: str) -> bytes:
 
 
 def _parts(ticket: str) -> tuple[bytes, bytes]:
-    """Return what a ticket says and its signature; raises :class:`Unauthorized` when it is no ticket."""
+    """Return a ticket's payload and signature; raises :class:`Unauthorized` for other text."""
     try:
         if len(ticket) > LONGEST:
             raise ValueError("too long")

@@ -1,1 +1,1 @@
-"""What outlives a process: the metadata database, the data directory and the emergency stop's latch."""
+"""Persistence: metadata database, data directory, blob store and emergency-stop latch."""

@@ -1,4 +1,4 @@
-"""Advisory locks of PostgreSQL that say who is alive: held by a session, gone with it.
+"""Named locks bound to a PostgreSQL session; used for ownership and liveness.
 
 The server ends a session that has asked nothing for ten seconds of its own clock: that of a host without power or
 network, and that of a process that is stopped. Neither side waits for ever: who holds a lock asks with a deadline.
@@ -37,7 +37,7 @@ ANSWER_WITHIN: Final = 5.0
 
 
 class Hold(Enum):
-    """How a lock stands."""
+    """State of an advisory lock."""
 
     HELD = "held"
     TAKEN = "taken"
@@ -63,7 +63,7 @@ class SessionLock:
         self._held_by = 0
 
     def renew(self) -> Hold:
-        """Make sure that the lock is held, over a new session if need be."""
+        """Reacquire the lock over a new session if needed."""
         try:
             if self._session is not None:
                 _ask(self._session, "SELECT 1")
@@ -108,7 +108,7 @@ class SessionLock:
                     _ask(session, "SELECT pg_advisory_unlock(%s)", _key(other))
 
     def release(self) -> None:
-        """Let go; the session ends."""
+        """Release the lock and close its session."""
         if self._session is not None:
             with suppress(psycopg.Error):
                 self._session.close()

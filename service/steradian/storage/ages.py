@@ -1,4 +1,4 @@
-"""Whether the age of something may be trusted: a clock that is wrong must not delete what people measured.
+"""Validity of ages: a wrong clock must not cause retention to delete recent data.
 
 A computer without a clock of its own starts in 1970, one with a dead battery anywhere. Ages are trusted once the clock
 has gone with the steady one, which knows no time of day, for a day.
@@ -31,7 +31,7 @@ _log = logging.getLogger(__name__)
 
 
 def steady() -> float:
-    """Tell seconds of a clock that is never put right, and goes on while the computer sleeps where there is such."""
+    """Return seconds of a monotonic clock, which includes the computer's sleep where the system supports that."""
     number = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", None))  # the latter for macOS
     return time.monotonic() if number is None else time.clock_gettime(number)
 
@@ -53,7 +53,10 @@ class Ages:
         self._held_until = float("-inf")
 
     def can_be_trusted(self, database: Database) -> bool:
-        """Look at the clock; whether something may be deleted by its age now. What speaks against it is logged once."""
+        """Check the clock; return whether resources may be deleted by age now.
+
+        The first failed check of a kind is logged.
+        """
         now, seconds = self._clock(), self._steady()
         doubt = self._doubt(now, seconds, database)
         self._last = now, seconds
@@ -63,7 +66,7 @@ class Ages:
         return seconds >= self._held_until
 
     def _doubt(self, now: datetime, seconds: float, database: Database) -> str | None:
-        """Say what is wrong with the clock, as far as that can be seen."""
+        """Return the reason to distrust the clock, or None."""
         if now < EARLIEST:
             return f"the clock says {_said(now)}"
         if self._last is not None:
@@ -80,7 +83,7 @@ class Ages:
 
 
 def newest_record(database: Database, now: datetime) -> datetime | None:
-    """Tell when the last job, scan or event was made, by what the database says; ``None`` where it holds none.
+    """Return the time of the newest job, scan or event in the database; ``None`` without any.
 
     The last one is that of the highest number: a time ahead, of a clock that is right again, does not stay the newest.
     What this start may have made itself, by the present clock, says nothing about it.
@@ -95,7 +98,7 @@ def newest_record(database: Database, now: datetime) -> datetime | None:
 
 
 def redate(session: Session, before: datetime, now: datetime) -> None:
-    """Count the age of jobs from now whose end was dated by a wrong clock; their history keeps what it says.
+    """Restart the age of jobs whose end was dated by a wrong clock; their history stays unchanged.
 
     Parameters
     ----------
@@ -108,7 +111,7 @@ def redate(session: Session, before: datetime, now: datetime) -> None:
 
 
 def tell_redated(what: str, at: datetime) -> None:
-    """Log that the age of something is counted anew."""
+    """Log that the age of a resource is counted from now."""
     _log.warning("the date of %s, %s, was told by a wrong clock; its age is counted from now on", what, _said(at))
 
 

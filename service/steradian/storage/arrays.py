@@ -1,4 +1,4 @@
-"""Where arrays live: one seam between what is kept and how it is kept.
+"""Interface of the blob store: scans, uploads and job results by name.
 
 What is kept has a name, the path that it has in a data folder: ``scans/<id>.h5``, ``jobs/<id>/<file>``,
 ``uploads/<id>``. It never changes. A scan under way, the folder of a job that runs and an upload that is coming are not
@@ -34,13 +34,13 @@ def upload_name(upload_id: str) -> str:
 
 
 def result_name(job_id: str, file: str = "") -> str:
-    """Name of a file that a job left; without one, what the names of all of them begin with."""
+    """Name of a job's result file; without ``name``, the common prefix of all of them."""
     return f"jobs/{job_id}/{file}"
 
 
 @dataclass(frozen=True)
 class Stat:
-    """What is known of something that is kept: bytes, and when it came (s since 1970)."""
+    """Size in bytes and modification time (s since 1970) of a blob."""
 
     size: int
     modified: float
@@ -48,7 +48,7 @@ class Stat:
 
 @dataclass(frozen=True)
 class Stored:
-    """Bytes that are kept and not yet known by their name: :meth:`Arrays.announce` makes them so.
+    """Staged blob that :meth:`Arrays.announce` makes visible under its name.
 
     ``sha256`` is of their content, empty where files are known by their place.
     """
@@ -64,12 +64,12 @@ class Stored:
 
     @classmethod
     def of_json(cls, said: dict[str, Any]) -> Self:
-        """Read what :meth:`as_json` wrote."""
+        """Parse the output of :meth:`as_json`."""
         return cls(**said | {"created": datetime.fromisoformat(said["created"])})
 
 
 class Arrays(Protocol):
-    """Keeps what never changes any more; used by many threads and processes at once."""
+    """Store of immutable blobs, safe for concurrent threads and processes."""
 
     def open(self, name: str) -> Path:
         """Return a local file with the whole of it, only to be read; raises :class:`NotFound`."""
@@ -83,7 +83,7 @@ class Arrays(Protocol):
         ...
 
     def announce(self, session: Session, *stored: Stored) -> None:
-        """Have what was put be known by its name once the transaction is over."""
+        """Commit a staged blob under its name when the transaction commits."""
         ...
 
     def keep(self, name: str, file: Path) -> None:
@@ -91,7 +91,7 @@ class Arrays(Protocol):
         ...
 
     def stat(self, name: str) -> Stat | None:
-        """Tell size and time; ``None`` when there is no such thing."""
+        """Return size and time of a blob; ``None`` if it does not exist."""
         ...
 
     def range(self, name: str, first: int, count: int) -> bytes:
@@ -99,7 +99,7 @@ class Arrays(Protocol):
         ...
 
     def url(self, name: str, seconds: float) -> str | None:
-        """Return an address under which anybody can read it for a while; ``None`` where there is none."""
+        """Return a temporary public URL of a blob; ``None`` if the store has none."""
         ...
 
     def names(self, beginning: str) -> Iterator[str]:
@@ -107,7 +107,10 @@ class Arrays(Protocol):
         ...
 
     def settle(self, name: str) -> None:
-        """Have what is kept of a scan count, though it went on since: what is newer is lost with its host."""
+        """Accept the stored copy of a scan although the scan was resumed since.
+
+        Newer A-lines are lost with their host.
+        """
         ...
 
     def delete(self, name: str) -> None:
@@ -120,7 +123,7 @@ class Arrays(Protocol):
 
 
 class Folder:
-    """Keeps everything as files in the data folder, where whoever writes them makes them.
+    """Blob store on the local data folder.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Whether database, data folder and object store belong together, as the settings name them."""
+"""Verify that database, data folder and object store belong to the same deployment."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def bind(settings: Settings, database: Database) -> None:
 
 
 def check(settings: Settings, database: Database) -> bool:
-    """Tell whether they belong together, ``False`` while no service has bound them; changes nothing.
+    """Whether database and store are bound to each other; ``False`` while no service has bound them. Changes nothing.
 
     With a store a host's data folder is its own. Raises like :func:`bind`.
     """

@@ -45,7 +45,7 @@ def write_block(descriptor: int, value: dict[str, Any]) -> None:
 
 
 def read_block(descriptor: int, name: str) -> dict[str, Any] | None:
-    """Return what a block holds, ``None`` while nothing was ever written; raises ValueError if it is damaged."""
+    """Return the content of a block, ``None`` if it was never written; raises ValueError if it is damaged."""
     for _ in range(_LOOKS):
         block = os.pread(descriptor, SIZE, 0)
         if block == _BLANK:

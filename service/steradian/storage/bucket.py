@@ -1,4 +1,4 @@
-"""A bucket of an S3-compatible store: bytes by their keys. The only module that knows the library for it, obstore."""
+"""S3 bucket below a prefix; the only module that imports obstore."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Bucket:
         )
 
     def size(self, key: str) -> int | None:
-        """Tell how many bytes an object has; ``None`` when there is none."""
+        """Return the size of an object in bytes; ``None`` if it does not exist."""
         with self._understood(key), suppress(FileNotFoundError):
             return self._library.head(self._store, key)["size"]
         return None
@@ -77,7 +77,7 @@ class Bucket:
             self._library.put(self._store, key, content, mode=mode, chunk_size=PART, max_concurrency=AT_ONCE)
 
     def fetch(self, key: str, target: Path) -> str:
-        """Copy an object to a file and return the SHA-256 of what came.
+        """Copy an object to a file and return the SHA-256 of the received bytes.
 
         Raises
         ------
@@ -97,12 +97,12 @@ class Bucket:
             return bytes(self._library.get_range(self._store, key, start=first, length=count))
 
     def sign(self, key: str, seconds: float) -> str:
-        """Return an address under which anybody can read an object for a while."""
+        """Return a temporary public URL of an object."""
         with self._understood(key):
             return self._library.sign(self._store, "GET", key, timedelta(seconds=seconds))
 
     def list(self) -> Iterator[tuple[str, int, datetime]]:
-        """Tell key, size and time of each object."""
+        """Yield key, size and time of each object."""
         with self._understood("the list of objects"):
             for page in self._library.list(self._store):
                 yield from ((each["path"], each["size"], each["last_modified"]) for each in page)
@@ -123,7 +123,7 @@ class Bucket:
 
     @contextmanager
     def _understood(self, what: str) -> Iterator[None]:
-        """Say what the library says in our words; its own may repeat an answer with an access key's name in it."""
+        """Translate an error of the library; the library's own message may contain an access key."""
         try:
             yield
         except (FileNotFoundError, self._library.exceptions.AlreadyExistsError):

@@ -1,4 +1,4 @@
-"""Copies on this host of what is kept elsewhere: by their content, bounded, the least recently used go first."""
+"""Content-addressed cache of remote objects on local disk, evicted least recently used."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ class Cache:
         return True
 
     def _make_room(self, size: int) -> None:
-        """Let go of what was not used for longest until so many bytes more are within the limit."""
+        """Remove the least recently used files until ``size`` bytes fit within the limit."""
         found, now = [], time.time()
         self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         for entry in os.scandir(self._folder):
@@ -139,7 +139,7 @@ def _held(path: Path) -> int:
 
 
 def _remove(path: Path) -> bool:
-    """Remove a file unless somebody holds it."""
+    """Remove a file unless a process holds its lock."""
     try:
         handle = os.open(path, os.O_RDONLY)
         try:

@@ -1,4 +1,4 @@
-"""Whether anybody has written into an embedded database: some microseconds, where a query takes milliseconds."""
+"""Cheap test whether an embedded database was written since the last check."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ AT_LEAST: Final = 1.0
 
 
 class Changes:
-    """Tells one who waits for something in a database whether a look is worth its price; for one thread.
+    """Change detector that avoids needless queries of a polling reader; for one thread.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class Changes:
         self._version: int | None = None
 
     def any(self) -> bool:
-        """Whether something was committed since the last such answer, as far as one knows."""
+        """Whether a transaction may have been committed since the previous call."""
         now, version = time.monotonic(), self._read()
         if version is not None and version == self._version and now < self._due:
             return False

@@ -43,7 +43,7 @@ class ClearRequest:
 
     @property
     def has_time(self) -> bool:
-        """Whether it may still be carried out, and told of in time."""
+        """Whether the request can still be executed and answered in time."""
         return 0 <= time.monotonic() - self.moment < WITHIN - CLEARED_WITHIN
 
     @property
@@ -54,7 +54,7 @@ class ClearRequest:
 
 @dataclass(frozen=True)
 class ClearAnswer:
-    """What came of a request.
+    """Outcome of a request.
 
     Attributes
     ----------
@@ -103,12 +103,12 @@ class Clearing:
         return request if request is not None and request.is_current else None
 
     def answer(self, answer: ClearAnswer) -> None:
-        """Say what came of a request."""
+        """Write the outcome of a request."""
         with self._lock:
             write_block(self._answered, asdict(answer))
 
     def answered(self, number: str) -> ClearAnswer | None:
-        """Return what came of a request, if it was answered."""
+        """Return the outcome of a request, or None if it is unanswered."""
         try:
             found = read_block(self._answered, "cleared")
         except ValueError:

@@ -1,4 +1,4 @@
-"""Types of columns that are the same on SQLite and PostgreSQL."""
+"""SQLAlchemy column types that behave the same on SQLite and PostgreSQL."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The metadata database: one engine a process, short transactions, migrations run in code."""
+"""Metadata database: engine, sessions and migrations."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Database:
         return url.database or "" if self.engine.dialect.name == "sqlite" else url.render_as_string()
 
     def check(self) -> None:
-        """Prove that the database answers and takes a write lock; raises what SQLAlchemy raises."""
+        """Check that the database answers and grants a write lock; raises SQLAlchemy's exceptions."""
         with self.write() as session:
             session.execute(text("SELECT 1"))
 
@@ -90,11 +90,11 @@ class Database:
             raise DamagedFile(f"the database {self.name} cannot be used: {error.orig}") from error
 
     def fact(self, session: Session, name: str) -> str | None:
-        """Look up what is known of the database as a whole."""
+        """Return a fact about the database as a whole."""
         return session.scalar(select(LogRow.value).where(LogRow.name == name))
 
     def note(self, session: Session, name: str, value: str) -> None:
-        """Write down what is known of the database as a whole."""
+        """Set a fact about the database as a whole."""
         session.merge(LogRow(name=name, value=value))
 
     @property
@@ -103,7 +103,7 @@ class Database:
         return self.engine.dialect.name == "sqlite"
 
     def revision(self) -> str | None:
-        """Tell which version the tables have; ``None`` while there are none."""
+        """Return the schema revision; ``None`` before tables are created."""
         logging.getLogger("alembic").setLevel(logging.WARNING)
         from alembic.migration import MigrationContext
 
@@ -133,13 +133,13 @@ class Database:
 
 
 def take_turns(session: Session, lock: int) -> None:
-    """Have an advisory lock until the transaction ends (PostgreSQL; SQLite has one writer at a time anyway)."""
+    """Acquire an advisory lock until the end of the transaction (PostgreSQL; SQLite has a single writer anyway)."""
     if session.get_bind().dialect.name == "postgresql":
         session.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": lock})
 
 
 def metadata_url(settings: Settings) -> str:
-    """Tell where the metadata are: the database of the settings, else a file in the data directory."""
+    """Return the URL of the metadata database: the one in the settings, else a file in the data directory."""
     if settings.database_url is None:
         return DataDirectory(settings.data).metadata_url
     return "postgresql+psycopg" + settings.database_url[settings.database_url.index("://") :]

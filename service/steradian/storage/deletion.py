@@ -1,4 +1,4 @@
-"""Deleting: rows at once and in one transaction, files after it.
+"""Delete resources and their dependents in one transaction; remove files afterwards.
 
 A deletion's transaction takes the rows away and notes whose files are to go (table ``removals``); files go afterwards
 and the notes last. Whatever ends the process between two of these steps, the notes that are left say what is still to
@@ -30,7 +30,7 @@ TOLD: Final = frozenset({"scan", "batch", "reconstruction", "job"})
 
 
 class HasDependents(Conflict):
-    """Other things need what is to be deleted."""
+    """The resource to delete has dependents."""
 
     code = "has-dependents"
 
@@ -122,7 +122,7 @@ def delete_upload(database: Database, arrays: Arrays, upload_id: str) -> None:
 def remove_files(
     database: Database, data: DataDirectory, arrays: Arrays, forget_jobs: Callable[[Sequence[str]], object] | None
 ) -> None:
-    """Remove the files of all that was deleted, then the notes of it; what cannot go yet is left for the next time.
+    """Remove the files and then the records of deleted resources; files that cannot be removed yet are retried later.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ def _find(session: Session, kind: str, identifier: str) -> Resource:
 
 
 def _busy(session: Session, found: Sequence[Resource]) -> list[str]:
-    """Name what waits or runs, held as it is until the transaction ends."""
+    """Return the names of queued or running users of the resources, with their rows locked."""
     scans = select(ScanRow).where(ScanRow.id.in_([one.id for one in found if one.kind == "scan"])).with_for_update()
     busy = select(JobRow).where(JobRow.id.in_([one.id for one in found if TABLES[one.kind] is JobRow]))
     going = [row.id for row in session.scalars(scans) if not _is_settled(row)]
@@ -190,7 +190,7 @@ def _is_settled(scan: ScanRow) -> bool:
 
 
 def _event_of(session: Session, one: Resource) -> dict[str, Any]:
-    """Say what streams of events are filtered by."""
+    """Return the fields by which event streams are filtered."""
     if one.kind == "scan":
         return {}
     if one.kind == "batch":

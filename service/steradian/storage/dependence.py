@@ -1,4 +1,4 @@
-"""What depends on what, and how a thing that is needed stays while what needs it is being made."""
+"""Dependency graph between resources and the row locks that keep referenced rows alive."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def hold(session: Session, kind: str, identifier: str) -> None:
 
 
 def hold_needs(session: Session, *requests: Mapping[str, Any]) -> None:
-    """Hold all that requests of jobs name, before anything else of them is held or told; see :func:`hold`.
+    """Lock all resources that job requests name, before any other lock or event; see :func:`hold`.
 
     The order is that of deletions, from masks to scans to reconstructions and then the event log: or two transactions
     could wait for each other.
@@ -120,7 +120,7 @@ def _dependents(session: Session, of: Resource) -> list[Resource]:
 
 
 def jobs(session: Session, condition: Any) -> list[Resource]:
-    """Find jobs, told apart by whether they stand behind ``/reconstructions``."""
+    """Select jobs with or without a ``/reconstructions`` resource."""
     query = select(JobRow.id, ReconstructionRow.id).outerjoin(ReconstructionRow, ReconstructionRow.id == JobRow.id)
     rows = session.execute(query.where(condition).order_by(JobRow.sequence)).all()
     return [Resource("job" if volume is None else "reconstruction", job) for job, volume in rows]

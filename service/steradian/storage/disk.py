@@ -1,4 +1,4 @@
-"""The disk as a resource: what is free of it, what must stay free, and what jobs that are queued will write."""
+"""Disk quota: free space, reserve, and bytes promised to unfinished scans and jobs."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Disk:
         return size_of(self.folder)
 
     def require(self, need: int, what: str, promised: int, used: int) -> None:
-        """Refuse what does not fit.
+        """Reject work that exceeds the available space.
 
         Parameters
         ----------
@@ -82,14 +82,14 @@ class Disk:
         raise DiskFull(text, needed=need, available=available, promised=promised)
 
     def available(self, used: int) -> int:
-        """Bytes that uploads and jobs may take, when the folder holds so many."""
+        """Bytes available to uploads and jobs, for a given size of the folder."""
         free = self.free - self.reserve
         return max(0, free if self.quota is None else min(free, self.quota - used))
 
 
 @dataclass(frozen=True)
 class Written:
-    """What had been written of what was promised: bytes of each job that runs, and scans that have their file."""
+    """Progress of reserved writes: bytes per running job, and scans whose file exists."""
 
     jobs: Mapping[str, int]
     scans: frozenset[str]
@@ -97,7 +97,7 @@ class Written:
 
 @dataclass(frozen=True)
 class Measured:
-    """What a data folder held: bytes, when they were begun to be counted, and what had come by then."""
+    """Measured size of a data folder, the time at which counting began, and the uploads received by then."""
 
     used: int
     at: datetime
@@ -118,7 +118,7 @@ class Arrivals:
     def upload(
         self, stated: int, require: Callable[[int], object], *, kept: bool = False
     ) -> Iterator[Callable[[int], None]]:
-        """Let an upload in; its bytes are those of nobody else until it is over, and count for good if it succeeds.
+        """Admit an upload; its bytes stay reserved until it ends, and are counted as used if it succeeds.
 
         Parameters
         ----------
@@ -170,7 +170,7 @@ def scan_bytes(plan: PlanRow) -> int:
 def promised(
     session: Session, data: DataDirectory, measured: Measured | None = None, scanner_id: str | None = None
 ) -> int:
-    """Return the bytes that scans and jobs which wait or run will still write, by what they were let in with.
+    """Return the bytes that queued and running scans and jobs will still write, according to their reservations.
 
     A scan's file has its full size from the start.
 
@@ -191,7 +191,7 @@ def promised(
 
 
 def written(session: Session, data: DataDirectory) -> Written:
-    """Look at what jobs that run and scans that are not over have written."""
+    """Measure the bytes written by running jobs and unfinished scans."""
     jobs = select(JobRow.id, JobRow.kind, JobRow.state).where(JobRow.ended.is_(None), JobRow.promised > 0)
     sizes = {}
     for job_id, kind, state in session.execute(jobs):
@@ -205,7 +205,7 @@ def written(session: Session, data: DataDirectory) -> Written:
 
 
 def _going(row: type[JobRow] | type[ScanRow], measured: Measured | None) -> ColumnElement[bool]:
-    """Tell what is not over, or was not when the folder was looked at."""
+    """Return unfinished work, including work that was unfinished when the folder was measured."""
     return row.ended.is_(None) if measured is None else or_(row.ended.is_(None), row.ended > measured.at)
 
 
@@ -227,7 +227,7 @@ def _size(path: Path) -> int:
 
 
 def size_of(folder: Path) -> int:
-    """Add up the bytes of all files below a folder; what goes meanwhile does not count."""
+    """Sum the sizes of all files below a folder; files removed meanwhile are ignored."""
     total = 0
     for root, _, names in os.walk(folder):
         for name in names:

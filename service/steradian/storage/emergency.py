@@ -1,4 +1,4 @@
-"""The emergency stop as a latch in the data folder: it needs no database, no free disk space and no answer of anybody.
+"""Emergency-stop latch: fixed-size, checksummed blocks in the data folder, readable without locks.
 
 DATA/emergency-stop/pressed    the last press: its number, when, who, why
 DATA/emergency-stop/released   the number of the last press that a person released
@@ -48,13 +48,13 @@ class Press:
 
     @property
     def why(self) -> str:
-        """The stop as the reason of what follows from it."""
+        """The stop as a reason in log lines and events."""
         return f"emergency stop: {self.reason or 'no reason given'}"
 
 
 @dataclass(frozen=True)
 class Deed:
-    """What the acquisition did about a press.
+    """Outcome of a press: the acquisition process's report.
 
     Attributes
     ----------
@@ -104,12 +104,12 @@ class EmergencyLatch:
         return press
 
     def make_durable(self) -> None:
-        """Wait until what was pressed or released is on the disk."""
+        """Flush presses and releases to disk."""
         for name in ("pressed", "released"):
             getattr(os, "fdatasync", os.fsync)(self._files[name])
 
     def standing(self) -> Press | None:
-        """Return the press that nobody has released, if there is one."""
+        """Return the active press, if there is one."""
         try:
             found, released = self._read("pressed"), self._read("released")
         except ValueError as error:
@@ -119,18 +119,18 @@ class EmergencyLatch:
         return Press(**found)
 
     def release(self, number: str) -> None:
-        """Release the press of this number; another one goes on standing."""
+        """Release the press with this number; any other press stays active."""
         if not number:  # a latch that cannot be read gets blocks that can be
             number = self.press("release", "the latch could not be read").number
         self._write("released", {"number": number})
         self.make_durable()
 
     def answer(self, deed: Deed) -> None:
-        """Say what was done about a press."""
+        """Write the outcome of a press."""
         self._write("answered", asdict(deed))
 
     def deed(self, number: str) -> Deed | None:
-        """Return what was done about a press, if something was."""
+        """Return the outcome of a press, or None if there is none yet."""
         try:
             found = self._read("answered")
         except ValueError:
@@ -138,7 +138,7 @@ class EmergencyLatch:
         return Deed(**found) if found is not None and found["number"] == number else None
 
     def _earlier(self, press: Press) -> Press | None:
-        """Return a press that was here before, as far as the blocks tell."""
+        """Return a press that was active before, according to the blocks."""
         try:
             found, released = self._read("pressed"), self._read("released")
         except (OSError, ValueError):  # what cannot be read keeps no press from being written

@@ -37,7 +37,7 @@ def record(session: Session, at: datetime, kind: str, resource_id: str, data: di
 
 @dataclass(frozen=True)
 class Bounds:
-    """What the log holds: its epoch, the number before its first event, and the number of its last."""
+    """Bounds of the log: its epoch, the number before its first event, and the number of its last event."""
 
     epoch: str
     before: int
@@ -51,7 +51,7 @@ class EventLog:
         self.database = database
 
     def bounds(self) -> Bounds:
-        """Tell where the log begins and ends."""
+        """Return the bounds of the log."""
         with self.database.read() as session:
             facts = {row.name: row.value for row in session.scalars(select(LogRow))}
             last = session.scalar(select(func.max(EventRow.sequence)))

@@ -1,4 +1,4 @@
-"""Which rows a list is to hold, as conditions on the tables; without any, all of them."""
+"""SQL WHERE clauses of the list endpoints."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def reconstructions(
     batch_id: str | None = None,
     mask_id: str | None = None,
 ) -> Conditions:
-    """Choose reconstructions whose job is so, of a scan or a batch, of what a mask measured or would have."""
+    """Select reconstructions by job state, scan, batch, measured mask or undersampling mask."""
     found = _equal((ReconstructionRow.scan_id, scan_id), (ReconstructionRow.batch_id, batch_id))
     if of_job := jobs(state=state, kind=kind):
         # Of what is over there is much, so one looks from the newest on; what is not is few, so they are found first.
@@ -99,7 +99,7 @@ def batches(*, state: Sequence[str] | None = None, scan_id: str | None = None) -
 
 
 def _stands(state: BatchState) -> ColumnElement[bool]:
-    """Tell from a batch's jobs how it stands, as its view does."""
+    """Return the state of a batch from its jobs, as its view does."""
 
     def some(*states: ReconstructionState) -> ColumnElement[bool]:
         return exists().where(JobRow.batch_id == BatchRow.id, JobRow.state.in_(states))

@@ -1,4 +1,4 @@
-"""Which data folder a database belongs to: a file in the one and a row in the other say the same.
+"""Bind a data folder to a database by a shared identifier (merge with belonging.py).
 
 A worker on another host finds the folder where somebody mounted it. Where nothing is mounted lies an empty folder, in
 which every job would fail for good.
@@ -37,7 +37,7 @@ def bind(database: Database, data: DataDirectory) -> None:
 
 
 def check(database: Database, data: DataDirectory) -> bool:
-    """Tell whether the folder is the database's, ``False`` while no service has bound them; changes nothing.
+    """Whether the folder belongs to the database; ``False`` while no service has bound them. Changes nothing.
 
     Raises
     ------

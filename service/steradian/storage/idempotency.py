@@ -20,7 +20,7 @@ LIFETIME = timedelta(hours=24)
 
 @dataclass(frozen=True)
 class Key:
-    """A key, told apart by who used it where, and the hash of the request's body."""
+    """Idempotency key with its owner and endpoint, and the hash of the request's body."""
 
     principal: str
     path: str
@@ -29,13 +29,13 @@ class Key:
 
     @property
     def name(self) -> str:
-        """What it is kept under."""
+        """Primary key of the stored response."""
         return f"{self.principal}:{self.path}:{self.text}"
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What a request is answered with."""
+    """Response to an idempotent request."""
 
     status: int
     location: str
@@ -44,13 +44,13 @@ class Answer:
 
 
 class Answers:
-    """Keeps answers in the transaction of what they tell of."""
+    """Repository of idempotent responses, written in the transaction that they describe."""
 
     def __init__(self, database: Database, clock: Clock = utc_now) -> None:
         self.database, self.clock = database, clock
 
     def kept(self, key: Key | None) -> Answer | None:
-        """Return the answer that a key got; ask before anything else, for what it was about may have changed since.
+        """Return the stored response of a key; call this first, because the resource may have changed since.
 
         Raises
         ------
@@ -63,7 +63,7 @@ class Answers:
             return self._replay(session, key)
 
     def once(self, key: Key | None, make: Callable[[Session], Answer]) -> Answer:
-        """Do what ``make`` does once for a key; without a key, always.
+        """Call ``make`` once per key; without a key, always.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Imported scans in the database."""
+"""Register imported scans; repeating a registration has no effect."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether the databases of a data folder can be used, seen before anything in it is made or changed."""
+"""Integrity checks of databases and folder before the service starts."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MANY = 5
 
 
 def fault_of(path: Path) -> str | None:
-    """Say what is wrong with a SQLite file that no process has open; ``None``: nothing is."""
+    """Return the damage of a SQLite file that no process has open; ``None`` if it is intact."""
     if not path.exists():
         return "is missing"
     if not path.stat().st_size:
@@ -49,12 +49,12 @@ def is_database(path: Path) -> bool:
 
 
 def is_absent(path: Path) -> bool:
-    """Whether a SQLite file would be made anew."""
+    """Whether opening a SQLite URL would create a new file."""
     return not path.exists() or not path.stat().st_size
 
 
 def rows_of(settings: Settings, query: Select[Any]) -> Sequence[Row[Any]]:
-    """Read from a database whose tables may be of an earlier version, or missing: then there are no rows."""
+    """Read rows of a database with tables of an earlier version; missing tables yield an empty list."""
     if settings.database_url is None and fault_of(DataDirectory(settings.data).metadata_file) is not None:
         return []
     database = Database(metadata_url(settings))
@@ -70,7 +70,7 @@ def rows_of(settings: Settings, query: Select[Any]) -> Sequence[Row[Any]]:
 
 
 def removals(settings: Settings) -> set[str]:
-    """Return what was deleted and whose files are still to go: nobody misses its row."""
+    """Return resources whose rows are deleted but whose files are not yet removed."""
     return {row.resource_id for row in rows_of(settings, select(RemovalRow.resource_id))}
 
 

@@ -1,4 +1,4 @@
-"""Where things of one job lie, and which of its starts counts."""
+"""Files of one job and the fencing token of its current attempt."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ class StillRunning(Conflict):
 
 @dataclass(frozen=True)
 class JobDirectory:
-    """What one job leaves behind."""
+    """Folder of a job: its results, log and locks."""
 
     root: Path
 
     @property
     def log(self) -> Path:
-        """What the job and its worker had to say, all attempts in one file."""
+        """Log file of the job and its worker, for all attempts."""
         return self.root / f"{LOG}.txt"
 
     @property
@@ -54,7 +54,7 @@ class JobDirectory:
         return self.root / REVISION
 
     def results(self) -> list[Path]:
-        """Files that the job left, without its log and what is the folder's own."""
+        """Return the result files of the job, without its log and internal files."""
         own = ("start", "lock", LOG)
         return sorted(
             path

@@ -76,6 +76,6 @@ class MaskRepository(Repository[MaskRow]):
 
 
 def to_columns(mask: Mask) -> dict[str, Any]:
-    """Write a mask as the columns of its row, all but when it was made."""
+    """Return the columns of a mask's row, except its creation time."""
     names = ("id", "aperture", "depth", "count", "weight_ratio", "sensed_area", "arrangement")
     return {name: getattr(mask, name) for name in names} | {"document": mask.model_dump_json()}

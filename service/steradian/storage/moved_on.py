@@ -1,4 +1,4 @@
-"""Whether a scan went on since it was kept."""
+"""Whether the stored copy of a scan is older than its last resumption."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _WRITING: Final = ACTIVE_SCAN_STATES - {ScanState.ARMING}
 
 
 def has_moved_on(scan: ScanRow, kept: ObjectRow) -> bool:
-    """Whether a scan was resumed since it was kept: its scanner's node has what is newer, unless it was only armed."""
+    """Whether a scan was resumed since its file was stored, so that its scanner's node has newer A-lines."""
     if scan.scanner_id is None:
         return False
     begun = last_begun(scan)
@@ -20,6 +20,6 @@ def has_moved_on(scan: ScanRow, kept: ObjectRow) -> bool:
 
 
 def last_begun(scan: ScanRow) -> datetime | None:
-    """Tell when a scan was last in a state in which its file is written to."""
+    """Return the last time at which a scan entered a state in which its file is written."""
     begun = [change["at"] for change in scan.history if change["state"] in _WRITING]
     return datetime.fromisoformat(begun[-1]) if begun else None

@@ -1,4 +1,4 @@
-"""Arrays in an S3-compatible store: immutable objects there, what they are called in the database, copies on each host.
+"""Blob store on S3: immutable objects, names in the database, local cache.
 
 A key is ``<name>/<sha256>``. An object without a row is not there for anybody: it waits for its row, or is an orphan.
 """
@@ -44,7 +44,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Contents:
-    """What rows and objects say of each other: names whose object is gone or of another size, keys without a row."""
+    """Inconsistencies between rows and objects: names with a missing or resized object, and keys without a row."""
 
     objects: int
     bytes: int
@@ -78,7 +78,7 @@ class ObjectStore:
         self._at_once = Bucket(self.place, settings.store_endpoint, timedelta(0))
 
     def open(self, name: str) -> Path:
-        """Return the copy of this host, made if need be, or the file of what is not kept yet."""
+        """Return this host's copy, downloaded if necessary, or the local file of an object that is not stored yet."""
         row = self._row(name)
         if row is None:
             return self._folder.open(name)
@@ -86,7 +86,7 @@ class ObjectStore:
         return self._cache.get(_copy_of(row), row.size, made, lambda draft: self._fetch(row, draft))
 
     def put(self, name: str, file: Path, as_of: datetime | None = None) -> Stored:
-        """Send a file, which becomes this host's copy, as what was there at a time: now, if nothing is said."""
+        """Upload a file, which becomes this host's copy, as the content at a given time; default: now."""
         created = as_of or self._clock()  # before it is read, which takes a while
         with file.open("rb") as opened:
             sha256 = hashlib.file_digest(opened, "sha256").hexdigest()
@@ -128,7 +128,7 @@ class ObjectStore:
         return self._bucket.range(_key(row), first, length) if length else b""
 
     def url(self, name: str, seconds: float) -> str | None:
-        """Sign an address; there is none of what is not kept yet."""
+        """Return a signed URL; ``None`` for objects that are not stored yet."""
         row = self._row(name)
         return None if row is None else self._bucket.sign(_key(row), seconds)
 
@@ -140,7 +140,7 @@ class ObjectStore:
         yield from sorted(known | set(self._folder.names(beginning)))
 
     def settle(self, name: str) -> None:
-        """Have a copy be no older than the scan's last beginning; and no younger, as its file may turn up."""
+        """Date a stale copy to the scan's last start, so that the original file, if found later, is newer."""
         with self._database.write() as session:
             row = session.get(ObjectRow, name, with_for_update=True)
             scan = session.scalar(select(ScanRow).where(ScanRow.id == PurePosixPath(name).stem))
@@ -148,7 +148,7 @@ class ObjectStore:
                 row.created = max(row.created, begun)
 
     def delete(self, name: str) -> None:
-        """Delete rows, then objects: what the store does not delete now is swept. Copies go when room is needed."""
+        """Delete rows, then objects; failed deletions are left to the sweep, and local copies to cache eviction."""
         which = ObjectRow.name.startswith(name, autoescape=True) if name.endswith("/") else ObjectRow.name == name
         with self._database.write() as session:
             keys = [_key(row) for row in session.scalars(select(ObjectRow).where(which))]
@@ -181,7 +181,7 @@ class ObjectStore:
                 raise self._foreign()
 
     def check(self, bucket: Bucket | None = None) -> bool:
-        """Tell whether the store is the database's, ``False`` while no service has bound them.
+        """Whether the store belongs to the database; ``False`` while no service has bound them.
 
         Parameters
         ----------
@@ -210,7 +210,7 @@ class ObjectStore:
             return list(session.scalars(select(ObjectRow).order_by(ObjectRow.name)))
 
     def leave(self) -> None:
-        """Delete everything and part from the database; both may be bound anew."""
+        """Delete all objects and unbind the store from the database, so that both can be bound again."""
         self._bucket.delete([key for key, _, _ in self._bucket.list() if key != IDENTITY])
         with self._database.write() as session:
             session.execute(delete(ObjectRow))
@@ -291,5 +291,5 @@ def _key(of: ObjectRow | Stored) -> str:
 
 
 def _copy_of(of: ObjectRow | Stored) -> str:
-    """Name a copy: readers tell formats apart by endings."""
+    """Return the file name of a copy, with the suffix by which readers recognise the format."""
     return f"{of.sha256}{PurePosixPath(of.name).suffix}"

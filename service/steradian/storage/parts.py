@@ -20,7 +20,7 @@ WITHIN: Final = ("emergency-stop", "jobs", "run", "scans", "uploads")
 
 
 def require_writable(data: DataDirectory, within: tuple[str, ...] = WITHIN) -> None:
-    """Refuse a data folder of which the process cannot write a part; what is missing is made later.
+    """Check that the process can write all existing parts of a data folder; missing parts are created later.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def _is_own(path: Path) -> bool:
 
 
 def _why_not(path: Path) -> tuple[str, str] | None:
-    """Say why a path cannot be written, and what mends it; ``None``: it can be, or is not there."""
+    """Return the reason why a path is not writable, with the remedy; ``None`` if it is writable or does not exist."""
     if os.name != "posix":
         return None
     try:

@@ -1,4 +1,4 @@
-"""Where things lie in the data directory, and who may use it.
+"""Directory layout, permissions and ownership lock of the data folder.
 
 DATA/steradian.sqlite          metadata and job queue
 DATA/identity                  says which database the folder belongs to
@@ -68,7 +68,7 @@ class DataDirectory:
 
     @property
     def identity(self) -> str | None:
-        """What it says; ``None`` without one, also when the folder is gone."""
+        """Content of the identity file; ``None`` without one or when the folder is missing."""
         try:
             return self.identity_file.read_text().strip() or None
         except OSError:
@@ -83,7 +83,7 @@ class DataDirectory:
         return sorted((self.root.absolute() / "scans").glob("*.h5"))
 
     def scan_drafts(self) -> list[tuple[str, Path]]:
-        """Return what lies beside the scan files while one is made, each with its scan's identifier."""
+        """Return temporary files beside the scan files, each with its scan's identifier."""
         found = (self.root.absolute() / "scans").glob("*.h5*")
         return [(path.name.partition(".")[0], path) for path in found if path.suffix != ".h5"]
 
@@ -102,7 +102,7 @@ class DataDirectory:
 
     @property
     def cache(self) -> Path:
-        """Folder of copies of what an object store keeps."""
+        """Folder of local copies of stored objects."""
         return self.root.absolute() / "cache"
 
     @property
@@ -179,7 +179,7 @@ class DataDirectory:
             lock.release()
 
     def close_to_others(self) -> list[str]:
-        """Take from other users of the machine what an earlier version let them read.
+        """Remove other users' permissions on files of earlier versions.
 
         The folder itself is only changed when nothing else lies in it.
 
@@ -208,7 +208,7 @@ class DataDirectory:
 
 
 def _mode(path: Path) -> int:
-    """Mode of a file; 0, which lets nobody in, of one that is gone, as SQLite's log is when the database is closed."""
+    """Mode of a file; 0 (no access) if it was removed, as SQLite's log is when the database is closed."""
     try:
         return path.stat().st_mode
     except FileNotFoundError:

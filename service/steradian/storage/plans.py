@@ -17,7 +17,7 @@ from steradian.storage.tables import PlanRow
 
 
 def preview_document(plan: ScanPlan) -> dict[str, Any]:
-    """Work out what a plan costs, as plain JSON."""
+    """Return a plan's cost as plain JSON."""
     document: dict[str, Any] = _adapter().dump_python(preview(plan), mode="json")
     return document
 

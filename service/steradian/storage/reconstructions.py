@@ -1,4 +1,4 @@
-"""Reconstructions and batches of them in the database: what was asked; how far it came stands in the ledger."""
+"""Reconstruction and batch rows; their progress is in the job ledger."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from steradian.storage.tables import BatchRow, ReconstructionRow, ScanRow
 
 
 class ReconstructionRepository(Repository[ReconstructionRow]):
-    """What was asked for."""
+    """Repository of reconstruction requests."""
 
     kind, table = "reconstruction", ReconstructionRow
 
     def add(
         self, session: Session, scan: ScanRow, parameters: dict[str, Any], batch: BatchRow | None = None
     ) -> ReconstructionRow:
-        """Note a reconstruction; raises :class:`NotFound` when the scan is gone."""
+        """Insert a reconstruction; raises :class:`NotFound` when the scan was deleted."""
         hold(session, "scan", scan.id)
         row = ReconstructionRow(
             id=new_id("r"),
@@ -54,7 +54,7 @@ class BatchRepository(Repository[BatchRow]):
     def add(
         self, session: Session, scan: ScanRow, vary: dict[str, Any], parameters: dict[str, Any], who: str
     ) -> BatchRow:
-        """Note a batch; raises :class:`NotFound` when the scan is gone."""
+        """Insert a batch; raises :class:`NotFound` when the scan was deleted."""
         hold(session, "scan", scan.id)
         row = BatchRow(id=new_id("b"), scan_id=scan.id, created=self.clock(), vary=vary, parameters=parameters)
         session.add(row)

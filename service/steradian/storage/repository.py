@@ -1,4 +1,4 @@
-"""What all repositories share: a clock, a page, a row or :class:`NotFound`."""
+"""Base class of the repositories: clock, keyset pagination, NotFound."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Row = TypeVar("Row", MaskRow, PlanRow, ScanRow, ReconstructionRow, JobRow, Batch
 
 
 def utc_now() -> datetime:
-    """Tell the time."""
+    """Return the current time in UTC."""
     return datetime.now(UTC)
 
 

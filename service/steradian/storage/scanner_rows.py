@@ -1,4 +1,4 @@
-"""Scanners in the database: which there are, where their nodes are, and what each says of itself."""
+"""Rows of scanners: their nodes, activity and reported state."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _OVER = tuple(state for state in ScanState if is_terminal(state))
 
 
 class ScannerRows(Repository[ScannerRow]):
-    """Scanners, one of which it is about; one that is retired is not there for anybody.
+    """Rows of scanners, with one of them selected; decommissioned scanners are excluded.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class ScannerRows(Repository[ScannerRow]):
         return row
 
     def retire(self, who: str, reason: str | None = None) -> None:
-        """Have the scanner be none any more, until its node notes it again; a stop that is pressed stays so for then.
+        """Decommission the scanner until its node registers it again; an active stop then stays active.
 
         Raises
         ------
@@ -113,12 +113,12 @@ class ScannerRows(Repository[ScannerRow]):
             self._event(session, row, "acquisition", error or state)
 
     def note_state(self, state: str) -> None:
-        """Note what this service's scan does with the scanner; nothing happens where there is no such scanner."""
+        """Record the activity of this service's scan on the scanner; no effect if the scanner does not exist."""
         with suppress(NotFound):
             self.report(None, state)
 
     def note_status(self, status: ScannerStatus) -> None:
-        """Note what the scanner says of itself, or that it says nothing; what has changed is told in an event."""
+        """Record the scanner's reported state, or its silence; changes are logged as an event."""
         age = status.age()
         with self.database.write() as session:
             query = select(ScannerRow).where(ScannerRow.id == self.id).with_for_update()
@@ -167,7 +167,7 @@ class ScannerRows(Repository[ScannerRow]):
 
 
 def _told(name: str, value: Any) -> str:
-    """Say what has changed."""
+    """Return a description of the change."""
     if name == "fault":
         return "no fault" if value is None else str(value["title"])
     return f"{name.replace('key_switch', 'key').replace('_', ' ')} {value or 'none'}"

@@ -108,12 +108,12 @@ class StatusBlock:
         self._file, self._lock = open_block(folder / "status"), Lock()
 
     def write(self, status: ScannerStatus) -> None:
-        """Replace what the block says."""
+        """Replace the content of the block."""
         with self._lock:
             write_block(self._file, asdict(status) | {"written": time.monotonic()})
 
     def read(self) -> ScannerStatus:
-        """Return what holds now; all is unknown where nothing was written for longer than :data:`CURRENT` seconds."""
+        """Return the current status; all fields are unknown if the last write is older than :data:`CURRENT` seconds."""
         try:
             found = read_block(self._file, "status")
         except (OSError, ValueError):

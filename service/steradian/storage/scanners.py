@@ -25,7 +25,7 @@ class LeaseHeld(Conflict):
 
 
 class EmergencyStopped(Conflict):
-    """Somebody pressed the emergency stop and nobody has released it."""
+    """The emergency stop is active."""
 
     code = "emergency-stopped"
 
@@ -63,7 +63,7 @@ class ScannerRepository(ScannerRows):
         return row
 
     def release(self, fence: int, who: str, *, whoever: bool = False) -> None:
-        """Give the scanner back; nothing happens when nobody holds it.
+        """Release the lease; no effect without a lease.
 
         Parameters
         ----------
@@ -87,7 +87,7 @@ class ScannerRepository(ScannerRows):
             self._event(session, row, who, "released")
 
     def admit(self, session: Session, fence: int | None, who: str) -> int:
-        """Return the fencing number under which the laser may be asked to fire.
+        """Return the fencing number if the caller may fire; raise LeaseHeld or EmergencyStopped.
 
         Parameters
         ----------
@@ -150,14 +150,14 @@ class ScannerRepository(ScannerRows):
         return row
 
     def note_deed(self, number: str, laser: str, seconds: float | None, detail: str = "") -> None:
-        """Note what became of the press that stands, which its scanner's node knows by this number."""
+        """Record the outcome of the active press, identified by its number."""
         with self.database.write() as session:
             row = self._find(session, self.id, lock=True)
             if row.stopped_at is not None:
                 row.stop_number, row.stop_laser, row.stop_seconds, row.stop_detail = number, laser, seconds, detail
 
     def release_stop(self, who: str, reason: str | None = None, number: str | None = None) -> ScannerRow:
-        """Release the emergency stop; scans begin again only when somebody asks for them.
+        """Release the emergency stop; scans start again only at a person's request.
 
         Raises
         ------
@@ -174,7 +174,7 @@ class ScannerRepository(ScannerRows):
         return row
 
     def is_held(self, row: ScannerRow) -> bool:
-        """Whether somebody's lease still runs."""
+        """Whether a lease is active."""
         return self._is_held(row)
 
     def _is_held(self, row: ScannerRow) -> bool:

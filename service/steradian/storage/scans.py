@@ -132,14 +132,14 @@ class ScanRepository(Repository[ScanRow]):
             return list(session.scalars(query))
 
     def wished_resumed(self) -> ScanRow | None:
-        """Return the oldest interrupted scan that a person wants to go on."""
+        """Return the oldest interrupted scan whose desired state is running."""
         wished = ScanRow.desired_state == DesiredScanState.RUNNING
         query = select(ScanRow).where(self._mine(ScanState.INTERRUPTED), wished)
         with self.database.read() as session:
             return session.scalars(query.order_by(ScanRow.sequence).limit(1)).one_or_none()
 
     def forget_wishes(self, why: str) -> None:
-        """Take back that interrupted scans are to run: a wish that nobody was there to hear is not one for later."""
+        """Clear the desired state of interrupted scans, because their request was made before the restart."""
         wished = ScanRow.desired_state == DesiredScanState.RUNNING
         query = select(ScanRow).where(self._mine(ScanState.INTERRUPTED), wished)
         with self.database.write() as session:
@@ -203,7 +203,7 @@ class ScanRepository(Repository[ScanRow]):
         return row
 
     def tell(self, identifier: str, stage: str, why: str, who: str = "acquisition") -> None:
-        """Note and log that a scan stands, or goes on, without a change of its state: the disk is full, say."""
+        """Record and log a condition of a scan that does not change its state, such as a full disk."""
         with self.database.write() as session:
             row = self._find(session, identifier, lock=True)
             row.stage = stage[:120]
@@ -211,7 +211,7 @@ class ScanRepository(Repository[ScanRow]):
             record(session, self.clock(), "scan", row.id, data)
 
     def report(self, identifier: str, stage: str, done: int, total: int) -> None:
-        """Note how far a scan has come; its revision stays, as nothing has changed that anybody could change."""
+        """Record the progress of a scan without a new revision, because clients cannot change progress."""
         progress = update(ScanRow).where(ScanRow.id == identifier).values(stage=stage[:120], done=done, total=total)
         with self.database.write() as session:
             session.execute(progress)
@@ -240,7 +240,7 @@ class ScanRepository(Repository[ScanRow]):
         revision: int | None = None,
         admit: Callable[[Session, ScanRow], int] | None = None,
     ) -> ScanRow:
-        """Note what a person wants of a scan; wishing the same again changes nothing.
+        """Set the desired state of a scan; repeating it has no effect.
 
         Parameters
         ----------
@@ -285,7 +285,7 @@ class ScanRepository(Repository[ScanRow]):
 
 
 def _tell(row: ScanRow, what: str, who: str, why: str | None) -> None:
-    """Log what became of a scan, under the request that is being served or else the one that asked for the scan."""
+    """Log a scan's event under the current request, or else under the request that created the scan."""
     with caused_by(request_id.get() or row.request_id):
         _log.info("scan %s is %s: %s (%s)", row.id, what, why or "no reason given", who)
 

@@ -1,4 +1,4 @@
-"""All rows of one moment: out of a database that others write to, into a file of SQLite, and back into either kind."""
+"""Consistent snapshot of the database as a SQLite file, and its restoration."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ AT_A_TIME: Final = 1000
 
 
 def take_snapshot(database: Database, path: Path) -> None:
-    """Write all that a database holds at this moment into a new file of SQLite; nobody waits for it.
+    """Copy a consistent snapshot of a database into a new SQLite file, without blocking writers.
 
     SQLite copies its own file, with the queue in it. Of PostgreSQL the metadata are copied, table by table in one
     transaction that sees one moment; the queue is made anew from them wherever they are restored.
@@ -98,6 +98,6 @@ def _copy_rows(source: Connection, target: Connection) -> None:
 
 
 def _make_one_file(path: Path) -> None:
-    """Take what was written beside the file into it."""
+    """Merge the write-ahead log into the file."""
     with closing(sqlite3.connect(path)) as connection:
         connection.execute("PRAGMA journal_mode=DELETE")

@@ -1,4 +1,4 @@
-"""Stamps: what tells that a thing, or a page of a list, looks as it did, for much less than reading and showing it.
+"""Cheap version tuples of resources and list pages, equal while the representation is unchanged.
 
 Rows of masks and plans never change, those of scans and jobs count their revisions; progress alone is written without
 one, so it is part of the stamp. A row that was deleted and made again has another time or identifier. A job by itself
@@ -24,7 +24,7 @@ ANY_BEFORE: Final = 2**31 - 1
 
 @dataclass(frozen=True)
 class Question:
-    """Which stamp: that of one thing, or, without ``id``, that of a page of a list."""
+    """Key of a validator: one resource, or, without ``id``, a page of a list."""
 
     noun: str
     id: str | None = None

@@ -1,4 +1,4 @@
-"""States of scans and reconstructions, each with its one table of transitions."""
+"""State machines of scans and jobs as transition tables."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from steradian.errors import Conflict
 
 
 class ScanState(StrEnum):
-    """Where a scan stands."""
+    """States of a scan."""
 
     QUEUED = "queued"
     ARMING = "arming"
@@ -30,7 +30,7 @@ class ScanState(StrEnum):
 
 
 class ReconstructionState(StrEnum):
-    """Where a reconstruction stands."""
+    """States of a reconstruction."""
 
     QUEUED = "queued"
     RUNNING = "running"
@@ -41,7 +41,7 @@ class ReconstructionState(StrEnum):
 
 
 class BatchState(StrEnum):
-    """How the jobs of a batch stand together; of those that are not kept any more nothing is known."""
+    """Combined state of a batch's jobs; jobs deleted by retention are unknown."""
 
     QUEUED = "queued"
     RUNNING = "running"
@@ -52,7 +52,7 @@ class BatchState(StrEnum):
 
     @classmethod
     def of(cls, counts: Mapping[str, int]) -> Self:
-        """Tell from how many jobs there are in each state, those that are forgotten apart."""
+        """Return the state from the number of jobs in each state, and the number of deleted jobs."""
         known = {state for state in ReconstructionState if counts.get(state)}
         if not known:
             return cls("forgotten")
@@ -64,14 +64,14 @@ class BatchState(StrEnum):
 
 
 class DesiredJobState(StrEnum):
-    """What a person wants of a reconstruction."""
+    """Desired state of a reconstruction."""
 
     SUCCEEDED = "succeeded"
     CANCELLED = "cancelled"
 
 
 class DesiredScanState(StrEnum):
-    """What a person wants of a scan."""
+    """Desired state of a scan."""
 
     RUNNING = "running"
     PAUSED = "paused"

@@ -1,4 +1,4 @@
-"""The time of day in milliseconds, for SQLite before 3.42.
+"""``unixepoch('subsec')`` for SQLite before 3.42.
 
 From Python 3.12 on the queue's engine writes ``unixepoch('subsec')`` into the defaults of its tables and into its
 queries, whatever the SQLite below it. Before 3.42 that is NULL, and before 3.38 an unknown function; Debian 12 has
@@ -19,7 +19,7 @@ _PLUGIN: Final = "steradian_subseconds"
 
 
 def with_subseconds(url: str) -> str:
-    """Return an SQLite URL whose engines, whoever makes them, know ``unixepoch('subsec')`` on every connection."""
+    """Return an SQLite URL whose engines provide ``unixepoch('subsec')`` on every connection."""
     return make_url(url).update_query_pairs([("plugin", _PLUGIN)]).render_as_string(hide_password=False)
 
 
@@ -34,7 +34,7 @@ class Subseconds(CreateEnginePlugin):
         return url
 
     def engine_created(self, engine: Engine) -> None:
-        """Have each new connection of the engine prepared."""
+        """Register a hook that prepares each new connection of the engine."""
         event.listen(engine, "connect", lambda connection, _record: add_subseconds(connection))
 
 

@@ -17,7 +17,7 @@ from steradian.storage.states import DesiredJobState, DesiredScanState, Reconstr
 
 
 class Table(DeclarativeBase):
-    """Root of all tables."""
+    """Declarative base class of all tables."""
 
     type_annotation_map: ClassVar[dict[Any, Any]] = {
         datetime: UtcTime,
@@ -30,7 +30,7 @@ class Table(DeclarativeBase):
 
 
 class MaskRow(Table):
-    """A mask; ``document`` is the whole value as JSON, the other columns repeat what lists show."""
+    """Mask; ``document`` is the whole value as JSON, the other columns duplicate the values shown in lists."""
 
     __tablename__ = "masks"
     sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
@@ -46,7 +46,7 @@ class MaskRow(Table):
 
 
 class PlanRow(Table):
-    """A plan: parameters beside the mask they belong to, and what the plan costs."""
+    """Plan: its parameters, mask and cost."""
 
     __tablename__ = "plans"
     sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
@@ -153,7 +153,7 @@ class BatchRow(Table):
 
 
 class ReconstructionRow(Table):
-    """What was asked of the queue; how far it came stands in the job of the same identifier."""
+    """Reconstruction request; its progress is in the job with the same identifier."""
 
     __tablename__ = "reconstructions"
     sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
@@ -166,7 +166,7 @@ class ReconstructionRow(Table):
 
 
 class ScannerRow(Table):
-    """A scanner: how it stands, who holds it, and whether somebody pressed the emergency stop.
+    """Scanner: state, lease and emergency stop.
 
     The lease is the principal's in ``held_by``; ``holder`` is how that one calls itself. ``address`` is where its node
     answers the others, ``follows`` whether it has workers for images that grow with a scan. ``looked_at`` is when
@@ -213,7 +213,7 @@ class ScannerRow(Table):
 
 
 class WorkerRow(Table):
-    """What a worker has, by its own word, and when it said so last.
+    """Worker: its reported capabilities and the time of the last report.
 
     ``scanner_id`` is the scanner's whose growing images are all that it makes; none: it does everybody's jobs.
     """
@@ -297,7 +297,7 @@ class TicketRow(Table):
 
 
 class SessionRow(Table):
-    """A browser that somebody has signed in with a key, by the hash of its secret."""
+    """Browser session, opened with a key, by the hash of its secret."""
 
     __tablename__ = "sessions"
     hash: Mapped[str] = mapped_column(String(64), primary_key=True)

@@ -1,4 +1,4 @@
-"""What the files of a data folder are for, in bytes."""
+"""Disk usage of the data folder by category, in bytes."""
 
 from __future__ import annotations
 

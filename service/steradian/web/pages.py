@@ -1,4 +1,4 @@
-"""The pages' shells and their files. Nothing here knows masks or scans: the scripts ask the HTTP API for all of it."""
+"""HTML shells and static files of the web page."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def make_router(version: str, lab: Path | None = None, outside: Callable[[str], 
 
     @router.get("/")
     def read_start(request: Request) -> Response:
-        """Show the page to a browser; tell anybody else where things are."""
+        """Return the page to browsers, and the API's location to other clients."""
         if parse_accept_header(request.headers.get("accept")).quality("text/html"):
             return shell("start", "./")
         found = {"docs": "/docs", "openapi": "/openapi.json", "api": "/api/v1"}
@@ -107,7 +107,7 @@ def _showing(shell: Callable[[str, str], HTMLResponse], template: str, root: str
 
 
 def _file(request: Request, folder: Path, name: str) -> Response:
-    """Answer with a file below a folder, or with 304 to who has it; raises :class:`NotFound`."""
+    """Return a static file, or 304 if the client's copy is current; raises :class:`NotFound`."""
     path, root = (folder / name).resolve(), folder.resolve()
     if path.suffix not in KINDS or not path.is_relative_to(root) or not path.is_file():
         raise NotFound("file of the page", name)

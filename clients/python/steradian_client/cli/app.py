@@ -35,7 +35,7 @@ def _connect(
 
 @app.command(help="Show version, mode and limits of the service, and whether it is ready.")
 def about(context: typer.Context, as_json: AsJson = False) -> None:
-    """Show what the service is."""
+    """Print the service's version, mode and limits."""
     client = client_of(context)
     show(client.about(), as_json)
     if not as_json:

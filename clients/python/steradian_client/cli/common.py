@@ -1,4 +1,4 @@
-"""What the commands of every noun have in common."""
+"""Options and helpers shared by all command groups."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Wait: TypeAlias = Annotated[bool, typer.Option("--wait", help="Watch it until it
 
 
 def noun(help: str) -> typer.Typer:
-    """Begin the commands of a noun."""
+    """Create the command group of a resource."""
     return typer.Typer(no_args_is_help=True, help=help)
 
 
@@ -69,7 +69,7 @@ def add_watch(app: typer.Typer, those: Callable[[Client], Working[Blocking, Any]
 
 
 def finish(those: Working[Blocking, Any], work: Any, wait: bool, as_json: bool, timeout: float | None = None) -> None:
-    """Show what has been begun, when it is over or at once."""
+    """Print a started resource, immediately or once it has ended."""
     if wait:
         with live() as progress:
             work = those.wait(work, progress=progress, timeout=timeout)

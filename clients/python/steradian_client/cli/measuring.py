@@ -1,4 +1,4 @@
-"""Commands of what measures: ``mask``, ``plan``, ``scan`` and ``scanner``."""
+"""Commands: mask, plan, scan, scanner."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def create_mask(
     preview: Annotated[bool, typer.Option("--preview", help="Only tell what it would be.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Make a mask, or tell what it would be."""
+    """Create a mask, or preview it."""
     masks, chosen = client_of(context).masks, settings(parameters)
     show(masks.preview(arrangement, **chosen) if preview else masks.create(arrangement, **chosen), as_json)
 
@@ -55,7 +55,7 @@ def create_plan(
     preview: Annotated[bool, typer.Option("--preview", help="Only tell what it would cost.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Make a plan, or tell what it would cost."""
+    """Create a plan, or preview its cost."""
     plans, chosen = client_of(context).plans, settings(parameters)
     show(plans.preview(mask_id, **chosen) if preview else plans.create(mask_id, **chosen), as_json)
 
@@ -91,7 +91,7 @@ def wish(
     lease: Fence = None,
     as_json: AsJson = False,
 ) -> None:
-    """Say what a scan should become."""
+    """Set the desired state of a scan."""
     scans = client_of(context).scans
     if state == "running":
         show(scans.resume(identifier, reason, lease=lease), as_json)

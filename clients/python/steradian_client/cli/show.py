@@ -1,4 +1,4 @@
-"""How answers appear: a table for people, JSON for programs; progress on the side of either."""
+"""Output of responses: a table for people, JSON for programs; progress on standard error."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Timeout: TypeAlias = Annotated[float | None, typer.Option(help="Longest time to 
 
 
 def settings(pairs: Sequence[str] | None) -> dict[str, Any]:
-    """Read ``name=value`` pairs; a value that is no JSON is a text."""
+    """Parse ``name=value`` pairs; a value that is not JSON is a string."""
     found: dict[str, Any] = {}
     for pair in pairs or ():
         name, equals, text = pair.partition("=")
@@ -39,7 +39,7 @@ def settings(pairs: Sequence[str] | None) -> dict[str, Any]:
 
 
 def show(answer: Answer, as_json: bool) -> None:
-    """Print one answer."""
+    """Print one response."""
     if as_json:
         print(answer.model_dump_json(indent=2))
         return
@@ -51,7 +51,7 @@ def show(answer: Answer, as_json: bool) -> None:
 
 
 def show_all(answers: Sequence[Answer], columns: Sequence[str], as_json: bool) -> None:
-    """Print several answers, for people so many columns of them."""
+    """Print several responses, as a table of the given columns for people."""
     if as_json:
         print(json.dumps([answer.model_dump(mode="json") for answer in answers], indent=2))
         return

@@ -1,4 +1,4 @@
-"""Commands of what computes: ``reconstruction``, ``batch`` and ``job``."""
+"""Commands: reconstruction, batch, job."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def create_batch(
 
 @batch.command("cancel", help="Cancel what is left of a batch.")
 def cancel_batch(context: typer.Context, identifier: Id, reason: Reason = None, as_json: AsJson = False) -> None:
-    """Cancel what is left of a batch."""
+    """Cancel the unfinished jobs of a batch."""
     show(client_of(context).batches.cancel(identifier, reason), as_json)
 
 
@@ -96,7 +96,7 @@ def cancel_batch(context: typer.Context, identifier: Id, reason: Reason = None, 
 def create_job(
     context: typer.Context, kind: str, asked: Settings = None, wait: Wait = False, as_json: AsJson = False
 ) -> None:
-    """Queue work that is no reconstruction."""
+    """Queue a job other than a reconstruction."""
     those = client_of(context).jobs
     finish(those, those.create(kind, **settings(asked)), wait, as_json)
 

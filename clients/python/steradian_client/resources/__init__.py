@@ -1,1 +1,1 @@
-"""The service's nouns, each a class of its own."""
+"""One class per resource of the HTTP API."""

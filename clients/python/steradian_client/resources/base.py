@@ -1,4 +1,4 @@
-"""What the nouns have in common: they are read, listed and deleted, and some take time."""
+"""Base classes of resource collections: read, list, delete, and wait."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def id_of(thing: Any) -> str:
 
 
 class Stored(Resource[World], Generic[World, Kind]):
-    """Things with an identifier that can be read, listed and deleted."""
+    """Base class of collections of stored resources: read, list, delete."""
 
     _kind: type[Kind]
     _read: Route
@@ -72,7 +72,7 @@ class Working(Stored[World, WorkKind]):
     async def wait(
         self, work: WorkKind | str, *, progress: Report | None = None, timeout: float | None = None
     ) -> WorkKind:
-        """Wait until it is over, also while the service is started anew or the connection breaks.
+        """Wait until the resource has ended, also across restarts of the service and broken connections.
 
         Parameters
         ----------
@@ -101,5 +101,5 @@ class Working(Stored[World, WorkKind]):
 
 
 def given(**values: Any) -> Mapping[str, Any]:
-    """Leave out what was not said."""
+    """Return the arguments that are not None."""
     return {name: value for name, value in values.items() if value is not None}

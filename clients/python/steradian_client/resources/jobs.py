@@ -21,12 +21,12 @@ class Jobs(Working[World, Job]):
 
     @operation
     async def create(self, /, kind: str, *, idempotency_key: str | None = None, **asked: Any) -> Job:
-        """Queue a job of a kind: sound-speed, quality, width, export or import, with what is asked of it."""
+        """Queue a job of a kind: sound-speed, quality, width, export or import, with its parameters."""
         return await self._session.ask(Job, routes.CREATE_JOB, json={"kind": kind, **asked}, key=idempotency_key)
 
     @operation
     async def prioritise(self, job_id: str, priority: int) -> Job:
-        """Move a job that waits; smaller ones run first."""
+        """Change the priority of a queued job; smaller values run first."""
         return await self._session.ask(Job, routes.CHANGE_JOB, {"id": job_id}, json={"priority": priority})
 
     @operation
@@ -42,7 +42,7 @@ class Jobs(Working[World, Job]):
 
     @operation
     async def log(self, job_id: str) -> str:
-        """Read what it wrote while it ran."""
+        """Return the log of the job."""
         return (await self._session.exchange(routes.READ_JOB_LOG, {"id": job_id})).text
 
     @operation

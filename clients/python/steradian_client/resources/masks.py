@@ -13,7 +13,7 @@ from steradian_client.worlds import World, operation
 
 
 class Masks(Stored[World, Mask]):
-    """Where to sense."""
+    """Collection of masks."""
 
     _kind, _read, _list, _delete = Mask, routes.READ_MASK, routes.LIST_MASKS, routes.DELETE_MASK
 
@@ -24,7 +24,7 @@ class Masks(Stored[World, Mask]):
 
     @operation
     async def preview(self, /, arrangement: str, **parameters: Any) -> MaskPreview:
-        """Tell what a mask would be and promise, keeping nothing."""
+        """Return a mask's metrics without storing it."""
         asked = {"arrangement": arrangement, **parameters}
         return await self._session.ask(MaskPreview, routes.PREVIEW_MASK, json=asked)
 
@@ -53,7 +53,7 @@ class Masks(Stored[World, Mask]):
 
     @operation
     async def save_picture(self, mask_id: str, target: Path | str) -> Path:
-        """Download a picture (PNG): where it senses, how densely and what it can see."""
+        """Download a picture (PNG) of the mask: points, density and coverage."""
         return await download(self._session, routes.READ_PICTURE, {"id": mask_id}, target)
 
     async def _create(self, arrangement: str, parameters: dict[str, Any]) -> Mask:

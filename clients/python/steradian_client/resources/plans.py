@@ -1,4 +1,4 @@
-"""Plans: in what order and how fast."""
+"""Collection of scan plans."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from steradian_client.worlds import World, operation
 
 
 class Plans(Stored[World, Plan]):
-    """In what order and how fast; parameters as of ``steradian.ScanPlan``, such as pulse_rate (Hz) or samples."""
+    """Collection of scan plans; parameters as of ``steradian.ScanPlan``, such as pulse_rate (Hz) or samples."""
 
     _kind, _read, _list, _delete = Plan, routes.READ_PLAN, routes.LIST_PLANS, routes.DELETE_PLAN
 
@@ -23,13 +23,13 @@ class Plans(Stored[World, Plan]):
 
     @operation
     async def preview(self, /, mask_id: str, **parameters: Any) -> Preview:
-        """Tell what a plan would cost, keeping nothing."""
+        """Return a plan's cost without storing it."""
         return await self._session.ask(Preview, routes.PREVIEW_PLAN, json={"mask_id": mask_id, **parameters})
 
     @operation
     async def design(
         self, /, arrangement: Mapping[str, Any], point: tuple[float, float, float] | None = None, **parameters: Any
     ) -> Design:
-        """Tell what a mask of these parameters and its plan would be, seen from ``point`` (m), keeping nothing."""
+        """Return the preview of a mask and its plan, seen from ``point`` (m), without storing them."""
         asked = {"arrangement": dict(arrangement), "point": point, **parameters}
         return await self._session.ask(Design, routes.PREVIEW_DESIGN, json=asked)

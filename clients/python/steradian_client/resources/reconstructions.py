@@ -85,7 +85,7 @@ class Reconstructions(Working[World, Reconstruction]):
 
     @operation
     async def log(self, reconstruction_id: str) -> str:
-        """Read what it wrote while it ran."""
+        """Return the log of the reconstruction."""
         return (await self._session.exchange(routes.READ_RECONSTRUCTION_LOG, {"id": reconstruction_id})).text
 
     @operation
@@ -134,5 +134,5 @@ class Reconstructions(Working[World, Reconstruction]):
 
     @operation
     async def quality(self, reconstruction_id: str) -> builtins.list[Quality]:
-        """Read what it was compared with, newest first."""
+        """Return the quality comparisons of the reconstruction, newest first."""
         return await self._session.list(Quality, routes.LIST_QUALITY, identifiers={"id": reconstruction_id})

@@ -1,4 +1,4 @@
-"""Scanners: how they stand, who holds them, and the emergency stop."""
+"""Collection of scanners: state, lease, emergency stop and faults."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SCANNER: Final = "scanner-0"
 
 
 class Scanners(Resource[World]):
-    """How scanners stand, who holds them, and the emergency stop."""
+    """Collection of scanners: state, lease, emergency stop and faults."""
 
     @operation
     async def list(self) -> builtins.list[Scanner]:
@@ -38,7 +38,7 @@ class Scanners(Resource[World]):
         lease: Lease | int | None = None,
         scanner_id: str = SCANNER,
     ) -> Lease:
-        """Be the one operator for so many seconds from now; with the ``lease`` that one holds, for longer.
+        """Take the lease for ``seconds`` from now; with one's own ``lease``, extend it.
 
         Raises
         ------
@@ -49,14 +49,17 @@ class Scanners(Resource[World]):
 
     @operation
     async def give_lease_back(self, lease: Lease | int, *, scanner_id: str = SCANNER) -> None:
-        """End a lease; nothing happens when there is none."""
+        """Release a lease; no effect without a lease."""
         await self._session.exchange(routes.GIVE_LEASE_BACK, {"id": scanner_id}, headers=lease_header(lease))
 
     @managed
     async def lease(
         self, holder: str, *, seconds: float = 600.0, note: str | None = None, scanner_id: str = SCANNER
     ) -> AsyncIterator[Lease]:
-        """Hold a scanner within a ``with`` block, for so many seconds at most; errors as of :meth:`take_lease`."""
+        """Context manager that holds the lease of a scanner for at most ``seconds``.
+
+        Raises the errors of :meth:`take_lease`.
+        """
         lease = await self._take(holder, seconds, note, None, scanner_id)
         try:
             yield lease
@@ -65,20 +68,20 @@ class Scanners(Resource[World]):
 
     @operation
     async def emergency_stop(self, reason: str | None = None, *, scanner_id: str = SCANNER) -> EmergencyStop:
-        """Switch the laser off and abort what runs or waits; look at ``laser`` of what comes back."""
+        """Switch the laser off and abort running and queued scans; check ``laser`` of the answer."""
         body = {"reason": reason} if reason else None
         answer = await self._session.exchange(routes.PRESS_STOP, {"id": scanner_id}, json=body)
         return EmergencyStop.model_validate(answer.json()["emergency_stop"])
 
     @operation
     async def stop_all(self, reason: str | None = None) -> dict[str, EmergencyStop]:
-        """Press the emergency stop of every scanner; returns what came of each, by name: of none if there is none."""
+        """Press the emergency stop of every scanner; returns the answers by name, empty without scanners."""
         answer = await self._session.exchange(routes.PRESS_EVERY_STOP, json={"reason": reason} if reason else None)
         return {one["id"]: EmergencyStop.model_validate(one["emergency_stop"]) for one in answer.json()["items"]}
 
     @operation
     async def retire(self, scanner_id: str, *, abandon: bool = False, reason: str | None = None) -> None:
-        """Have a scanner that is no more be none of the service; it is one again when its node starts.
+        """Decommission a scanner that no longer exists; its node registers it again when it starts.
 
         Parameters
         ----------
@@ -107,7 +110,9 @@ class Scanners(Resource[World]):
 
     @operation
     async def clear_fault(self, scanner_id: str = SCANNER, *, reason: str | None = None) -> Scanner:
-        """Clear a latched fault, once its cause is gone; the laser stays off, and an interrupted scan can be resumed.
+        """Clear a latched fault, once its cause is removed.
+
+        The laser stays off, and an interrupted scan can be resumed.
 
         Nothing happens where no fault is latched.
 

@@ -1,4 +1,4 @@
-"""Scans: running plans on the scanner, and what they measured."""
+"""Collection of scans."""
 
 from __future__ import annotations
 
@@ -57,17 +57,17 @@ class Scans(Working[World, Scan]):
 
     @operation
     async def label(self, scan_id: str, labels: Mapping[str, str | None]) -> Scan:
-        """Set labels; ``None`` takes one away."""
+        """Set labels; ``None`` removes one."""
         return await self._session.ask(Scan, routes.CHANGE_SCAN, {"id": scan_id}, json={"labels": dict(labels)})
 
     @operation
     async def pause(self, scan_id: str, reason: str | None = None) -> Scan:
-        """Let the laser rest."""
+        """Pause a scan with the laser off."""
         return await self._wish(scan_id, "paused", reason)
 
     @operation
     async def resume(self, scan_id: str, reason: str | None = None, *, lease: Lease | int | None = None) -> Scan:
-        """Have a scan that is paused or interrupted go on.
+        """Resume a paused or interrupted scan.
 
         It is sent once, even where no service answers: the laser fires, and somebody may have stopped it meanwhile.
         """
@@ -75,7 +75,7 @@ class Scans(Working[World, Scan]):
 
     @operation
     async def stop(self, scan_id: str, reason: str | None = None) -> Scan:
-        """Stop a scan and keep what was measured."""
+        """Stop a scan and keep the measured A-lines."""
         return await self._wish(scan_id, "stopped", reason)
 
     @operation
@@ -90,7 +90,7 @@ class Scans(Working[World, Scan]):
 
     @operation
     async def shots(self, scan_id: str, points: str | None = None, *, since: str | None = None) -> Shots:
-        """Tell what became of each shot; ``points`` in numpy's syntax, such as ``"0:100"``.
+        """Return the metadata of each shot; ``points`` in NumPy's syntax, such as ``"0:100"``.
 
         With ``since``, the ``next`` of an earlier answer, only of those that have changed after it.
         """

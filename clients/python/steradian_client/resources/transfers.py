@@ -59,7 +59,7 @@ class Uploads(Resource[World]):
         description: Mapping[str, Any] | None = None,
         companion: Upload | str | None = None,
     ) -> UploadPreview:
-        """Look into one as an import would, and tell what is missing; ``companion`` has the positions."""
+        """Preview an import of an upload, with its missing fields; ``companion`` has the positions."""
         body = given(description=description, companion_id=None if companion is None else id_of(companion))
         return await self._session.ask(UploadPreview, routes.PREVIEW_UPLOAD, {"id": id_of(upload)}, json=body)
 
@@ -109,7 +109,7 @@ class Imports(Working[World, Job]):
         progress: Report | None = None,
         timeout: float | None = None,
     ) -> Scan:
-        """Send a file, import it and wait for the scan; errors as of :meth:`wait`."""
+        """Upload a file, import it and wait for the scan; errors as of :meth:`wait`."""
         return await self._run(Path(file), description, companion, labels, progress, timeout)
 
     @operation
@@ -257,7 +257,7 @@ async def _begin(session: Session, size: int) -> str | None:
 
 
 async def _send_pieces(session: Session, sending: Sending, identifier: str) -> Upload:
-    """Send a file, and what is missing of it as often as that breaks off, while something of it arrives."""
+    """Send a file in parts, resuming after interruptions as long as bytes arrive."""
     where, begun, pause = {"id": identifier}, time.monotonic(), FIRST_PAUSE
     received = None  # its checksum, unless the last answer is lost
     while True:

@@ -1,4 +1,4 @@
-"""The section on what is fitted from the data or taken back: speed of sound and the film's response."""
+"""Speed of sound and film response."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def _film() -> Part:
 
 
 class MistakenFilm:
-    """The simulated film as somebody has it who is wrong by a fifth about its band."""
+    """Simulated film response whose assumed bandwidth is wrong by 20 %."""
 
     def at(
         self, frequencies: NDArray[np.float64], sines: NDArray[np.float64], sound_speed: float

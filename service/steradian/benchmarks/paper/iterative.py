@@ -1,4 +1,4 @@
-"""The section on iterative reconstruction: what :mod:`.iterative_data` measured."""
+"""Section on iterative reconstruction, from the measurements of :mod:`.iterative_data`."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def _cells(row: Part) -> list[str]:
 
 
 def claims(part: Part) -> list[Claim]:
-    """Volumes gain a tenth over what a filter alone gives, projections lose nothing."""
+    """Claims: volumes improve by 10 % over a filter alone, projections do not deteriorate."""
     rows = [*part["rows"], *([part["kwave"]] if part["kwave"] is not None else [])]
     gains, mips = ([_gain(row, of) for row in rows] for of in ("volume", "mip"))
     low, high = (number(bound(_gain(row, "volume", (DIRECT,)) for row in rows), 2) for bound in (min, max))
@@ -88,7 +88,7 @@ def claims(part: Part) -> list[Claim]:
 
 
 def _price(part: Part) -> list[Claim]:
-    """Say what it costs, and what one has of that."""
+    """Return the cost of the iterative method and its benefit."""
     yarns = [row["images"][ITERATIVE]["volume"] for row in part["rows"]]
     run, outputs = part["cost"]["run"], [row["outputs"] for row in part["rows"] if "outputs" in row]
     memory = Claim(
@@ -104,7 +104,7 @@ def _price(part: Part) -> list[Claim]:
 
 
 def _gain(row: Part, of: str, others: tuple[str, ...] = (DIRECT, PASSED)) -> float:
-    """How far iterative is above the best of the others."""
+    """Return the improvement of the iterative method over the best other method."""
     gain: float = row["images"][ITERATIVE][of] - max(row["images"][name][of] for name in others)
     return gain
 

@@ -1,4 +1,4 @@
-"""What the section on iterative reconstruction measures: volumes from 3 % of a scan's points, against the truth."""
+"""Measurements of the section on iterative reconstruction: volumes from 3 % of a scan's points, against the truth."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Scene:
     repeats: int = 3
 
     def common(self) -> dict[str, Any]:
-        """Return what every reconstruction of the scene takes."""
+        """Return the arguments common to all reconstructions of the scene."""
         return {
             "sampling_interval": self.interval,
             "sound_speed": self.speed,

@@ -1,4 +1,4 @@
-"""What the sections' pictures share: panels in millimetres, small files."""
+"""Common parts of the sections' pictures: panels in millimetres, small files."""
 
 from __future__ import annotations
 

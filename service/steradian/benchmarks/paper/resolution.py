@@ -1,4 +1,4 @@
-"""The section on resolution: the paper's Table 1 and its star, from what :mod:`.resolution_data` measured."""
+"""Section on resolution: the paper's Table 1 and its star, from the measurements of :mod:`.resolution_data`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def _row(part: Part, method: str, samples: int = SAMPLES) -> Part:
 
 
 def gain(ours: float | None, theirs: float | None) -> float | None:
-    """How much wider the other is, as the paper counts its improvement: theirs/ours − 1."""
+    """Return the improvement as the paper defines it: theirs/ours − 1."""
     return None if not ours or theirs is None else theirs / ours - 1
 
 

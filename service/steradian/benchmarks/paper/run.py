@@ -1,4 +1,4 @@
-"""Run the sections and keep what they measured in one JSON document."""
+"""Runner of the paper's benchmark: executes the sections and stores their measurements in one JSON document."""
 
 from __future__ import annotations
 

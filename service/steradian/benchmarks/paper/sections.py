@@ -1,4 +1,4 @@
-"""What a part of the paper's benchmark is: a function that measures, and one that writes what it measured.
+"""Section of the paper's benchmark: a measuring function and a writing function.
 
 To add one, write a module in this package with a ``SECTION`` and put the module's name into ``NAMES``, in the order of
 the page. ``measure`` returns plain JSON values; ``write`` turns exactly those into Markdown, so that no figure on the
@@ -26,7 +26,7 @@ NAMES = ("resolution", "tree", "yarn", "iterative", "focus")
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What a section's ``measure`` is given.
+    """Context given to a section's ``measure``.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class Section:
 
 
 class Verdict(StrEnum):
-    """How a claim came out, by one rule for all of them."""
+    """Verdict on a claim, by one rule for all."""
 
     HOLDS = "yes"
     SIGN = "sign only"

@@ -32,7 +32,7 @@ PAPER_SHARPNESS = {"equiangular": 23001, "interpolated": 21474}
 
 
 class Line:
-    """One tree, its A-lines at all sensors, and how a choice of them does.
+    """Line scan of one tree: its A-lines at all sensors, and reconstructions from subsets.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The section on the yarn: the paper's section 6, from what :mod:`.yarn_data` measured."""
+"""Section on the yarn (the paper's section 6), from the measurements of :mod:`.yarn_data`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PAPER: dict[str, Any] = {
 
 
 def closer(row: Part, name: str) -> float:
-    """Mean over discs of 2–8 mm of how much closer to 1 the equi-steradian mask's correlation is."""
+    """Return the relative gain in correlation of the equi-steradian mask, as a mean over discs of 2–8 mm."""
     ours, theirs = (np.array(near(row["masks"][mask]["by_diameter"])) for mask in (EQUI, name))
     return float(np.mean((ours - theirs) / (1 - theirs)))
 

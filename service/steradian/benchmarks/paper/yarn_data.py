@@ -36,7 +36,7 @@ EQUI, FILLED = "equi-steradian", "gaps filled"
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """How the yarn is recorded and reconstructed.
+    """Parameters of recording and reconstruction of the yarn.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ OTHERS = (Setting(None, None), Setting(30.0, None, False), Setting(40.0, None), 
 
 
 class Points:
-    """Where a dense scan senses, and which of its points the masks choose.
+    """Points of a dense scan, and the subsets selected by masks.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class Points:
 
 
 class Scan(Points):
-    """A dense scan of one object, and what a choice of its points makes of it.
+    """Dense scan of one object, and reconstructions from subsets of its points.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Engines: who carries out what :class:`steradian.imaging.tables.Tables` describe.
+"""Compute engines: implementations of the three transform steps and their adjoints.
 
 An engine makes an image of A-lines in three steps, and A-lines of an image in their transposes (of tables of the model,
 whose waves go both ways). What it hands from step to step is its own.
@@ -22,7 +22,7 @@ from steradian.progress import IsCancelled, Progress
 
 
 class Watch(NamedTuple):
-    """Who follows the work, and may stop it; see :mod:`steradian.progress`."""
+    """Progress and cancellation callbacks; see :mod:`steradian.progress`."""
 
     progress: Progress | None = None
     cancelled: IsCancelled | None = None
@@ -36,7 +36,7 @@ class Engine(Protocol):
 
     @property
     def tables(self) -> Tables:
-        """What it was made for."""
+        """Tables for which the engine was created."""
 
     def lateral(
         self,

@@ -18,7 +18,7 @@ _BATCH = 64  # time samples spread, rows of modes interpolated at once
 
 
 class ArrayEngine:
-    """An :class:`~steradian.imaging.engines.Engine` on arrays of one library.
+    """Readable whole-array engine, used for comparison with the compiled ones.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ class ArrayEngine:
         return target
 
     def _refined(self, modes: Any, axis: int, count: int) -> Any:
-        """Put modes into a transform of ``count`` ≥ N points; what is at −N/2 goes to +N/2 by half."""
+        """Place modes into a transform of ``count`` ≥ N points; the mode at −N/2 is split evenly with +N/2."""
         xp, n = self._xp, modes.shape[axis]
         if count == n:
             return modes

@@ -1,4 +1,4 @@
-"""Which engine computes: processor or GPU, and what happens where the GPU's memory turns out too small."""
+"""Engine selection: CPU or GPU, with fallback when GPU memory is insufficient."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Non-uniform transforms in tables: windows, sizes, sensors on the lateral grid, time to depth along one mode."""
+"""Tables of the non-uniform transforms."""

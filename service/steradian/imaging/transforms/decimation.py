@@ -80,7 +80,7 @@ class Decimation:
 
 
 def decimation(samples: int, band: float, accuracy: float) -> Decimation | None:
-    """Choose the fewest samples for frequencies below ``band``; None where that saves little.
+    """Return the decimation for frequencies below ``band``; None where it saves little.
 
     Parameters
     ----------

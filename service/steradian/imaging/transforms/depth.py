@@ -1,4 +1,4 @@
-"""Time to depth along one lateral mode: a transform over time, interpolation at κ, a factor, a transform over depth."""
+"""Time-to-depth mapping: spectral interpolation at κ."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Interpolation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KappaRule:
-    """Which frequency makes which depth, and by what factor.
+    """Frequency of each depth frequency, with its Jacobian factor (dispersion relation).
 
     Lateral mode j and depth frequency ±l, in cycles a record, come from κ = √(l² + |scales·j|²), if that is below
     ``band``. With X(κ) the transform over time and R the response,

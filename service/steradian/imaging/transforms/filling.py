@@ -1,4 +1,4 @@
-"""Filling a grid linearly from scattered sensors: what the paper compares its method with ("interpolated")."""
+"""Linear interpolation from scattered sensors to a grid."""
 
 from __future__ import annotations
 

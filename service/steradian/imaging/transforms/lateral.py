@@ -1,4 +1,4 @@
-"""How sensors meet the lateral grid: the non-uniform transform of type 1 (sensors to modes), of type 2 read backwards.
+"""Lateral transform between sensors and grid: NUFFT of type 1 (sensors to modes), and of type 2 as its adjoint.
 
 Mode j of sensors at x_m with values v_m is Σ_m v_m·e^{−2πi j·x_m/X}. Each sensor is spread onto the points of a grid
 near it, the grid is transformed, and what the window did to mode j is divided out (paper, NED-NUFFT, equation 6).
@@ -33,7 +33,10 @@ class Stencils:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entries:
-    """Sensors on the grid: point (``lines[e]``, ``cells[e]``) takes ``weights[e]`` of sensor ``sensors[e]``."""
+    """Entries of sensors on the grid.
+
+    Point (``lines[e]``, ``cells[e]``) takes ``weights[e]`` of sensor ``sensors[e]``.
+    """
 
     lines: Ints
     cells: Ints

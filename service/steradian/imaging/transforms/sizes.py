@@ -1,4 +1,4 @@
-"""Choice of window and grid size: the cheapest that keep the tolerance.
+"""Choose FFT sizes and interpolation windows by a cost model.
 
 The costs are nanoseconds of one core for a cell of 32 numbers, measured (docs/performance.md); only their ratios count.
 """

@@ -1,4 +1,4 @@
-"""Weighted sums of samples (compiled)."""
+"""Compiled weighted sums of samples."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ ALWAYS = "hdf5, nrrd, vtkhdf or png"
 
 
 def library(name: str, format: str) -> Any:
-    """Import a library that only this format needs.
+    """Import an optional library of one format.
 
     Raises
     ------

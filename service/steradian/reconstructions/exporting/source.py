@@ -22,7 +22,7 @@ SLAB_BYTES = 32 << 20
 
 @dataclass(frozen=True)
 class VolumeSource:
-    """Values of a volume file with their axes.
+    """Chunked reader of a volume file with axes.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class VolumeSource:
             raise Cancelled(f"the export was stopped at {done} of {total}")
 
     def report(self, done: int, total: int) -> None:
-        """Tell the caller how far the export is, in depths."""
+        """Report the progress of the export, in depths."""
         if self.progress:
             self.progress("depths", done, total)
 

@@ -1,4 +1,4 @@
-"""Backups: what a service keeps, as it was at one moment, in a folder beside which nothing else is needed.
+"""Consistent, verifiable backups of a service's data.
 
 BACKUP/manifest.json    what is in it, with sizes and SHA-256; written last: without it the folder is no backup
 BACKUP/database.sqlite  metadata, whichever database the service uses, and of an embedded one the queue

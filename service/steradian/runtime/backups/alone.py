@@ -1,4 +1,4 @@
-"""One at a time, where two would take each other's drafts away."""
+"""Exclusive file lock held for the duration of a block."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Making a backup while the service works, and nobody waits for it.
+"""Create a consistent backup while the service runs.
 
 The rows are read first, as of one moment; the files follow. Those hold at least what the rows say, because files come
 before their rows: an A-line before it is counted, a volume before its job has succeeded. Whatever was made after the
@@ -106,7 +106,7 @@ def _draft(destination: Path) -> Iterator[Path]:
 
 @dataclass
 class _Rows:
-    """What a snapshot says of files: scans that nobody writes any more, others, jobs that are over, others."""
+    """File index of a database snapshot: finished scans, other scans, ended jobs, other jobs."""
 
     finished: set[str]
     scans: set[str]
@@ -136,7 +136,7 @@ class _Rows:
         )
 
     def want(self, path: str, before: set[str]) -> bool:
-        """Whether a file belongs to what the rows know, or was there, unknown to them, before they were read."""
+        """Whether a file belongs to the indexed resources, or existed, unindexed, before they were read."""
         kind, _, rest = path.partition("/")
         name, _, within = rest.partition("/")
         if kind == "scans":
@@ -179,7 +179,7 @@ class _Copy:
         return Manifest(made, known_revisions()[0], len(rows.scans), len(rows.jobs), self.damaged, files)
 
     def _files(self) -> Iterator[str]:
-        """Name what lies in the data folder and is no draft, no cache and no sign of life."""
+        """Yield the files of the data folder except temporary files, caches and heartbeats."""
         found = [self.data.identity_file, *(self.data.emergency / name for name in STOP)]
         found += [path for path in self.data.scan_files() if not path.is_symlink()]
         found += [path for path in self.data.uploads.glob("*") if path.suffix != ".part"]
@@ -201,7 +201,7 @@ class _Copy:
                 self.copied[path] = stamp, entry
 
     def _new(self, path: str) -> tuple[int, int] | None:
-        """Tell size and time of a file that is there and was not copied as it is."""
+        """Return size and time of a file that is new or has changed since it was copied."""
         try:
             about = (self.data.root / path).stat()
         except FileNotFoundError:
@@ -213,7 +213,7 @@ class _Copy:
         return copy_file(self.data.root / path, self.folder / path, tick)
 
     def _copy_growing(self, path: str, scan: str, tick: Course) -> Entry:
-        """Copy a scan file that may be written meanwhile: what came halfway becomes missing, nothing that was whole.
+        """Copy a scan file that may be written meanwhile; partially copied rows become missing, complete rows stay.
 
         An A-line that is being measured again may be lost to a copy that finds it halfway; the next finds it whole.
         """
@@ -245,7 +245,7 @@ class _Copy:
         return size
 
     def _require(self, size: int, whole: int | None = None) -> None:
-        """Ask for the bytes that come next; ``whole`` is about what all of the backup takes."""
+        """Check the space for the next bytes; ``whole`` concerns the entire backup."""
         free, whole = shutil.disk_usage(self.folder).free, max(size, whole or 0)
         if size > free:
             text = (
@@ -254,7 +254,7 @@ class _Copy:
             raise DiskFull(text, needed=whole, available=free)
 
     def _drop(self, paths: set[str]) -> None:
-        """Forget what was deleted while it was copied."""
+        """Remove copies of resources deleted during the backup."""
         for path in paths:
             (self.folder / path).unlink()
             del self.copied[path]

@@ -1,4 +1,4 @@
-"""What is in a backup, and whether it is as it was made."""
+"""Manifest of a backup: its files with checksums, and their verification."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Manifest:
-    """What a backup holds.
+    """Manifest of a backup.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Manifest:
 
     @classmethod
     def read(cls, folder: Path) -> Self:
-        """Read what a backup holds.
+        """Read the manifest of a backup.
 
         Raises
         ------
@@ -97,7 +97,7 @@ class Manifest:
         return cls(**fields, files=files)
 
     def faults(self, folder: Path) -> Iterator[tuple[str, str]]:
-        """Compare a backup with what it says; yields the path and the fault of each file that is not as it was."""
+        """Verify a backup against its manifest; yields path and fault of each damaged or missing file."""
         for path, entry in self.files.items():
             if not (folder / path).is_file():
                 yield path, "is missing"
@@ -106,7 +106,7 @@ class Manifest:
 
 
 def _is_ours(path: str) -> bool:
-    """Whether a backup holds files of such a path, all of which lie in it."""
+    """Whether a path is one that a backup may contain, and lies inside of it."""
     kind, *within = path.split("/")
     if not path.isprintable() or {"", ".", ".."} & {kind, *within}:
         return False
@@ -114,7 +114,7 @@ def _is_ours(path: str) -> bool:
 
 
 def copy_file(source: Path, target: Path, tick: Callable[[int], object] = bool) -> Entry:
-    """Copy a file durably and tell what was copied; ``tick`` is told of each piece and may raise."""
+    """Copy a file durably and return size and checksum; ``tick`` is called with each chunk and may raise."""
     digest, size = hashlib.sha256(), 0
     target.parent.mkdir(mode=PRIVATE, parents=True, exist_ok=True)
     with source.open("rb") as read, target.open("wb") as write:
@@ -129,7 +129,7 @@ def copy_file(source: Path, target: Path, tick: Callable[[int], object] = bool) 
 
 
 class Course:
-    """Tells how many of some bytes are copied, and stops when asked to.
+    """Progress of a copy in bytes, with cancellation.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ class Course:
 
 
 def hash_file(path: Path) -> Entry:
-    """Tell what a file holds."""
+    """Return size and checksum of a file."""
     with path.open("rb") as file:
         return Entry(os.fstat(file.fileno()).st_size, hashlib.file_digest(file, "sha256").hexdigest())
 

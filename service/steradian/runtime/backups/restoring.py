@@ -1,4 +1,4 @@
-"""Making a data folder of a backup, after every file of it has proven to be as it was made."""
+"""Restore a verified backup into an empty data folder and database."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def restore(
 
 @contextmanager
 def _drafting(root: Path) -> Iterator[Path]:
-    """Yield a folder in an empty one; what is left of it goes at the end."""
+    """Yield a staging folder in an empty folder; it is removed at the end."""
     made = not root.exists()
     _require_empty(root)
     root.mkdir(mode=PRIVATE, parents=True, exist_ok=True)

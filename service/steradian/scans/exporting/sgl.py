@@ -50,7 +50,7 @@ def write_sgl(
     progress: Progress | None,
     cancelled: IsCancelled | None,
 ) -> list[str]:
-    """Write one frame of an open scan file; returns notes on what the format has no place for.
+    """Write one frame of an open scan file; returns notes on data that the format cannot store.
 
     Parameters
     ----------

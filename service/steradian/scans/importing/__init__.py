@@ -1,4 +1,4 @@
-"""Importing recorded data: own scan files, IPASC, k-Wave, MATLAB, npy, npz, sgl and CSV become scans like any other.
+"""Import recordings of other formats as scan files.
 
 What is imported counts as untrusted: see :mod:`steradian.scans.importing.untrusted`.
 """
@@ -23,7 +23,7 @@ __all__ = ["ImportSummary", "import_scan"]
 
 @dataclass(frozen=True)
 class ImportSummary:
-    """What an import came to: the scan file, the kind of the source, its A-lines, their length, what was decided."""
+    """Summary of an import: scan file, kind of source, number and length of A-lines, decisions."""
 
     path: Path
     format: str

@@ -78,7 +78,7 @@ def read_npy(path: Path) -> NDArray[Any]:
 
 @contextmanager
 def open_npz(path: Path, said: Description, folder: Path | None = None) -> Iterator[Source]:
-    """Open an .npz archive with the A-lines as one of its arrays; the others may say what a description would.
+    """Open an .npz archive with the A-lines as one array; other arrays may replace a description.
 
     Raises
     ------

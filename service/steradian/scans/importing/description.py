@@ -1,4 +1,4 @@
-"""The small JSON file that says what an array of A-lines does not: times, places, speeds.
+"""Sidecar JSON with metadata that an array file lacks.
 
 ::
 
@@ -52,7 +52,7 @@ class GridDescription(Value):
 
 
 class Description(Value):
-    """What is known of a recording beside its numbers; a file's own statements fill in what is left out here."""
+    """Description of a recording, beside its samples; a file's own metadata fill in omitted fields."""
 
     sampling_interval: float | None = quantity("times", "Time between samples", gt=0, default=None)
     time_zero: float | None = quantity("times", "From the laser pulse to the first sample", default=None)

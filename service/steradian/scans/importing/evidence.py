@@ -1,4 +1,4 @@
-"""Evidence for what an array's axes mean, from the samples themselves.
+"""Evidence for the meaning of an array's axes, from the samples themselves.
 
 A record begins before the sound arrives, so an array's first part along time is quiet, while the first sensors are as
 loud as the others. A-lines of sensors side by side are alike but for a delay of at most their distance over the speed
@@ -34,7 +34,7 @@ LOUD = 1e-3
 
 
 def time_axis(data: Any, axes: Sequence[int]) -> int | None:
-    """Return which of some axes of an array (of NumPy or HDF5) is time; ``None`` where it cannot be told.
+    """Return which axis of an array (of NumPy or HDF5) is time; ``None`` if the samples do not decide.
 
     Parameters
     ----------

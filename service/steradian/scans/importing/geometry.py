@@ -1,4 +1,4 @@
-"""Where imported sensors lie: on a plane or a line, centred on a square aperture."""
+"""Positions of imported sensors on a plane or a line, centred on a square aperture."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def place_sensors(
     weights: NDArray[np.float64] | None = None,
     sensed_area: float | None = None,
 ) -> Sensors:
-    """Find the plane of sensors and centre them.
+    """Fit a plane to imported sensor positions and centre them.
 
     ``bounds`` that are square, hold every sensor and are as wide as ``aperture``, if that is known, are the aperture.
     Else, with ``aperture``, positions count as centred already. Else sensors on a lattice of N places with pitch d, of
@@ -172,7 +172,7 @@ def _lateral_axes(points: NDArray[np.float64]) -> list[int]:
 
 
 def _refuse_arc(points: NDArray[np.float64], axes: list[str]) -> None:
-    """Refuse sensors on an open, bent curve: a curved array seen from its side, which is no planar aperture.
+    """Reject sensors on an open arc: a curved array seen from its side is not a planar aperture.
 
     Each sensor is then a corner of their convex hull, and one of the hull's sides, the chord, is much longer than the
     others. Rings are closed, and those of an L, a cross or a grid are corners but for a few.

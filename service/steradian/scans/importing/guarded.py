@@ -1,4 +1,4 @@
-"""Importing in a process of its own, with limits: what a file does to the libraries that read it ends there.
+"""Run imports in a sandboxed subprocess with memory and time limits.
 
 The HDF5 library follows what a damaged file says, sometimes into the ground or in circles, and no care outside it can
 prevent that. ``python -P -m steradian.scans.importing.guarded`` reads one request as a line of JSON, writes progress
@@ -184,7 +184,7 @@ def _ending(status: int) -> str:
 
 
 def main() -> None:
-    """Be the process: read a request, limit what it may take, import, say how it went."""
+    """Entry point of the import process: read a request, set resource limits, import, report the outcome."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches whoever started this, and ends it
     request = json.loads(sys.stdin.readline())
     source, destination, description = (None if path is None else Path(path) for path in request["paths"])
@@ -224,7 +224,7 @@ def main() -> None:
 
 
 def _needed(source: Path, description: Path | None) -> list[Path]:
-    """Name the files that an import reads: the recording, its description and what that names beside it."""
+    """Return the files that an import reads: the recording, its description and the files named there."""
     if description is None:
         return [source]
     with suppress(SteradianError):  # it is told when the description is read
@@ -234,7 +234,7 @@ def _needed(source: Path, description: Path | None) -> list[Path]:
 
 
 def limit_process(memory: int, seconds: float, size: int) -> None:
-    """Limit what this process may take from now on, where the system can.
+    """Set resource limits of this process where the system supports them.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from steradian.scans.importing.tables import RawTable, Table, mapped
 
 
 def order_of_p(values: NDArray[Any]) -> tuple[str, ...]:
-    """Tell whether time is the first or the last axis of k-Wave's ``p``: programs and their versions differ.
+    """Return whether time is the first or last axis of k-Wave's ``p``; programs and versions differ.
 
     Of three axes time is the first, as k-Wave has it, unless the samples say otherwise; two must say.
     """

@@ -1,4 +1,4 @@
-"""What a recording says, what it lacks and a few of its A-lines, before anything is made of it."""
+"""Inspect a recording without importing it: metadata, missing fields, sample traces."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TRACES, POSITIONS, SAMPLES = 5, 4000, 4096
 
 @dataclass(frozen=True)
 class Look:
-    """What was understood of a recording; ``None`` where it does not say.
+    """Interpretation of a recording; ``None`` for fields that it does not state.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class Look:
 
 
 def look_into(source: Path, description: Path | None = None, folder: Path | None = None) -> Look:
-    """Read what a recording says, as an import would understand it.
+    """Read the metadata of a recording, as an import would interpret them.
 
     Parameters
     ----------

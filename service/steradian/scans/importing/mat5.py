@@ -1,4 +1,4 @@
-"""MATLAB's own format before 7.3, what ``save`` writes by default (versions 5 to 7) and Octave with ``-v6`` or ``-v7``.
+"""MATLAB's format before 7.3, the default of ``save`` (versions 5 to 7), and of Octave with ``-v6`` or ``-v7``.
 
 Read by SciPy: only variables of plain numbers that the import has a use for, and such fields of structures; never
 cells, objects or functions.
@@ -110,7 +110,7 @@ def _held(path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
 
 
 def _require_sizes(path: Path, structures: list[str], held: list[str]) -> None:
-    """Refuse structures that would inflate out of proportion; SciPy tells no size of them."""
+    """Reject structures of disproportionate size when inflated; SciPy does not report their size."""
     sizes = _element_sizes(path)
     if len(sizes) != len(held):
         raise DamagedFile(f"{path.name} has {len(sizes)} elements for {len(held)} variables")

@@ -107,7 +107,7 @@ def wanted_names(said: Description) -> tuple[str, ...]:
 
 
 def _by_matlab(path: Path) -> bool:
-    """Tell MATLAB 7.3 by the block before its HDF5 part."""
+    """Whether a file is of MATLAB 7.3, by the block before its HDF5 part."""
     with path.open("rb") as file:
         return file.read(6) == b"MATLAB"
 
@@ -252,7 +252,7 @@ def _points(file: h5py.File, *, reversed_axes: bool) -> NDArray[np.float64] | No
 
 
 def _coordinates(values: NDArray[Any], *, first: str) -> NDArray[np.float64]:
-    """Positions (M, A) from what MATLAB shows as (M, A), or as (A, M) where ``first`` is the coordinate."""
+    """Positions (M, A) from an array (M, A) in MATLAB's view, or (A, M) where ``first`` is the coordinate."""
     if values.ndim != 2 or min(values.shape) > 3:
         raise DamagedFile(f"positions have the shape {values.shape[::-1]} in MATLAB; expected (sensor, x y z)")
     usual = values if first == "coordinate" else values.T

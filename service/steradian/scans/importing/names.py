@@ -1,4 +1,4 @@
-"""Names by which variables of MATLAB files and arrays of .npz archives are understood, the first that is there.
+"""Accepted variable names in MATLAB and .npz files.
 
 ``docs/formats.md`` lists them.
 """

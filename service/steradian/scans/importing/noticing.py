@@ -1,4 +1,4 @@
-"""What is striking in A-lines while they are read: an offset of all samples, A-lines that are constant."""
+"""Anomalies of A-lines found while reading them: an offset of all samples, constant A-lines."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SHOWN = 5
 
 
 def noticed(table: Table) -> Iterator[Block]:
-    """Give a table's blocks, and remark at the end on what was striking in them."""
+    """Yield a table's blocks unchanged, and add remarks on their anomalies at the end."""
     count = lines = 0
     total = varied = 0.0
     constant: list[int] = []

@@ -1,4 +1,4 @@
-"""Telling what kind of file a recording is, by what is in it rather than by its name."""
+"""Detect the format of a recording by content and open it."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def open_source(
 
 
 def is_own(path: Path) -> bool:
-    """Tell one of our own scan files by its format attribute; only HDF5 files can be one.
+    """Whether a file is a scan file of this program, by its format attribute; only HDF5 files can be one.
 
     Raises
     ------

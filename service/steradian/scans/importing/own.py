@@ -1,4 +1,4 @@
-"""Importing one of our own scan files, from another machine or a stranger: written anew from what is proven in it."""
+"""Import foreign scan files by rewriting the validated content."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ NAME = 1000
 
 @dataclass(frozen=True)
 class _Scan:
-    """What a file says, checked; only the A-lines are still in it."""
+    """Validated metadata of a scan file, without the A-lines."""
 
     plan: ScanPlan
     visit: NDArray[np.int64]
@@ -70,7 +70,7 @@ class _Scan:
 def rewrite_scan(
     source: Path, path: Path, *, progress: Progress | None, cancelled: IsCancelled | None
 ) -> tuple[int, int]:
-    """Write a scan file anew from what another holds; returns the numbers of stored A-lines and samples of each.
+    """Write a scan file from the content of another; returns the numbers of stored A-lines and samples of each.
 
     Nothing is copied that was not read as what it should be. Missing points stay missing: the new file can be
     continued or reconstructed like the old one.
@@ -157,7 +157,7 @@ def _read(file: h5py.File) -> _Scan:
 
 
 def _refuse_unknown(file: h5py.File) -> None:
-    """Refuse what has no place in a scan file; groups lie in the root only."""
+    """Reject unknown content of a scan file; groups are allowed in the root only."""
     for place in _names(file):
         if place not in GROUPS | DATASETS or (place in GROUPS) != isinstance(file[place], h5py.Group):
             raise DamagedFile(f"{untrusted.name_of(file)}: {place} is nothing that a scan file holds")
@@ -213,7 +213,7 @@ def _pulse_energy(file: h5py.File) -> float:
 
 
 def _name(file: h5py.File, attribute: str) -> str:
-    """Read a text of the root, without what steers terminals."""
+    """Read a text attribute of the root, without terminal control characters."""
     return "".join(each for each in untrusted.text(file, "/", attribute, most=NAME) or "" if each.isprintable())
 
 
@@ -251,7 +251,7 @@ def _require_range(column: str, values: NDArray[Any], stored: NDArray[np.bool_],
 
 
 def _take_over(file: h5py.File, scan: _Scan, store: AlineStore) -> None:
-    """Keep what lets the scan be continued: the last upload where it is known for sure, and the reference."""
+    """Copy the data needed to resume the scan: the last upload, if it is certain, and the reference."""
     if not {"run/queue", "run/upload", "run/reference"}.issubset(_names(file)):
         return  # version 1
     queue, head, told = (untrusted.array(file, f"run/{name}") for name in ("queue", "upload", "reference"))

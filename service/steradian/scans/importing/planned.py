@@ -1,4 +1,4 @@
-"""The plan that a scan file of our own was made for, read as carefully as anything in it."""
+"""Read and validate the plan stored in a scan file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Remarks on an import: what was decided or assumed where a file does not say, told to whoever imports it."""
+"""Remarks on an import: decisions and assumptions where a file is silent, reported to the caller."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ EXCITATION = (200.0, 3000.0)
 
 @dataclass(frozen=True)
 class Layout:
-    """What header and length of a file say.
+    """Layout of a file according to its header and length.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class Layout:
 
 
 def is_sgl(path: Path, name: str = "") -> bool:
-    """Tell an .sgl file by its name, or by a header that fits the file's length: it has no signature."""
+    """Whether a file is an .sgl file, by its name or by a header that fits the length; the format has no signature."""
     if (name or path.name).lower().endswith(SUFFIX):
         return True
     head, size = _head(path)
@@ -175,7 +175,7 @@ def _in_range(name: str, value: float, given: str, allowed: Any) -> float:
 
 
 def _require_one_plane(name: str, held: int, total: int, shape: str, named: NameSays | None) -> None:
-    """Refuse files that are too short or too long, and those of two planes by what they are."""
+    """Reject files that are too short or too long, and files of two planes by name."""
     if named is not None and named.two_planes:
         raise DamagedFile(
             f"{name} is by its name a recording of a two-plane (V-shape) scanner; only one plane can be imported: "
@@ -272,7 +272,7 @@ def _averages(layout: Layout, named: NameSays) -> int:
 
 
 def _details(layout: Layout) -> dict[str, Any]:
-    """Return what the scan file keeps beside what has a place of its own; ``bytes``: header and trailer."""
+    """Return metadata that the scan file stores in its ``source`` attribute; ``bytes``: header and trailer."""
     source = layout.said("interrogation_source")
     known = source is not None and source % 1 == 0 and 0 <= source < len(INTERROGATION)
     if source is not None and not known:

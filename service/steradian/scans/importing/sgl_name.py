@@ -35,7 +35,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class NameSays:
-    """What a file's name says; ``None`` where it is silent.
+    """Metadata in a file's name; ``None`` for fields that it does not contain.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class NameSays:
 
 
 def read_name(name: str) -> NameSays:
-    """Read what the name of an .sgl file says."""
+    """Parse the metadata in the name of an .sgl file."""
     excitation, start, averages = (rule.search(name) for rule in (EXCITATION, TIME_ZERO, AVERAGES))
     return NameSays(
         excitation=_figure(excitation[1], 1e-9) if excitation else None,

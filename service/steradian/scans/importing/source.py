@@ -1,4 +1,4 @@
-"""A foreign file of A-lines, opened: its numbers and what they mean."""
+"""Opened recording: traces in blocks plus metadata in SI units."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ UNITLESS = ("npz", "matlab")  # formats whose numbers may be in any unit
 
 @dataclass(frozen=True)
 class Lack:
-    """What neither a file nor its description says: the field of a description, and what it may be."""
+    """Field that is missing from both file and description, with its allowed values."""
 
     field: str
     allowed: str
@@ -39,7 +39,7 @@ _noted: ContextVar[list[Lack] | None] = ContextVar("noted", default=None)
 
 @contextmanager
 def noting_lacks() -> Iterator[list[Lack]]:
-    """Have :func:`make_source` go on where something needed is stated nowhere, with anything instead, and note it."""
+    """Context manager in which :func:`make_source` records missing fields and continues with placeholder values."""
     lacks: list[Lack] = []
     token = _noted.set(lacks)
     try:
@@ -49,7 +49,7 @@ def noting_lacks() -> Iterator[list[Lack]]:
 
 
 def _lacking(field: str, allowed: str, instead: _T) -> _T:
-    """Refuse what is stated nowhere; or note it and return something to go on with."""
+    """Reject a missing field; or record it and return a placeholder."""
     lacks = _noted.get()
     if lacks is None:
         raise InvalidInput(field, "missing", allowed)
@@ -59,7 +59,7 @@ def _lacking(field: str, allowed: str, instead: _T) -> _T:
 
 @dataclass(frozen=True)
 class Stated:
-    """What a file says of itself, in SI units; ``None`` where it is silent."""
+    """Metadata of a file in SI units; ``None`` for fields that it does not state."""
 
     points: NDArray[np.floating[Any]] | None = None
     """(M, 1 to 3) positions."""
@@ -160,7 +160,7 @@ class Source:
         )
 
     def _shots(self) -> Shots | None:
-        """Return what differs among the A-lines of the first frame, if anything does."""
+        """Return per-A-line differences of the first frame, if there are any."""
         if self.time_zeros is None and self.energies is None:
             return None
         points = self.table.points
@@ -171,7 +171,7 @@ class Source:
 def make_source(
     kind: str, table: Table, stated: Stated, said: Description, name: str, lateral: tuple[int, ...] | None = None
 ) -> Source:
-    """Put together what a file and its description say; the description has the last word.
+    """Combine the metadata of a file with its description, which takes precedence.
 
     Parameters
     ----------
@@ -255,7 +255,7 @@ def _in_units(stated: Stated, said: Description) -> Stated:
 def _time_zeros(
     stated: float | NDArray[np.float64], said: Description, points: int
 ) -> tuple[float, NDArray[np.float64] | None]:
-    """Return the earliest time zero, and that of each of so many sensors where they have their own."""
+    """Return the earliest time zero, and that of each of the ``count`` sensors if they differ."""
     values = np.asarray(stated, np.float64)
     if values.ndim and max(values.shape) == values.size:  # a row or a column
         values = values.reshape(-1)

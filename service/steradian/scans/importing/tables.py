@@ -1,4 +1,4 @@
-"""A-lines in a file, read in blocks: never more than a few tens of megabytes at once.
+"""Read A-lines from a file in blocks of bounded size.
 
 A table gives (M, N_t) A-lines, point by point, whatever the order in which its file keeps them. Where the file has
 time first and cannot be read by columns (compressed, chunked by time step, a text, a zip member), its numbers go

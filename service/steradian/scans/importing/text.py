@@ -38,7 +38,7 @@ CUT = re.compile(rb"^[+-]?0[0-9]")
 
 
 def is_text_table(path: Path) -> bool:
-    """Tell a text of numbers by its beginning: characters, and a line of numbers, or a name that says so."""
+    """Whether a file is a text table: its beginning is text with a line of numbers, or its name says so."""
     with path.open("rb") as file:
         start = file.read(START).removeprefix(MARK)
     if start.startswith(UTF_16):
@@ -162,7 +162,7 @@ class _Form:
         return row
 
     def _require_whole(self, fields: list[bytes], number: int, name: str) -> None:
-        """Refuse decimals that were cut at their commas: "0,05" between commas cannot be told from two numbers."""
+        """Reject decimals split at their commas: "0,05" between commas cannot be distinguished from two numbers."""
         for place, field in enumerate(fields, 1):
             if CUT.match(field):
                 raise DamagedFile(
@@ -185,7 +185,7 @@ def _number(field: bytes) -> float | None:
 
 
 def _fault(fields: list[bytes]) -> str:
-    """Name the first field that is no finite number, and say why."""
+    """Return a message that names the first field that is not a finite number."""
     for place, field in enumerate(fields, 1):
         number = _number(field)
         if not field:

@@ -18,7 +18,7 @@ def unit_of_times(said: Description) -> Literal["s", "us", "ns"]:
 
 
 def require_extent(points: NDArray[np.floating[Any]], said: Description) -> None:
-    """Refuse sensors, or an aperture, that are wider than any scanner, in the words and the unit of what was given."""
+    """Reject sensors or an aperture wider than any scanner, in the name and unit of the input."""
     if said.aperture is not None and said.aperture * said.length_unit not in LENGTH:
         given = f"{said.aperture:g} {said.lengths}"
         raise InvalidInput("aperture", given, f"{LENGTH}; {unit_hint(True, 'lengths', said.lengths)}")
@@ -32,7 +32,7 @@ def require_extent(points: NDArray[np.floating[Any]], said: Description) -> None
 
 
 def unit_hint(described: bool, field: Literal["lengths", "times"], unit: str) -> str:
-    """Say how to state the unit of a description's numbers, or what unit a file's own count as."""
+    """Return a hint on how to state the unit of a description's numbers, or on the unit assumed for a file's own."""
     if not described:
         kind, example = ("length", "mm") if field == "lengths" else ("time", "us")
         return (

@@ -41,7 +41,7 @@ FILTERS = {h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_FLE
 
 @contextmanager
 def open_untrusted(path: Path) -> Iterator[h5py.File]:
-    """Open an HDF5 file (or MATLAB 7.3, which is one) for reading and check all links in it.
+    """Open an HDF5 file (or MATLAB 7.3) for reading and check all links in it.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def read_plain(group: h5py.Group, name: str, into: NDArray[np.float64]) -> bool:
 
 
 def number(file: h5py.File, name: str) -> float | None:
-    """Read a single number, whatever its shape; ``None`` when there is no such dataset.
+    """Read a single number of any shape; ``None`` if the dataset does not exist.
 
     Raises
     ------
@@ -164,7 +164,7 @@ def figure(file: h5py.File, place: str, name: str) -> float | None:
 
 
 def figures(file: h5py.File, place: str, name: str, count: int | None) -> tuple[float, ...] | None:
-    """Read an attribute of so many finite numbers (``None``: a single one); ``None`` when there is none of that name.
+    """Read an attribute of ``count`` finite numbers (``None``: a single one); ``None`` if it does not exist.
 
     Raises
     ------
@@ -200,7 +200,7 @@ def _open(path: Path) -> h5py.File:
 
 @contextmanager
 def _damage(path: Path) -> Iterator[None]:
-    """Turn what the HDF5 library raises on a broken file into ``DamagedFile``; the system's errors stay themselves."""
+    """Convert the HDF5 library's errors on a broken file into ``DamagedFile``; system errors pass through."""
     try:
         yield
     except SteradianError:
@@ -307,7 +307,7 @@ def _chunks(found: h5py.Dataset) -> str:
 
 
 def _inflation(found: h5py.Dataset) -> str:
-    """Measure what each compressed chunk becomes: the HDF5 library itself would take any amount of memory for it."""
+    """Measure the inflated size of each compressed chunk, because the HDF5 library does not limit its memory."""
     made = found.id.get_create_plist()
     filters = [made.get_filter(index) for index in range(made.get_nfilters())]
     strange = [name.decode(errors="replace") or str(code) for code, _, _, name in filters if code not in FILTERS]

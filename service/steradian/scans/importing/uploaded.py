@@ -1,4 +1,4 @@
-"""Files that were sent without a name: laid out as the importer expects a recording and what describes it."""
+"""Lay out uploaded files under the names the importers expect."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Writing an opened recording into a scan file like any other."""
+"""Write an opened recording to a new scan file."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _PIECE = 1 << 20
 
 @dataclass(frozen=True)
 class ImportedAline:
-    """An A-line for the store; what the source does not say is zero, its energy the nominal one."""
+    """A-line for the store; values missing in the source are zero, its energy the nominal one."""
 
     point: int
     samples: NDArray[np.int16] | NDArray[np.float32]
@@ -138,7 +138,7 @@ def _origin(source: Source) -> str:
 
 
 def pieces(start: int, block: NDArray[Any]) -> Iterator[tuple[int, NDArray[Any]]]:
-    """Cut a block that begins at row ``start`` into pieces, each with its first row: the store copies what it gets."""
+    """Yield pieces of a block that begins at row ``start``, with their first rows; the store copies its input."""
     step = max(1, _PIECE // (block.shape[1] * block.itemsize))
     for first in range(0, len(block), step):
         yield start + first, block[first : first + step]
@@ -150,7 +150,7 @@ def require_sizes(
     rows: NDArray[np.int64],
     given: NDArray[Any] | None = None,
 ) -> None:
-    """Raise :class:`InvalidInput` for the first sample (B, N_t) of ``rows`` that is no number or too large to use.
+    """Raise :class:`InvalidInput` for the first sample (B, N_t) of ``rows`` that is not finite or too large.
 
     ``given`` is what the source had in its place.
     """

@@ -1,4 +1,4 @@
-"""What the kernels take, by name. Neither CuPy nor numba-cuda is needed to make these."""
+"""Argument tuples of the CUDA kernels."""
 
 from __future__ import annotations
 

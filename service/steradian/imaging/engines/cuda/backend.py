@@ -1,4 +1,4 @@
-"""Where the engine's arrays live, what transforms them, and how its kernels are launched.
+"""Array backend of the CUDA engine: memory, FFT and kernel launches of CuPy or Numba's simulator.
 
 On a device that is CuPy, and Numba compiles the kernels. Under Numba's simulator (``NUMBA_ENABLE_CUDASIM=1``) it is
 NumPy and SciPy: the same kernels and the same order of steps, in Python and slow.
@@ -54,7 +54,7 @@ class Backend(Protocol):
         """Bytes of the device that this process may still take."""
 
     def release(self) -> None:
-        """Give back what is kept for later use: working memory of transforms, freed arrays."""
+        """Release cached memory: work areas of transforms and freed arrays."""
 
     def wait(self) -> None:
         """Wait until all that was started is done."""
@@ -109,7 +109,7 @@ class Cupy:
         kernel[how](*(self._seen(argument) for argument in arguments))
 
     def _seen(self, argument: Any) -> Any:
-        """View arrays as Numba's, without waiting for what is computed in them: both work in one stream."""
+        """Return CuPy arrays as Numba's without synchronisation, because both use one stream."""
         if isinstance(argument, self.xp.ndarray):
             return self._cuda.from_cuda_array_interface(argument.__cuda_array_interface__, owner=argument, sync=False)
         if hasattr(argument, "_fields"):
@@ -178,7 +178,7 @@ class Simulated:
 
 
 def missing() -> str | None:
-    """Say what a GPU would need that is not there; None where there is all."""
+    """Return the missing requirement of GPU computation; None if there is none."""
     if os.environ.get(SIMULATOR) == "simulator":
         return None
     lacking = [name for name in ("cupy", "numba_cuda") if find_spec(name) is None]

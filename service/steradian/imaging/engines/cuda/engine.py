@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 
 class CudaEngine:
-    """An :class:`~steradian.imaging.engines.Engine` of a CUDA device; what it makes are arrays of the device.
+    """An :class:`~steradian.imaging.engines.Engine` on a CUDA device; its results are device arrays.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The image of modes over depth, and back, on a device: all at once, or in two passes of pieces."""
+"""Inverse and forward transforms of the image, in one pass or in chunks."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def spectrum_in_pieces(tables: Tables, backend: Backend, room: Room, image: Any,
 
 
 def refined(xp: Any, modes: Any, axis: int, count: int) -> Any:
-    """Put modes into a transform of ``count`` ≥ N points; what is at −N/2 goes to +N/2 by half."""
+    """Place modes into a transform of ``count`` ≥ N points; the mode at −N/2 is split evenly with +N/2."""
     n = modes.shape[axis]
     if count == n:
         return modes

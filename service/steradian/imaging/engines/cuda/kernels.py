@@ -30,7 +30,7 @@ class Kernels(NamedTuple):
 
 @cuda.jit(device=True)
 def place(kappa: float, rule: Any) -> tuple[int, float]:
-    """First frequency of the stencil at κ, counted from 0, and where between two of them that is, in −1 … 1."""
+    """Return the first frequency of the stencil at κ, counted from 0, and the position in between, in −1 … 1."""
     u = kappa * rule.ratio
     left = u - 0.5 * rule.taps.shape[0]
     whole = int(left + _FLOOR) - _FLOOR

@@ -1,4 +1,4 @@
-"""Tables in the layout of the kernels, made once for an engine."""
+"""Convert tables to the layout of the CUDA kernels."""
 
 from __future__ import annotations
 
@@ -30,23 +30,23 @@ class Frequencies:
 
     @property
     def places(self) -> Ints:
-        """Where each is in the half of a spectrum that is kept of real samples."""
+        """Indices in the stored half spectrum of real samples."""
         cells = self.cells
         return np.where(cells <= self.length // 2, cells, self.length - cells)
 
     @property
     def cells(self) -> Ints:
-        """Where each is in a whole spectrum."""
+        """Indices in the whole spectrum."""
         return np.arange(self.lowest, self.lowest + self.count) % self.length
 
     @property
     def conjugated(self) -> tuple[int, int]:
-        """How many of the first, and how many of the last, are conjugates of those kept."""
+        """Numbers of leading and of trailing frequencies that are conjugates of stored ones."""
         return -self.lowest, max(0, self.lowest + self.count - 1 - self.length // 2)
 
 
 def frequencies(tables: Tables) -> Frequencies:
-    """Those that any stencil reaches."""
+    """Return the frequencies that any interpolation stencil uses."""
     time, width = tables.time, len(tables.time.taps)
     highest = tables.rule.band * time.length / time.record
     if time.nearest:

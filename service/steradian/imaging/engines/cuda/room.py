@@ -1,4 +1,4 @@
-"""How much memory a device needs, and in which pieces what does not fit is done."""
+"""Device memory plan: sizes of the chunks that fit."""
 
 from __future__ import annotations
 

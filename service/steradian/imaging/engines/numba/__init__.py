@@ -1,1 +1,1 @@
-"""The compiled engine: cells of 16 signals, three passes over one block of memory (docs/adr/0004-own-transforms.md)."""
+"""Compiled CPU engine: batches of 16 signals, three passes over one buffer (ADR 4)."""

@@ -1,4 +1,4 @@
-"""What the kernels take, by name. No Numba is needed to make these."""
+"""Argument tuples of the compiled kernels."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Factors(NamedTuple):
 
 
 class Sensors(NamedTuple):
-    """How traces come onto the grid [line x][cell y].
+    """Arguments of the spreading kernels: traces to the grid [line x][cell y].
 
     If ``separable``, packed trace m adds to cells first[m] … of the lines following its bin, bins being given by
     ``starts``, with taps wx[m]·wy[m] (an even number of these). Else entry e of a line adds wy[e, 0] times trace
@@ -109,7 +109,7 @@ class Side(NamedTuple):
 
 
 class Rule(NamedTuple):
-    """κ of each depth frequency, and what happens on the way (:class:`steradian.imaging.transforms.depth.KappaRule`).
+    """κ of each depth frequency, and its interpolation (:class:`steradian.imaging.transforms.depth.KappaRule`).
 
     ``squares`` (B, groups) is |j|² of each group of lanes; ``edges`` tells of pairs of lanes of which the even one is
     read at −N/2 for κ > 0 and the odd one at +N/2 for κ < 0. ``sine`` and ``cosine`` are their power series.
@@ -130,7 +130,7 @@ class Rule(NamedTuple):
 
 
 class Columns(NamedTuple):
-    """What a thread has for time to depth: two transforms, and stencils of PIECE values of l."""
+    """Workspace of a thread for the transform from time to depth: two FFTs, and stencils of PIECE values of l."""
 
     a: Any
     b: Any

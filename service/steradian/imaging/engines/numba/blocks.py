@@ -1,4 +1,4 @@
-"""Order in which the lateral modes go from time to depth: blocks of 16 columns, groups of 4, 2 or 1 with equal |j|²."""
+"""Block order of lateral modes for the time-to-depth step."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ class Part(NamedTuple):
 
 @inner
 def _bring(side: Side, block: int, x: Any, xo: int, tmp: Any) -> None:
-    """Bring numbers n of 16 columns, times window and factor, to their cells; 0 to the others."""
+    """Scatter n values of 16 columns, times window and factor, to their cells; 0 to the others."""
     rows, imaginary, count, length = side.real[block], side.imaginary[block], side.number, side.transform.size
     multiplied = side.window.size > 0
     one, nothing = splat16(x.dtype.type(1.0)), splat16(x.dtype.type(0.0))
@@ -74,7 +74,7 @@ def _bring(side: Side, block: int, x: Any, xo: int, tmp: Any) -> None:
 
 @inner
 def _take(x: Any, xo: int, side: Side, block: int, tmp: Any) -> None:
-    """Do the way back of :func:`_bring`; the filling behind a row's end takes what follows in x, or 0."""
+    """Inverse of :func:`_bring`; padding after a row's end is filled with the next values in x, or 0."""
     rows, imaginary, count, length = side.real[block], side.imaginary[block], side.number, side.transform.size
     multiplied = side.window.size > 0
     one, nothing = splat16(x.dtype.type(1.0)), splat16(x.dtype.type(0.0))

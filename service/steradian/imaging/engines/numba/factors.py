@@ -1,4 +1,4 @@
-"""Tables of the discrete Fourier transforms (the kernels are in :mod:`.fft`)."""
+"""Twiddle-factor tables of the FFTs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two batches of real data as one complex grid, and apart again by symmetry (compiled).
+"""Pack two real batches into one complex transform and separate them by Hermitian symmetry.
 
 Rows of modes are filled up to a multiple of 16 numbers, so that all of a batch is whole vectors. The filling has to be
 of real data as well (zeros, or depths that nobody asked for): else it would mix with the other half of its batch. Whole

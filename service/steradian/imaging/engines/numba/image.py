@@ -86,7 +86,7 @@ def to_image(source: Any, batch: Batch, plane: Plane, image: Any, depth: int, sp
 
 @compiled
 def close_up(image: Any, lines: int, apart: int, depths: int) -> None:
-    """Move lines that begin ``apart`` numbers from each other, ``depths`` in each, one right behind the other."""
+    """Compact rows of ``depths`` values that begin ``apart`` values from each other."""
     for line in range(1, lines):
         for n in range(0, depths, 16):  # what is written beyond a line's end lies before the next one's beginning
             store(image, line * depths + n, load16(image, line * apart + n))

@@ -1,4 +1,4 @@
-"""Sensors and modes as the kernels walk through them."""
+"""Convert sensors and modes to the layout of the kernels."""
 
 from __future__ import annotations
 

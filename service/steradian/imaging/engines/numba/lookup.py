@@ -11,7 +11,7 @@ from steradian.compiled import inner
 
 @inner
 def look_up(table: Any, steps: Any, square: float, kappa: float) -> tuple[float, float]:
-    """Response at κ and the angle whose sine is |j|/κ: amplitude and phase in turns, linear in both.
+    """Interpolate the response bilinearly at κ and the angle with sine |j|/κ: amplitude and phase alternating.
 
     ``table`` has shape (2, frequencies, sines), ``steps`` the rows a unit of κ and the columns a unit of sine.
     """

@@ -1,4 +1,4 @@
-"""Where an engine's numbers lie, and how much memory they take."""
+"""Memory plan of the CPU engine: strides, sharing and bounds."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def room_of(tables: Tables, stored: Stored, threads: int) -> Room:
 
 
 def least_bytes(g: Geometry, dtype: str) -> int:
-    """Lower bound of what tables and a run take, from numbers alone: nothing large has been made yet."""
+    """Lower bound of the memory of tables and a run, computed before any large allocation."""
     nx, ny = (1, *g.padded_modes)[-2:]
     columns = nx * (ny // 2 + 1)
     tables = columns * _COLUMN_BYTES + g.samples * _SAMPLE_BYTES

@@ -95,7 +95,7 @@ def _store(typingctx: Any, array: Any, index: Any, vector: Any) -> Any:
 
 
 def _stream(typingctx: Any, array: Any, index: Any, vector: Any, past: Any) -> Any:
-    """Store past the caches: whole lines are then not read first, nor do they drive out what is needed again.
+    """Non-temporal store: bypass the caches, so that lines are not read first and useful data stay cached.
 
     Where the place is not on a line's boundary, or not ``past``, it is a plain store. Others see it after
     :func:`settle`.
@@ -120,7 +120,7 @@ def _stream(typingctx: Any, array: Any, index: Any, vector: Any, past: Any) -> A
 
 
 def _settle(typingctx: Any) -> Any:
-    """Wait for what was streamed."""
+    """Memory fence after non-temporal stores."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         builder.fence("seq_cst")

@@ -1,4 +1,4 @@
-"""Numbers that kernels and their callers share."""
+"""Constants shared by kernels and callers."""
 
 from steradian.imaging.transforms.windows import MOST_TAPS
 

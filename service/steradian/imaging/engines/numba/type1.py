@@ -1,4 +1,4 @@
-"""Sensor traces to lateral modes, one batch of 32 time samples at a time (compiled).
+"""Sensor traces to lateral modes (NUFFT type 1), 32 samples at a time.
 
 The batch is two vectors of 16 samples, taken as real and imaginary part of one complex lateral grid; the transforms of
 the two are separated by symmetry afterwards. So the grid [x][y][cell] is real data in both parts, every spread is an
@@ -93,7 +93,7 @@ def _place_row(row: Any, line: int, packed: Any, sensors: Sensors, ny: int) -> b
 def type1(
     sensors: Sensors, plane: Plane, stored: Stored, target: Any, batch: Batch, add: bool, space: Workspace, flag: Any
 ) -> None:
-    """Spread, transform along y and x, and store (or add to what is there) the modes' samples of this batch."""
+    """Spread, transform along y and x, and store or accumulate the modes' samples of this batch."""
     row, work, middle, tmp = space.a, space.b, space.middle, space.tmp
     nx, ny = plane.x.size, plane.y.size
     pitch = nx | 1  # lines that are a multiple of a page apart would share a few places of the caches

@@ -19,7 +19,7 @@ from steradian.imaging.engines.numba.simd import load16, splat16, store
 
 @inner
 def _interpolate_row(row: Any, line: int, packed: Any, sensors: Sensors, nx: int) -> None:
-    """Add what grid line ``line`` gives to the sensors whose stencil meets it."""
+    """Add the contribution of grid line ``line`` to the sensors whose stencil contains it."""
     starts, first, wx, wy = sensors.starts, sensors.first, sensors.wx, sensors.wy
     ax, ay = wx.shape[1], wy.shape[1]
     for t in range(ax):

@@ -47,7 +47,7 @@ def _sequence() -> sa.Column[int]:
 
 
 def _work() -> list[sa.Column[Any]]:
-    """Columns of whatever goes through states."""
+    """Columns of resources with a state."""
     return [
         sa.Column("reason", sa.Text),
         sa.Column("created", sa.String(32), nullable=False),

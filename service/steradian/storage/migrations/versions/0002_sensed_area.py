@@ -1,4 +1,4 @@
-"""What the points of a mask stand for together; null for masks made before it was kept."""
+"""Add masks.sensed_area."""
 
 from __future__ import annotations
 

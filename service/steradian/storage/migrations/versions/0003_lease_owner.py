@@ -1,4 +1,4 @@
-"""Whose the scanner's lease is; leases that nobody's name stands behind end."""
+"""Add scanners.held_by; end leases without an owner."""
 
 import sqlalchemy as sa
 from alembic import op

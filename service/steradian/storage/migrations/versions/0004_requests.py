@@ -1,4 +1,4 @@
-"""A job's payload is the request as it came; the batch it belongs to has a column of its own."""
+"""Add jobs.batch_id; rewrite job payloads to the request format."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ JOBS = sa.table("jobs", sa.column("id"), sa.column("kind"), sa.column("payload",
 
 
 def upgrade() -> None:
-    """Add the column and write what was asked before in the words of today."""
+    """Add the column and convert stored requests to the current format."""
     op.add_column("jobs", sa.Column("batch_id", sa.String(40)))
     connection = op.get_bind()
     for row in connection.execute(sa.select(JOBS)).all():
@@ -24,7 +24,7 @@ def upgrade() -> None:
 
 
 def as_request(kind: str, payload: dict[str, Any]) -> dict[str, Any]:
-    """Return a request: without the batch, paths, and what an import was given when it was queued."""
+    """Return a request without batch and paths, with the import parameters that were resolved when it was queued."""
     request = {name: value for name, value in payload.items() if name not in {"batch_id", "scan", "output"}}
     match kind:
         case "reconstruction":

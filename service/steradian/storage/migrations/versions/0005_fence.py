@@ -1,4 +1,4 @@
-"""Each start of a job has a number of its own, never used again."""
+"""Add jobs.fence (fencing token per attempt)."""
 
 from __future__ import annotations
 
@@ -10,6 +10,6 @@ down_revision = "0004"
 
 
 def upgrade() -> None:
-    """Add the column; what was started before has the numbers that its attempts had."""
+    """Add the column; earlier attempts get their attempt numbers."""
     op.add_column("jobs", sa.Column("fence", sa.Integer, nullable=False, server_default="0"))
     op.execute("UPDATE jobs SET fence = attempt")

@@ -1,4 +1,4 @@
-"""When a ticket's stream was first opened: who was in it may come back to it."""
+"""Record when a ticket's event stream was first opened."""
 
 import sqlalchemy as sa
 from alembic import op

@@ -1,4 +1,4 @@
-"""What was deleted and whose files are still to be removed."""
+"""Create the table of pending file removals."""
 
 from __future__ import annotations
 

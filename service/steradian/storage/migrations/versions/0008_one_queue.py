@@ -1,4 +1,4 @@
-"""The queue's engine has its tables beside these, so nothing has to remember which jobs it was given."""
+"""Drop jobs.submitted: queue and metadata now share one database."""
 
 from __future__ import annotations
 

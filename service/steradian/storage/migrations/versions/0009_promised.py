@@ -1,4 +1,4 @@
-"""What a job may write counts as taken from the moment in which it is queued."""
+"""Add jobs.promised (reserved bytes)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lists are filtered by what has an index: a job's scan, batch and kind, a scan's mask."""
+"""Add columns and indexes for list filters."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ JOBS = sa.table("jobs", sa.column("payload", sa.JSON), sa.column("scan_id"))
 
 
 def upgrade() -> None:
-    """Add the column, which repeats a member of what was asked, and the indexes."""
+    """Add the column, which duplicates a member of the request, and the indexes."""
     op.add_column("jobs", sa.Column("scan_id", sa.String(40)))
     op.execute(JOBS.update().values(scan_id=JOBS.c.payload["scan_id"].as_string()))
     for table, column in (("jobs", "scan_id"), ("jobs", "batch_id"), ("jobs", "kind"), ("scans", "mask_id")):

@@ -1,4 +1,4 @@
-"""Sessions of browsers, by the hash of their secret."""
+"""Create the browser-session table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A scan may complete an earlier one; what the scanner last said of interlock, key and shutter."""
+"""Add scans.completes and the scanners' interlock columns."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ down_revision = "0011"
 
 
 def upgrade() -> None:
-    """Add the columns; nothing is known of what was before."""
+    """Add the columns, empty for existing rows."""
     op.add_column("scans", sa.Column("completes", sa.String(40)))
     for name in ("interlock", "key_switch", "shutter"):
         op.add_column("scanners", sa.Column(name, sa.String(16), nullable=False, server_default="unknown"))

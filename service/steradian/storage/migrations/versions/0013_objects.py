@@ -1,4 +1,4 @@
-"""What an object store keeps."""
+"""Create the table of stored objects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which request a scan or job was asked for by."""
+"""Add request_id to scans and jobs."""
 
 from __future__ import annotations
 
@@ -10,6 +10,6 @@ down_revision = "0013"
 
 
 def upgrade() -> None:
-    """Add the columns; of what is there already nobody knows."""
+    """Add the columns, unknown for existing rows."""
     for table in ("scans", "jobs"):
         op.add_column(table, sa.Column("request_id", sa.String(64)))

@@ -1,4 +1,4 @@
-"""Scans are a scanner's, scanners have a node; what became of the press that stands; open streams of tickets."""
+"""Add scans.scanner_id, node addresses, stop outcome and open stream counts."""
 
 from __future__ import annotations
 

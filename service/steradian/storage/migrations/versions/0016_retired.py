@@ -1,4 +1,4 @@
-"""A scanner that is no more can be retired."""
+"""Add scanners.retired."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Those whose jobs wait take turns."""
+"""Add jobs.owner and jobs.turn for fair queueing."""
 
 from __future__ import annotations
 
@@ -10,6 +10,6 @@ down_revision = "0016"
 
 
 def upgrade() -> None:
-    """Add the columns; what waits already stays ahead of its equals, in the order of asking."""
+    """Add the columns; queued jobs keep their order and precede new jobs of equal priority."""
     op.add_column("jobs", sa.Column("owner", sa.Text(), nullable=False, server_default=""))
     op.add_column("jobs", sa.Column("turn", sa.Integer(), nullable=False, server_default="0"))

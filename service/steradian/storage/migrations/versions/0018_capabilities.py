@@ -1,4 +1,4 @@
-"""Workers say what they have, jobs what they require."""
+"""Create the worker table; add job requirements."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ down_revision = "0017"
 
 
 def upgrade() -> None:
-    """Add the table and the columns; what waits already requires nothing."""
+    """Add the table and the columns; queued jobs have no requirements."""
     op.create_table(
         "workers",
         sa.Column("name", sa.String(140), primary_key=True),

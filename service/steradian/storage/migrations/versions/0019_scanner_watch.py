@@ -1,4 +1,4 @@
-"""What a scanner says of its laser and its fault, and when; what it said after a stop."""
+"""Laser state and fault reported by a scanner, with their time, and its report after a stop."""
 
 from __future__ import annotations
 
