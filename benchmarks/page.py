@@ -20,7 +20,7 @@ from playwright.sync_api import sync_playwright
 from fabry_perot.simulator import launch
 from steradian.benchmarks.service import running_service
 from steradian.benchmarks.stop import _busy, _look, _release, _start, _until
-from steradian.settings import Settings
+from steradian.core.settings import Settings
 
 ARGUMENTS = "--no-sandbox --disable-gpu --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader".split()
 OVER = {"aborted", "interrupted", "complete", "failed"}

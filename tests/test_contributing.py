@@ -29,7 +29,7 @@ import numpy as np
 from pathlib import Path
 from steradian.imaging import Axes, Volume
 from steradian.reconstructions.exporting import export_volume
-from steradian.reconstructions.volume_file import write_volume
+from steradian.reconstructions.volumes.file import write_volume
 
 values = np.random.default_rng(1).normal(size=(3, 4, 5)).astype(np.float32)
 axes = Axes(*(np.arange(count) * 1e-3 for count in values.shape))
@@ -40,14 +40,14 @@ assert (np.fromfile("volume.raw", np.float32).reshape(values.shape[::-1]) == val
 JOB = """
 import numpy as np
 from pathlib import Path
-from steradian.jobs.kinds import KINDS
-from steradian.jobs.work import Work
+from steradian.jobs.registry import KINDS
+from steradian.jobs.tasks.context import Work
 from steradian.masks import grid_mask
 from steradian.plans import ScanPlan
-from steradian.reconstructions.kept_plans import KeptPlans
-from steradian.scans.store import AlineStore, create_scan_file
-from steradian.storage.arrays import Folder
-from steradian.storage.paths import DataDirectory
+from steradian.reconstructions.pipeline.plan_cache import KeptPlans
+from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.storage.blobs.interface import Folder
+from steradian.storage.data_dir.layout import DataDirectory
 from support.alines import Aline
 
 data, plan, said = DataDirectory(Path("data")), ScanPlan.create(mask=grid_mask(0.01, 3, 1e-3), samples=64), []
@@ -76,7 +76,7 @@ assert np.abs(image - ours).max() < 1e-4 * np.abs(ours).max()
 HTTP = """
 import subprocess, sys
 
-command = [sys.executable, "-m", "steradian.api.documents"]
+command = [sys.executable, "-m", "steradian.api.export_openapi"]
 known = subprocess.run(command, capture_output=True, check=True, text=True).stdout
 assert all(f'"{name}"' in known for name in ("ring", "raw", "count"))
 """

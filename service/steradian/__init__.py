@@ -10,7 +10,7 @@ TYPE_CHECKING = False  # not typing's: whoever starts the command line waits for
 if TYPE_CHECKING:
     from steradian import quality
     from steradian.comparisons import compare_masks
-    from steradian.errors import InvalidInput, SteradianError
+    from steradian.core.exceptions import InvalidInput, SteradianError
     from steradian.files import open as open
     from steradian.imaging import Iterative, ReconstructionPlan, Volume, reconstruct
     from steradian.masks import (
@@ -23,20 +23,20 @@ if TYPE_CHECKING:
     )
     from steradian.plans import ScanPlan
     from steradian.reconstructions.scan import Scan
-    from steradian.reconstructions.widths import measure_width
+    from steradian.reconstructions.studies.width import measure_width
     from steradian.scans.frames import FrameChoice
 
 __version__ = "0.1.0"
 
 _HOMES = {
     "FrameChoice": "steradian.scans.frames",
-    "InvalidInput": "steradian.errors",
+    "InvalidInput": "steradian.core.exceptions",
     "Iterative": "steradian.imaging",
     "Mask": "steradian.masks",
     "ReconstructionPlan": "steradian.imaging",
     "Scan": "steradian.reconstructions.scan",
     "ScanPlan": "steradian.plans",
-    "SteradianError": "steradian.errors",
+    "SteradianError": "steradian.core.exceptions",
     "Volume": "steradian.imaging",
     "compare_masks": "steradian.comparisons",
     "custom_mask": "steradian.masks",
@@ -44,7 +44,7 @@ _HOMES = {
     "equiangular_mask": "steradian.masks",
     "grid_mask": "steradian.masks",
     "hexagonal_mask": "steradian.masks",
-    "measure_width": "steradian.reconstructions.widths",
+    "measure_width": "steradian.reconstructions.studies.width",
     "open": "steradian.files",
     "reconstruct": "steradian.imaging",
 }

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from steradian.errors import DamagedFile, InvalidInput, NotFound
+from steradian.core.exceptions import DamagedFile, InvalidInput, NotFound
 
 if TYPE_CHECKING:
     from steradian.imaging import Volume
@@ -72,7 +72,7 @@ def _of_hdf5(path: Path) -> Scan | Volume:
 
         return Scan(path)
     if kind == "steradian-volume":
-        from steradian.reconstructions.volume_file import read_volume
+        from steradian.reconstructions.volumes.file import read_volume
 
         return read_volume(path)
     told = "has no format" if kind is None else f"has the format {kind!r}"

@@ -9,13 +9,13 @@ import pytest
 
 import steradian.jobs
 from steradian import ScanPlan, equi_steradian_mask
-from steradian.api.reports import ReportView, SoundSpeedView
-from steradian.api.views import MaskPreviewView
-from steradian.imaging.iterations import Stopped
+from steradian.api.schemas.reports import ReportView, SoundSpeedView
+from steradian.api.schemas.resources import MaskPreviewView
+from steradian.imaging.iterative.base import Stopped
 from steradian.plans import Link, ScannerLimits, findings, preview
-from steradian.reconstructions.job import LOWERED
+from steradian.reconstructions.pipeline.run import LOWERED
 from steradian.reconstructions.shots import BITS
-from steradian.scans.proof import Tolerance
+from steradian.scans.acquisition.resume_checks import Tolerance
 
 ROOT = Path(__file__).parents[2]
 MASK = equi_steradian_mask(13.56e-3, 3.6e-3, 100)
@@ -125,6 +125,6 @@ def test_why_jobs_fail_is_on_the_page():
 
 def test_the_kinds_of_what_is_wrong_with_a_folder_are_listed_with_it():
     service = JOBS.parent
-    source = "".join((service / name).read_text("utf-8") for name in ("runtime/inspection.py", "cli/check.py"))
+    source = "".join((service / name).read_text("utf-8") for name in ("runtime/fsck.py", "cli/check.py"))
     told = {row[0] for row in tables("data-folder.md")["A damaged folder"][1:]}
     assert told == set(re.findall(r'Finding\("([a-z-]+)"', source))

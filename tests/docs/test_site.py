@@ -12,7 +12,7 @@ from typer.main import get_command
 
 import steradian
 from steradian.cli.app import app
-from steradian.settings import Settings
+from steradian.core.settings import Settings
 
 pytestmark = pytest.mark.long
 ROOT = Path(__file__).parents[2]

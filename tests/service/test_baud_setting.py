@@ -9,12 +9,12 @@ from typer.testing import CliRunner
 
 from steradian.cli.app import app
 from steradian.cli.scan import at_baud
-from steradian.errors import InvalidInput, ScanFailed
+from steradian.core.exceptions import InvalidInput, ScanFailed
+from steradian.core.settings import Settings
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.plans.files import write_value
 from steradian.plans.scanner import Link
-from steradian.settings import Settings
 
 
 def plan_with(link):

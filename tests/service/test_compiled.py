@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steradian.imaging.regularisers import proximal
+from steradian.imaging.iterative.proximal import proximal
 
 CALLER = """
-from steradian.compiled import compiled
+from steradian.core.jit import compiled
 from inner import factor
 
 @compiled
@@ -21,7 +21,7 @@ def scaled(x):
     return factor() * x
 """
 CALLEE = """
-from steradian.compiled import compiled
+from steradian.core.jit import compiled
 
 @compiled
 def factor():
@@ -35,7 +35,7 @@ IndexDataCacheFile._save_data = lambda file, name, data: os._exit(9) if "scaled"
 """
 SLOW = """
 import sys
-from steradian.compiled import compiled
+from steradian.core.jit import compiled
 from inner import factor
 
 @compiled
@@ -53,7 +53,7 @@ print(sum(slow.stats.cache_misses.values()) + sum(factor.stats.cache_misses.valu
 BEYOND = """
 import sys
 import numpy as np
-from steradian.compiled import compiled
+from steradian.core.jit import compiled
 from steradian.imaging.engines.numba.simd import collect, distribute, load16, store
 
 @compiled
@@ -125,7 +125,7 @@ def test_lacking_is_what_could_be_kept_on_disk_and_is_not(tmp_path: Path) -> Non
     program = """
 import numpy as np
 from outer import nowhere, scaled
-from steradian.compiled import is_lacking
+from steradian.core.jit import is_lacking
 print(*(is_lacking(function, numbers) for function in (nowhere, scaled) for numbers in ("float32", "float64")))
 scaled(np.zeros(2, np.float32))
 """

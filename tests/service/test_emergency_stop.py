@@ -13,9 +13,9 @@ import pytest
 
 from fabry_perot.simulator import launch
 from steradian.security.keys import KeyStore, Scope
-from steradian.storage.database import Database, metadata_url
-from steradian.storage.emergency import EmergencyLatch
-from steradian.storage.paths import DataDirectory
+from steradian.storage.data_dir.emergency_latch import EmergencyLatch
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.database import Database, metadata_url
 from support.services import Service
 from support.waiting import until
 

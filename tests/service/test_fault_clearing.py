@@ -6,7 +6,7 @@ import sqlite3
 import pytest
 
 from fabry_perot.simulator import launch
-from steradian.scans.proof import SHOTS
+from steradian.scans.acquisition.resume_checks import SHOTS
 from support.services import Service
 from support.waiting import until
 

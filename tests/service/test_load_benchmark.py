@@ -13,7 +13,7 @@ from steradian.benchmarks.load_page import BEGIN, END, write_page
 from steradian.benchmarks.memory import MemoryWatch, _growth
 from steradian.benchmarks.mixed import WEIGHTS
 from steradian.benchmarks.service import running_service
-from steradian.settings import Settings
+from steradian.core.settings import Settings
 
 
 @pytest.mark.long
@@ -99,7 +99,7 @@ def test_what_the_api_has_worked_out_beside_it_is_no_memory_of_its_own(tmp_path)
         "child.stdout.readline(); print('held', flush=True); sys.stdin.readline()\n"
         "child.communicate(); print('free', flush=True); sys.stdin.readline()\n"
     )
-    (tmp_path / "steradian.api.workshop.py").write_text(
+    (tmp_path / "steradian.api.background.process_pool.py").write_text(
         "import sys\nheld = b'1' * 2**26\nprint(flush=True)\nsys.stdin.read()\n"
     )
     command = [sys.executable, str(tmp_path / "steradian.api.py")]

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import steradian
-from steradian.errors import DamagedFile, InvalidInput, NotFound
+from steradian.core.exceptions import DamagedFile, InvalidInput, NotFound
 from steradian.imaging import Axes
 from steradian.masks import equiangular_mask
 

@@ -10,15 +10,15 @@ import pytest
 
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
+from steradian.scans.file.writer import AlineStore, create_scan_file
 from steradian.scans.importing.writing import ImportedAline
-from steradian.scans.store import AlineStore, create_scan_file
 
 pexpect = pytest.importorskip("pexpect")
 
 TRANSCRIPT = Path(__file__).with_name("prompt.txt")
 """What is typed after >>>, and what comes; … stands for anything within a line, as does the way to an error."""
 PROMPT = "\r\n>>> "
-ERROR = "steradian.errors."
+ERROR = "steradian.core.exceptions."
 
 
 def exchanges():

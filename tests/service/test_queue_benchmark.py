@@ -4,7 +4,7 @@ import pytest
 
 from steradian.benchmarks.queue import latency, load
 from steradian.benchmarks.throughput import KINDS, throughput
-from steradian.settings import Settings
+from steradian.core.settings import Settings
 
 pytestmark = [pytest.mark.soak, pytest.mark.timeout(300)]
 

@@ -2,8 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from steradian.errors import InvalidInput
-from steradian.settings import Settings
+from steradian.core.exceptions import InvalidInput
+from steradian.core.settings import Settings
 
 
 def test_a_variable_sets_what_is_not_given(monkeypatch):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from steradian.errors import Cancelled, InvalidInput
+from steradian.core.exceptions import Cancelled, InvalidInput
 from steradian.quality.signals import inspect_signals
 from support.commands import run_here
 from support.faulty import points, pressure, spoil, square, vessels

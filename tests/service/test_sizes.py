@@ -13,15 +13,15 @@ LIMIT = 300
 LONGER = {
     "fabry_perot/conformance/peer",
     "fabry_perot/host/scanner",
-    "steradian/api/problem_kinds",
+    "steradian/api/errors/catalog",
     "steradian/cli/mask",
     "steradian/imaging/engines/numba/depth",
-    "steradian/jobs/ledger",
-    "steradian/reconstructions/live",
+    "steradian/jobs/queue/ledger",
+    "steradian/reconstructions/live/follow",
     "steradian/runtime/supervisor",
     "steradian/scans/importing/untrusted",
-    "steradian/scans/session",
-    "steradian/storage/tables",
+    "steradian/scans/acquisition/session",
+    "steradian/storage/db/tables",
     "steradian_client/models",
 }
 REASONS = Path(__file__).parents[2] / "docs" / "adr" / "0009-rooms.md"

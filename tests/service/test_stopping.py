@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from steradian.stopping import StopEvent
+from steradian.core.stop_signals import StopEvent
 
 
 def test_it_is_set_once_and_waits_no_longer():

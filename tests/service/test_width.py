@@ -10,10 +10,10 @@ from steradian import InvalidInput, quality
 from steradian.imaging import Axes, Volume
 from steradian.masks import equi_steradian_mask
 from steradian.phantoms.forward import pressure
-from steradian.reconstructions.job import reconstruct_recording
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.profiles import direction_at, profile
-from steradian.reconstructions.widths import measure_width
+from steradian.reconstructions.pipeline.run import reconstruct_recording
+from steradian.reconstructions.studies.profiles import direction_at, profile
+from steradian.reconstructions.studies.width import measure_width
 from steradian.scans.recording import Recording
 
 GAUSSIAN = np.sqrt(8 * np.log(2))

@@ -9,9 +9,9 @@ from functools import cache
 
 import httpx
 
-from steradian.settings import Settings
-from steradian.storage.database import Database, metadata_url
-from steradian.storage.paths import DataDirectory
+from steradian.core.settings import Settings
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.database import Database, metadata_url
 from support.forked import Model
 from support.waiting import until
 

@@ -7,19 +7,19 @@ import shutil
 import numpy as np
 from sqlalchemy import select
 
-from steradian.jobs.ledger import JobLedger
+from steradian.core.settings import Settings
 from steradian.jobs.model import JobRequest
+from steradian.jobs.queue.ledger import JobLedger
 from steradian.plans import ScanPlan
 from steradian.runtime.backups import back_up, restore
-from steradian.scans.store import AlineStore, create_scan_file
+from steradian.scans.file.writer import AlineStore, create_scan_file
 from steradian.security.keys import KeyStore, Scope
-from steradian.settings import Settings
-from steradian.storage.emergency import EmergencyLatch
-from steradian.storage.paths import DataDirectory
-from steradian.storage.plans import PlanRepository
-from steradian.storage.scans import ScanRepository
+from steradian.storage.data_dir.emergency_latch import EmergencyLatch
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.tables import Table
+from steradian.storage.repositories.plans import PlanRepository
+from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import ScanState
-from steradian.storage.tables import Table
 from support.alines import Aline
 from support.kept import Kept
 

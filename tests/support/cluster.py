@@ -6,7 +6,7 @@ import subprocess
 import sys
 from contextlib import suppress
 
-from steradian.settings import Settings
+from steradian.core.settings import Settings
 from support.processes import tree_of
 from support.seaweed import free_ports
 from support.services import Service

@@ -3,7 +3,7 @@
 from functools import cached_property
 
 from steradian.jobs.model import JobRequest
-from steradian.jobs.queue import JobQueue
+from steradian.jobs.queue.client import JobQueue
 
 
 class EchoQueue:

@@ -4,19 +4,19 @@ import threading
 
 import h5py
 
-from steradian.jobs.ledger import JobLedger
+from steradian.core.settings import Settings
 from steradian.jobs.model import JobRequest, Succeeded
+from steradian.jobs.queue.ledger import JobLedger
 from steradian.masks import grid_mask
 from steradian.plans import ScanPlan
-from steradian.runtime.inspection import inspect
+from steradian.runtime.fsck import inspect
 from steradian.runtime.supervisor import serve
-from steradian.scans.store import create_scan_file
-from steradian.settings import Settings
-from steradian.storage.database import Database, metadata_url
-from steradian.storage.masks import MaskRepository
-from steradian.storage.paths import DataDirectory
-from steradian.storage.plans import PlanRepository
-from steradian.storage.scans import ScanRepository
+from steradian.scans.file.writer import create_scan_file
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.database import Database, metadata_url
+from steradian.storage.repositories.masks import MaskRepository
+from steradian.storage.repositories.plans import PlanRepository
+from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import ScanState
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from multiprocessing.sharedctypes import Synchronized
 
-from steradian.scans.control import Control, Wish
+from steradian.scans.acquisition.control import Control, Wish
 
 
 class InStep(Control):

@@ -2,9 +2,9 @@
 
 import httpx
 
-from steradian.storage.database import Database, metadata_url
-from steradian.storage.emergency import EmergencyLatch
-from steradian.storage.scanners import ScannerRepository
+from steradian.storage.data_dir.emergency_latch import EmergencyLatch
+from steradian.storage.db.database import Database, metadata_url
+from steradian.storage.repositories.scanners import ScannerRepository
 from support.apis import ApiProcess
 
 SECRET = "-".join(["nodes", "of", "tests", "know", "this", "and", "no", "log", "does"])

@@ -9,7 +9,7 @@ import uuid
 
 import httpx
 
-from steradian.settings import Settings
+from steradian.core.settings import Settings
 
 WAIT = {"Prefer": "wait=100"}
 EQUI = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 60}

@@ -2,9 +2,9 @@
 
 import obstore
 
-from steradian.settings import Settings
-from steradian.storage.object_store import ObjectStore
-from steradian.storage.paths import DataDirectory
+from steradian.core.settings import Settings
+from steradian.storage.blobs.object_store import ObjectStore
+from steradian.storage.data_dir.layout import DataDirectory
 
 
 def psycopg_url(url):

@@ -6,8 +6,8 @@ import httpx
 import pytest
 from playwright.sync_api import expect
 
-from steradian.storage.database import Database, metadata_url
-from steradian.storage.scanners import ScannerRepository
+from steradian.storage.db.database import Database, metadata_url
+from steradian.storage.repositories.scanners import ScannerRepository
 from support.waiting import until
 
 FIELD = "#field-{}"

@@ -8,9 +8,9 @@ import pytest
 from playwright.sync_api import expect
 from sqlalchemy import delete
 
-from steradian.storage.database import Database, metadata_url
-from steradian.storage.scanners import ScannerRepository
-from steradian.storage.tables import ScannerRow
+from steradian.storage.db.database import Database, metadata_url
+from steradian.storage.db.tables import ScannerRow
+from steradian.storage.repositories.scanners import ScannerRepository
 from steradian.web.pages import PAGES
 from support.scanners import scanner_of
 from support.services import Service

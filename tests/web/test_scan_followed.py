@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 from playwright.sync_api import expect
 
-from steradian.scans.store import AlineStore
+from steradian.scans.file.writer import AlineStore
 from support.alines import Aline
 from support.waiting import until
 

@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import expect
 
 from steradian.security.keys import KeyStore, Scope
-from steradian.storage.database import Database, metadata_url
+from steradian.storage.db.database import Database, metadata_url
 from support.services import Service
 from support.waiting import until
 

@@ -14,13 +14,13 @@ import threading
 import uvicorn
 
 from steradian.api.app import create_app
-from steradian.api.connections import Door, GuardedConfig, places
-from steradian.api.middleware import StreamsInTurn
-from steradian.lifeline import end_with_stdin
-from steradian.logs import configure_logging
+from steradian.api.http.connection_limits import Door, GuardedConfig, places
+from steradian.api.middleware.base import StreamsInTurn
+from steradian.core.exit_with_parent import end_with_stdin
+from steradian.core.logging_config import configure_logging
+from steradian.core.settings import Settings
 from steradian.runtime.heartbeat import Heartbeat
-from steradian.settings import Settings
-from steradian.storage.paths import DataDirectory
+from steradian.storage.data_dir.layout import DataDirectory
 
 GRACE = 3
 """Seconds that requests under way get when the service ends."""

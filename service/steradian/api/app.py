@@ -9,20 +9,26 @@ from fastapi import FastAPI
 from starlette.types import ASGIApp
 
 from steradian import __version__
-from steradian.api import (
+from steradian.api.errors import handlers as problems
+from steradian.api.errors import pages as problem_pages
+from steradian.api.http.urls import Prefixed, address
+from steradian.api.middleware.authentication import Authenticate
+from steradian.api.middleware.base import BodyLimit, Head, Observe, OnlyText, RequestId, StreamLimit
+from steradian.api.middleware.cors import Cors
+from steradian.api.middleware.response_cache import Together
+from steradian.api.middleware.validators import Stamps
+from steradian.api.openapi import postprocess as contract
+from steradian.api.openapi import swagger_page as documentation
+from steradian.api.routers import (
     batches,
-    contract,
     deletion,
     designs,
-    documentation,
     events,
     health,
     jobs,
     masks,
     metrics,
     plans,
-    problem_pages,
-    problems,
     quality,
     reconstructions,
     results,
@@ -32,19 +38,13 @@ from steradian.api import (
     scans,
     sessions,
     signals,
-    stops,
     storage,
     uploads,
 )
-from steradian.api.addresses import Prefixed, address
-from steradian.api.cors import Cors
-from steradian.api.feed import Feed
-from steradian.api.middleware import BodyLimit, Head, Observe, OnlyText, RequestId, StreamLimit
-from steradian.api.security import Authenticate
+from steradian.api.routers import emergency_stop as stops
 from steradian.api.services import Services
-from steradian.api.stamps import Stamps
-from steradian.api.together import Together
-from steradian.settings import Settings
+from steradian.api.streaming.broadcaster import Feed
+from steradian.core.settings import Settings
 from steradian.web.pages import make_router
 
 RESOURCES = (

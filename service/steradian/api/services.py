@@ -13,48 +13,48 @@ from typing import TYPE_CHECKING
 
 from sqlalchemy.orm import Session
 
-from steradian.api.couriers import StopCourier
-from steradian.api.emergency import EmergencyDesk
-from steradian.api.faults import FaultDesk
-from steradian.api.looks import Looks
-from steradian.api.memory import Memory
-from steradian.api.nodes import Nodes
-from steradian.api.shot_looks import ShotLooks
-from steradian.api.tidying import tidy
-from steradian.api.workshop import Workshop
-from steradian.jobs.capabilities import check_met, own_scanner
-from steradian.jobs.forecast import Forecast, forecast
-from steradian.jobs.ledger import JobLedger
+from steradian.api.background.batcher import Looks
+from steradian.api.background.delta_tracker import ShotLooks
+from steradian.api.background.emergency_stop import EmergencyDesk
+from steradian.api.background.fault_clearing import FaultDesk
+from steradian.api.background.peers import Nodes
+from steradian.api.background.process_pool import Workshop
+from steradian.api.background.refresher import Memory
+from steradian.api.background.retention import tidy
+from steradian.api.background.stop_relay import StopCourier
+from steradian.core.settings import Settings
 from steradian.jobs.model import JobRequest, JobStatus, QueueUnavailable
+from steradian.jobs.queue.estimates import Forecast, forecast
+from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.queue.matching import check_met, own_scanner
 from steradian.security.keys import KeyStore
 from steradian.security.sessions import SessionStore
 from steradian.security.stop_tickets import StopTickets, shared_secret, stored_secret
-from steradian.settings import Settings
-from steradian.storage.advisory import Hold, SessionLock
-from steradian.storage.ages import Ages
-from steradian.storage.clearing import Clearing
-from steradian.storage.database import Database, metadata_url, take_turns
-from steradian.storage.deletion import Deletion, InUse, remove_files
-from steradian.storage.dependence import hold_needs
-from steradian.storage.disk import ROOM_LOCK, Arrivals, Disk, Measured, promised, written
-from steradian.storage.emergency import EmergencyLatch
-from steradian.storage.events import EventLog
-from steradian.storage.idempotency import Answers
-from steradian.storage.masks import MaskRepository
-from steradian.storage.object_store import arrays_of
-from steradian.storage.paths import DataDirectory
-from steradian.storage.plans import PlanRepository
-from steradian.storage.reconstructions import BatchRepository, ReconstructionRepository
-from steradian.storage.repository import Clock, utc_now
-from steradian.storage.scanner_status import StatusBlock
-from steradian.storage.scanners import ScannerRepository
-from steradian.storage.scans import ScanRepository
+from steradian.storage.blobs.object_store import arrays_of
+from steradian.storage.capacity.quota import ROOM_LOCK, Arrivals, Disk, Measured, promised, written
+from steradian.storage.capacity.usage import usage
+from steradian.storage.data_dir.emergency_latch import EmergencyLatch
+from steradian.storage.data_dir.fault_requests import Clearing
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.data_dir.scanner_status import StatusBlock
+from steradian.storage.db.advisory_locks import Hold, SessionLock
+from steradian.storage.db.database import Database, metadata_url, take_turns
+from steradian.storage.db.tables import JobRow
+from steradian.storage.maintenance.record_ages import Ages
+from steradian.storage.repositories.base import Clock, utc_now
+from steradian.storage.repositories.deletion import Deletion, InUse, remove_files
+from steradian.storage.repositories.event_log import EventLog
+from steradian.storage.repositories.idempotency import Answers
+from steradian.storage.repositories.masks import MaskRepository
+from steradian.storage.repositories.plans import PlanRepository
+from steradian.storage.repositories.reconstructions import BatchRepository, ReconstructionRepository
+from steradian.storage.repositories.references import hold_needs
+from steradian.storage.repositories.scanners import ScannerRepository
+from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import is_terminal
-from steradian.storage.tables import JobRow
-from steradian.storage.usage import usage
 
 if TYPE_CHECKING:
-    from steradian.jobs.queue import JobQueue
+    from steradian.jobs.queue.client import JobQueue
 
 _log = logging.getLogger(__name__)
 QUEUE_PATIENCE = 30.0
@@ -269,7 +269,7 @@ class Services:
 
     def _open_queue(self) -> None:
         """Open the queue, with retries; until then readiness reports it as closed."""
-        from steradian.jobs.queue import JobQueue
+        from steradian.jobs.queue.client import JobQueue
 
         while not self._over.is_set():
             try:

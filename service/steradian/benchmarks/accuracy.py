@@ -9,8 +9,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from steradian.core.progress import Progress
 from steradian.imaging import direct_spectrum, kaiser_bessel, reconstruct, spectrum_of
-from steradian.progress import Progress
 
 Row: TypeAlias = dict[str, Any]
 _SIDE, _INTERVAL = 0.01, 8e-9

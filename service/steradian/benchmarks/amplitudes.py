@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from steradian import phantoms
 from steradian.benchmarks.pages import put_between
+from steradian.core.progress import Progress
 from steradian.imaging import Volume, reconstruct
-from steradian.imaging.outlines import Outline, holds
+from steradian.imaging.geometry.polygons import Outline, holds
 from steradian.masks import (
     Mask,
     PointOfInterest,
@@ -23,7 +24,6 @@ from steradian.masks import (
     poisson_disc_mask,
     random_mask,
 )
-from steradian.progress import Progress
 
 SIDE, SPEED, INTERVAL, DEPTH = 12e-3, 1500.0, 16e-9, 3.6e-3
 SAMPLES, MODES, PITCH = 448, 120, 100e-6

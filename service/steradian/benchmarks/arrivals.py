@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from steradian.benchmarks.service import RunningService, finish
-from steradian.validation import FloatArray
+from steradian.core.validation import FloatArray
 
 BUSY = 0.7
 """Share of the time for which workers are busy when the waiting is measured."""

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from steradian import phantoms, quality
 from steradian.benchmarks.hardware_time import device_seconds
 from steradian.benchmarks.pages import put_between
+from steradian.core.progress import Progress
 from steradian.imaging import Volume, reconstruct
-from steradian.imaging.conditioning import Conditioning
+from steradian.imaging.signal.conditioning import Conditioning
 from steradian.masks import Mask, beams_mask, equi_steradian_mask
 from steradian.masks.beams import read_beams
 from steradian.plans import Link, ScanPlan, VisitOrder, preview
-from steradian.progress import Progress
 
 APERTURE, DEPTH, POINTS = 13.56e-3, 3.6e-3, 1600
 INTERVAL, SAMPLES, SPEED = 8e-9, 1024, 1480.0

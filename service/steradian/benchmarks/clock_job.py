@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 from typing import Any
 
-from steradian.jobs.process import child_main
-from steradian.progress import Progress
+from steradian.core.progress import Progress
+from steradian.jobs.worker.process import child_main
 
 TURN = 2**30
 """Milliseconds after which the time begins again; counts in the database are 32-bit."""

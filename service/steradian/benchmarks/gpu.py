@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from steradian.benchmarks.cases import INTERVAL, SPEED, YARN
 from steradian.benchmarks.gpu_peers import cufinufft_row, patminton_row
+from steradian.core.progress import Progress
 from steradian.imaging import ReconstructionPlan, Volume, direct_spectrum, spectrum_of
 from steradian.imaging.engines.cuda.backend import Backend, device
 from steradian.imaging.engines.cuda.engine import CudaEngine
 from steradian.imaging.operators import ForwardOperator
 from steradian.masks import equi_steradian_mask
-from steradian.progress import Progress
 
 Row: TypeAlias = dict[str, Any]
 LIMIT, FASTER, FIT_SECONDS = 2.0, 15.0, 2.0
@@ -242,7 +242,7 @@ def _fit(quick: bool) -> Row:
     """Fit the paper's yarn by thresholding, on either: time and correlation with the truth."""
     from steradian import phantoms, quality
     from steradian.benchmarks.paper.iterative_data import SMALL, Scene
-    from steradian.imaging.iterative import reconstruct_iteratively
+    from steradian.imaging.iterative.solve import reconstruct_iteratively
 
     scene = SMALL if quick else Scene()
     mask = equi_steradian_mask(scene.aperture, scene.depth, 20 if quick else scene.points, weighting="analytic")

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from steradian.progress import Progress
+from steradian.core.progress import Progress
 from steradian.quality.signals import CHUNK, inspect_signals
 
 ALINES, SAMPLES, INTERVAL, PITCH = 50_000, 1024, 8e-9, 100e-6

@@ -18,7 +18,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.progress import Progress
+from steradian.core.progress import Progress
 
 Row: TypeAlias = dict[str, Any]
 SAMPLES = 1024
@@ -209,7 +209,7 @@ def _sustained(quick: bool) -> Row:
     from fabry_perot.simulator import launch
     from steradian.masks import grid_mask
     from steradian.plans import ScanPlan
-    from steradian.scans.store import AlineStore, create_scan_file
+    from steradian.scans.file.writer import AlineStore, create_scan_file
 
     side, loads, ring = (12, 1, 4096) if quick else (141, 2, 4096)
     mask = grid_mask(aperture=20e-6 * side, count=side, interval=20e-6)

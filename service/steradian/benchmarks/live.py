@@ -12,20 +12,20 @@ from numpy.typing import NDArray
 
 from fabry_perot.simulator import phantoms
 from steradian.benchmarks.cases import INTERVAL, SPEED, YARN
+from steradian.core.progress import Progress
 from steradian.imaging import Volume
-from steradian.imaging.conditioning import Display
-from steradian.imaging.reconstruct import image_by
+from steradian.imaging._reconstruct import image_by
+from steradian.imaging.signal.conditioning import Display
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.progress import Progress
 from steradian.quality import correlation, of_interest
-from steradian.reconstructions.job import reconstruct_recording
-from steradian.reconstructions.live import Detail, LiveView, draw
-from steradian.reconstructions.options import plan_parameters
+from steradian.reconstructions.live.follow import Detail, LiveView, draw
 from steradian.reconstructions.parameters import ReconstructionParameters
+from steradian.reconstructions.pipeline.resolve import plan_parameters
+from steradian.reconstructions.pipeline.run import reconstruct_recording
+from steradian.scans.file.read import read_scan
+from steradian.scans.file.writer import AlineStore, create_scan_file
 from steradian.scans.importing.writing import ImportedAline
-from steradian.scans.reading import read_scan
-from steradian.scans.store import AlineStore, create_scan_file
 
 Row: TypeAlias = dict[str, Any]
 Order = Literal["progressive", "snake"]

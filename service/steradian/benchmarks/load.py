@@ -13,8 +13,8 @@ from steradian.benchmarks.http_client import Connection
 from steradian.benchmarks.mixed import SAMPLES, V1, mixed, spread
 from steradian.benchmarks.rude import rude_clients
 from steradian.benchmarks.service import RunningService, finish, make_scan, running_service
-from steradian.progress import Progress
-from steradian.settings import Settings
+from steradian.core.progress import Progress
+from steradian.core.settings import Settings
 
 Row = dict[str, Any]
 READERS = 32

@@ -6,10 +6,10 @@ import time
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+from steradian.core.progress import Progress
 from steradian.masks import Mask, equi_steradian_mask, hexagonal_mask, poisson_disc_mask, random_mask
 from steradian.plans import ScanPlan, VisitOrder, preview, travel
 from steradian.plans.tour import nearest_neighbour
-from steradian.progress import Progress
 
 APERTURE, DEPTH = 13.56e-3, 3.6e-3
 COUNTS = (50, 1600, 51_076, 200_000)

@@ -14,11 +14,11 @@ import numpy as np
 from steradian.benchmarks.service import memory_mib
 
 NAMES = {
-    "steradian.api.workshop": "api's workshop",
+    "steradian.api.background.process_pool": "api's workshop",
     "steradian.api": "api",
     "steradian.runtime.acquisition": "acquisition",
     "steradian.runtime.worker": "worker",
-    "steradian.jobs.child": "jobs' process",
+    "steradian.jobs.worker.child": "jobs' process",
     "fabry_perot.simulator": "simulator",
 }
 """What stands in a process's command line, and what it is called here: the first that fits.

@@ -17,15 +17,15 @@ from typing import Any
 from steradian.benchmarks.clock_job import TURN, milliseconds
 from steradian.benchmarks.service import RunningService, make_scan, running_service
 from steradian.benchmarks.throughput import throughput
-from steradian.errors import SteradianError
+from steradian.core.exceptions import SteradianError
+from steradian.core.progress import Progress
+from steradian.core.settings import Settings
 from steradian.jobs.model import JobStatus
-from steradian.progress import Progress
-from steradian.settings import Settings
 
 CLOCK = (sys.executable, "-P", "-m", "steradian.benchmarks.clock_job")
 WORKER = f"""
-from steradian.settings import Settings
-from steradian.jobs.worker import run_worker
+from steradian.core.settings import Settings
+from steradian.jobs.worker.main import run_worker
 run_worker(Settings.create(), 0, {{"clock": {CLOCK!r}}})
 """
 READ_EVERY = 0.02
@@ -61,7 +61,7 @@ def queue(
 def latency(settings: Settings, *, jobs: int = 30, progress: Progress | None = None) -> dict[str, Any]:
     """Measure how long a job waits for an idle worker, and how old progress is when it can be read."""
     from steradian.jobs.model import JobRequest
-    from steradian.jobs.queue import JobQueue
+    from steradian.jobs.queue.client import JobQueue
 
     client = JobQueue(settings)
     starts: list[float] = []
@@ -143,7 +143,7 @@ def _bare_selects(settings: Settings, made: Sequence[str]) -> list[float]:
     """Return the seconds of reading a job's row on an idle database."""
     from sqlalchemy import text
 
-    from steradian.storage.database import Database, metadata_url
+    from steradian.storage.db.database import Database, metadata_url
 
     database, seconds = Database(metadata_url(settings)), []
     for identifier in [*made, *made, *made]:

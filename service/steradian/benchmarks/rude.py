@@ -13,7 +13,7 @@ from typing import Any
 from steradian.benchmarks.http_client import Connection
 from steradian.benchmarks.rude_deeds import DEEDS
 from steradian.benchmarks.service import RunningService, api_process, memory_mib
-from steradian.errors import SteradianError
+from steradian.core.exceptions import SteradianError
 
 LIMIT_MS = 200.0
 """What /healthz must not take, whatever others do."""

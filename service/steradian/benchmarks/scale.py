@@ -29,10 +29,10 @@ from steradian.benchmarks.service import (
     running_worker,
 )
 from steradian.benchmarks.throughput import through_service
-from steradian.progress import Progress
-from steradian.settings import Settings
-from steradian.storage.database import Database, metadata_url
-from steradian.storage.events import EventLog, record
+from steradian.core.progress import Progress
+from steradian.core.settings import Settings
+from steradian.storage.db.database import Database, metadata_url
+from steradian.storage.repositories.event_log import EventLog, record
 
 ALONE, NODES = "one service", "two API nodes"
 WORKERS = 3

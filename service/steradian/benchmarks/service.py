@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from steradian.errors import SteradianError
-from steradian.settings import Settings
+from steradian.core.exceptions import SteradianError
+from steradian.core.settings import Settings
 
 UNDER_WAY = frozenset({"queued", "running", "cancelling"})
 

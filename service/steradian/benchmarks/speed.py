@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from steradian.benchmarks.cases import INTERVAL, SPEED, Case, speed_cases
 from steradian.benchmarks.yardsticks import Machine, Seconds, least, machine, pairs, timed
+from steradian.core.progress import Progress
 from steradian.imaging import ReconstructionPlan, Volume, direct_spectrum, reconstruct
-from steradian.imaging.workers import available
-from steradian.progress import Progress
+from steradian.imaging.compute.thread_pool import available
 
 Row: TypeAlias = dict[str, Any]
 _POINTS = 24  # of the spectrum, that are compared with direct sums

@@ -16,9 +16,9 @@ from typing import Any
 
 from fabry_perot.simulator import Simulator, launch
 from steradian.benchmarks.service import RunningService, ask, running_service
-from steradian.errors import SteradianError
-from steradian.progress import Progress
-from steradian.settings import Settings
+from steradian.core.exceptions import SteradianError
+from steradian.core.progress import Progress
+from steradian.core.settings import Settings
 
 PULSE_RATE = 1000.0
 STOP = "/scanners/scanner-0/emergency-stop"

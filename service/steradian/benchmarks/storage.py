@@ -17,11 +17,11 @@ from fabry_perot import ALineBatch
 from fabry_perot.host.aline import META_SIZE
 from fabry_perot.wire.framing import crc32c
 from fabry_perot.wire.messages import ALineMeta, pack
+from steradian.core.progress import Progress
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.progress import Progress
-from steradian.scans.check import check_scan_file
-from steradian.scans.store import AlineStore, create_scan_file
+from steradian.scans.file.verify import check_scan_file
+from steradian.scans.file.writer import AlineStore, create_scan_file
 
 Row: TypeAlias = dict[str, Any]
 SAMPLES = 1024

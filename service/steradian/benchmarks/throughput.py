@@ -1,9 +1,9 @@
 """Reconstructions through the whole service beside the library in a loop, in turns.
 
 Both reconstruct one scan again and again, on two workers and in two processes, with as many threads each. The loop does
-what a job does for a person, :func:`steradian.reconstructions.job.reconstruct_scan`: read the scan's file, reconstruct,
-write the volume, draw three projections, write the report. Two more loops say what that costs: one keeps the plan, as
-the service's workers do, and one leaves the volume in memory.
+what a job does for a person, :func:`steradian.reconstructions.pipeline.run.reconstruct_scan`: read the scan's file,
+reconstruct, write the volume, draw three projections, write the report. Two more loops say what that costs: one keeps
+the plan, as the service's workers do, and one leaves the volume in memory.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 
 from steradian.benchmarks.service import RunningService, finish, make_scan, processor_seconds, running_service
-from steradian.errors import SteradianError
-from steradian.progress import Progress
-from steradian.settings import Settings
+from steradian.core.exceptions import SteradianError
+from steradian.core.progress import Progress
+from steradian.core.settings import Settings
 
 LOOPS = 2
 ROUNDS = 4
@@ -29,8 +29,8 @@ KINDS = ("library loop, as a job does", "the same, plan kept", "volume in memory
 PROGRAM = """
 import sys
 from pathlib import Path
-from steradian.reconstructions.job import reconstruct_recording, reconstruct_scan
-from steradian.reconstructions.kept_plans import KeptPlans
+from steradian.reconstructions.pipeline.run import reconstruct_recording, reconstruct_scan
+from steradian.reconstructions.pipeline.plan_cache import KeptPlans
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.scans.opening import open_recording
 scan, output, modes, kind = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])

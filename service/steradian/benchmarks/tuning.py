@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from fabry_perot.simulator.film import Film
 from steradian.benchmarks.hardware_time import device_seconds
 from steradian.benchmarks.pages import put_between
+from steradian.core.progress import Progress
 from steradian.masks import Mask, equi_steradian_mask
 from steradian.plans import Link, ScanPlan, Tuning, VisitOrder, preview
-from steradian.progress import Progress
 
 RETUNING = 5e-3
 """Time of a retuning in s, however far."""

@@ -34,7 +34,15 @@ from steradian.cli import (
     worker,
 )
 from steradian.cli.console import complain
-from steradian.errors import Cancelled, Conflict, DamagedFile, InvalidInput, NotFound, ScanFailed, SteradianError
+from steradian.core.exceptions import (
+    Cancelled,
+    Conflict,
+    DamagedFile,
+    InvalidInput,
+    NotFound,
+    ScanFailed,
+    SteradianError,
+)
 
 EXIT_CODES: dict[type[SteradianError], int] = {
     InvalidInput: 2,

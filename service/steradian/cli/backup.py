@@ -23,9 +23,9 @@ def backup(
     its name only when it is whole; `steradian check TO` compares it with its manifest. With STERADIAN_DATABASE_URL the
     rows of that database are in it, too.
     """
-    from steradian.errors import Conflict
+    from steradian.core.exceptions import Conflict
     from steradian.runtime.backups import back_up
-    from steradian.storage.paths import UMASK, DataDirectory
+    from steradian.storage.data_dir.layout import UMASK, DataDirectory
 
     os.umask(UMASK)
     settings, database = open_as_left(data)
@@ -52,9 +52,9 @@ def restore(
     database, which must be empty; whichever kind the backup was made of. Ends with exit code 3 when something was
     missing already.
     """
+    from steradian.core.settings import Settings
     from steradian.runtime.backups import restore as bring_back
-    from steradian.settings import Settings
-    from steradian.storage.paths import UMASK
+    from steradian.storage.data_dir.layout import UMASK
 
     os.umask(UMASK)
     with progress_bar() as progress:

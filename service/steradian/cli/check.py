@@ -14,7 +14,7 @@ from steradian.cli.console import console
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from steradian.runtime.inspection import Finding
+    from steradian.runtime.fsck import Finding
 
 
 def check(
@@ -30,12 +30,12 @@ def check(
     deleted. Ends with exit code 3 when something is missing, damaged or unknown. Of a backup each file is compared
     with what was noted when it was made.
     """
-    from steradian.errors import Conflict, NotFound
+    from steradian.core.exceptions import Conflict, NotFound
+    from steradian.core.settings import Settings
     from steradian.runtime.backups.manifest import NAME, Manifest
-    from steradian.runtime.inspection import Finding, inspect
-    from steradian.runtime.inspection import repair as mend
-    from steradian.settings import Settings
-    from steradian.storage.paths import DataDirectory
+    from steradian.runtime.fsck import Finding, inspect
+    from steradian.runtime.fsck import repair as mend
+    from steradian.storage.data_dir.layout import DataDirectory
 
     done: list[str] = []
     well = "database and folder agree, nothing is missing"

@@ -88,7 +88,7 @@ def show_figures(title: str, figures: Mapping[str, object]) -> None:
 
 
 class ProgressBar:
-    """A bar for each stage of long work; may be called as :data:`steradian.progress.Progress`.
+    """A bar for each stage of long work; may be called as :data:`steradian.core.progress.Progress`.
 
     Parameters
     ----------

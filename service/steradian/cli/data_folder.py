@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from steradian.settings import Settings
-    from steradian.storage.database import Database
+    from steradian.core.settings import Settings
+    from steradian.storage.db.database import Database
 
 Data = Annotated[Path | None, typer.Option(help="The service's data folder. [default: data]")]
 
 
 def folder_of(data: Path | None) -> Path:
     """Return the data folder: as given, else that of the environment, else ``data``."""
-    from steradian.settings import PREFIX, Settings
+    from steradian.core.settings import PREFIX, Settings
 
     return Settings.create(data=data if data is not None or f"{PREFIX}DATA" in os.environ else Path("data")).data
 
@@ -27,12 +27,12 @@ def open_as_left(data: Path | None, *, reads: bool = False) -> tuple[Settings, D
 
     Who only ``reads`` may have a folder that cannot be written: one on a read-only file system, or another user's.
     """
-    from steradian.errors import Conflict, NotFound
-    from steradian.settings import Settings
-    from steradian.storage import folder as folders
-    from steradian.storage.database import Database, known_revisions, metadata_url
-    from steradian.storage.parts import can_write
-    from steradian.storage.paths import DataDirectory
+    from steradian.core.exceptions import Conflict, NotFound
+    from steradian.core.settings import Settings
+    from steradian.storage.data_dir.layout import DataDirectory
+    from steradian.storage.db.database import Database, known_revisions, metadata_url
+    from steradian.storage.maintenance import binding as folders
+    from steradian.storage.maintenance.permissions import can_write
 
     settings = Settings.create(data=folder_of(data))
     folder = DataDirectory(settings.data)

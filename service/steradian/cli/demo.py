@@ -15,15 +15,15 @@ import typer
 
 from steradian.cli.console import progress_bar, show_end, show_figures
 from steradian.cli.scan import new_scan_id, scanner_port
-from steradian.errors import SteradianError
+from steradian.core.exceptions import SteradianError
 from steradian.masks import Mask, equi_steradian_mask, grid_mask
 from steradian.plans import ScanPlan, preview
 
 if TYPE_CHECKING:
     from steradian.imaging import Volume
-    from steradian.jobs.queue import JobQueue
-    from steradian.scans.run import ScanSummary
-    from steradian.storage.paths import DataDirectory
+    from steradian.jobs.queue.client import JobQueue
+    from steradian.scans.acquisition.run import ScanSummary
+    from steradian.storage.data_dir.layout import DataDirectory
 
 APERTURE, DEPTH, COUNT = 13.56e-3, 3.6e-3, 1600
 MODES = 226
@@ -70,8 +70,8 @@ def demo(
     41 x 41 grid for comparison. Leaves scan.h5, volume.h5, mip-x.png, mip-y.png, mip-z.png and report.json;
     results of an earlier demo in the folder are replaced.
     """
-    from steradian.reconstructions.compiling import compiling_ahead
-    from steradian.storage.paths import DataDirectory
+    from steradian.reconstructions.warmup import compiling_ahead
+    from steradian.storage.data_dir.layout import DataDirectory
 
     report = DemoReport()
     output.mkdir(parents=True, exist_ok=True)
@@ -106,7 +106,7 @@ def demo(
 
 
 def _scan(plan: ScanPlan, data: DataDirectory, scan_id: str, speed: float) -> ScanSummary:
-    from steradian.scans.run import run_scan
+    from steradian.scans.acquisition.run import run_scan
 
     with scanner_port("simulated", speed=speed, seed=PHANTOM_SEED) as port, progress_bar() as progress:
         return run_scan(plan, port, data.scan_file(scan_id), scan_id=scan_id, progress=progress)
@@ -115,9 +115,9 @@ def _scan(plan: ScanPlan, data: DataDirectory, scan_id: str, speed: float) -> Sc
 @contextmanager
 def _queue(data: DataDirectory) -> Iterator[JobQueue]:
     """Give the queue that the service uses, with a worker process of its own: it gets ready during the scan."""
-    from steradian.jobs.queue import JobQueue
+    from steradian.core.settings import Settings
+    from steradian.jobs.queue.client import JobQueue
     from steradian.runtime.supervisor import running_worker
-    from steradian.settings import Settings
 
     settings = Settings.create(data=data.root)
     with running_worker(settings), closing(JobQueue(settings)) as queue:
@@ -126,7 +126,7 @@ def _queue(data: DataDirectory) -> Iterator[JobQueue]:
 
 def _reconstruct_queued(queue: JobQueue, scan_id: str, data: DataDirectory, output: Path) -> None:
     """Send a job through the queue; move scan and results out."""
-    from steradian.jobs.queue import new_job_id
+    from steradian.jobs.queue.client import new_job_id
     from steradian.jobs.requests import ReconstructionRequest, job_of
     from steradian.storage.states import ReconstructionState
 
@@ -154,7 +154,7 @@ def _measure_grid(queue: JobQueue, folder: Path, data: DataDirectory, speed: flo
 
 def _compare_with_truth(path: Path) -> float:
     from steradian.quality import correlation, disc
-    from steradian.reconstructions.volume_file import read_volume
+    from steradian.reconstructions.volumes.file import read_volume
 
     volume = read_volume(path)
     truth = _true_mip(volume)

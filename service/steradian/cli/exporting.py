@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from steradian.cli.console import console, progress_bar, show_end
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 
 
 def export(

@@ -35,8 +35,8 @@ def each_choice(file: Path, each: Literal["frame", "wavelength"], average: bool)
 
     With ``average`` the mean at each wavelength.
     """
+    from steradian.scans.file.read import list_frames
     from steradian.scans.frames import FrameChoice, distinct_wavelengths
-    from steradian.scans.reading import list_frames
 
     frames = list_frames(file)
     if each == "frame":

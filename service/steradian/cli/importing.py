@@ -9,7 +9,7 @@ from typing import Annotated, Any, TypeAlias
 import typer
 
 from steradian.cli.console import duration, progress_bar, quantity, show_end, show_figures, speed
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 
 DescriptionOption: TypeAlias = Annotated[
     str | None,

@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING
 import typer
 
 from steradian.cli.console import ProgressBar, located, say
-from steradian.errors import ScanFailed
-from steradian.scans.control import Control, End, Phase, Wish
-from steradian.stopping import STOPPED, StopEvent
+from steradian.core.exceptions import ScanFailed
+from steradian.core.stop_signals import STOPPED, StopEvent
+from steradian.scans.acquisition.control import Control, End, Phase, Wish
 
 if TYPE_CHECKING:
-    from steradian.scans.run import ScanSummary
+    from steradian.scans.acquisition.run import ScanSummary
 
 PATIENCE = 0.2
 """Seconds after which a Ctrl-C is told what is waited for."""
@@ -154,7 +154,7 @@ class ScanAtTerminal(Control):
         return "laser off" if self._laser_is_off else "the scanner did not confirm, its laser's lease has run out"
 
     def _count(self) -> str:
-        from steradian.scans.store import AlineStore
+        from steradian.scans.file.writer import AlineStore
 
         with AlineStore(self._file) as store:
             return self._stored(store.stored, store.count)

@@ -29,7 +29,7 @@ def create(
     data: Data = None,
 ) -> None:
     """Make a key and print it, once: only its hash is kept."""
-    from steradian.errors import InvalidInput
+    from steradian.core.exceptions import InvalidInput
     from steradian.security.keys import Scope
 
     try:
@@ -67,10 +67,10 @@ def revoke(identifier: Annotated[str, typer.Argument(help="As listed.")], data: 
 
 @contextmanager
 def _store(folder: Path) -> Iterator[KeyStore]:
+    from steradian.core.settings import Settings
     from steradian.security.keys import KeyStore
-    from steradian.settings import Settings
-    from steradian.storage.database import Database, metadata_url
-    from steradian.storage.paths import DataDirectory
+    from steradian.storage.data_dir.layout import DataDirectory
+    from steradian.storage.db.database import Database, metadata_url
 
     settings = Settings.create(data=folder)
     DataDirectory(settings.data).create()
@@ -85,10 +85,10 @@ def _store(folder: Path) -> Iterator[KeyStore]:
 @contextmanager
 def _readable_store(folder: Path) -> Iterator[KeyStore]:
     """Open the keys for reading; a folder that cannot be written is left as it is."""
+    from steradian.core.settings import Settings
     from steradian.security.keys import KeyStore
-    from steradian.settings import Settings
-    from steradian.storage.parts import can_write
-    from steradian.storage.paths import DataDirectory
+    from steradian.storage.data_dir.layout import DataDirectory
+    from steradian.storage.maintenance.permissions import can_write
 
     settings = Settings.create(data=folder)
     file = DataDirectory(folder).metadata_file

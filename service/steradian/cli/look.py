@@ -67,9 +67,9 @@ def look(
 
 def _compare(file: Path, one: Inspection) -> list[dict[str, object]]:
     """Print a line for each frame, and return its statistics."""
+    from steradian.scans.file.read import list_frames
     from steradian.scans.importing.opening import is_own
     from steradian.scans.inspection import inspect_scan
-    from steradian.scans.reading import list_frames
 
     rows: list[dict[str, object]] = []
     for frame in list_frames(file) if is_own(file) else [Frame(0, 0.0, len(one.rows))]:

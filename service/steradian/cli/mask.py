@@ -10,7 +10,7 @@ import typer
 
 from steradian.cli import mask_compare
 from steradian.cli.console import length, picture, quantity, show_end, show_figures
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.masks import (
     Mask,
     PointOfInterest,

@@ -10,7 +10,7 @@ import typer
 from rich.table import Table
 
 from steradian.cli.console import console, frequency, length, picture, progress_bar, quantity, show_end
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.masks import Counted, Mask, counted_mask, read_mask
 
 if TYPE_CHECKING:
@@ -127,7 +127,7 @@ def _named(
 def _thing(name: str, point: tuple[float, float, float], radius: float | None, seed: int) -> Any:
     """Make the object, or read it."""
     if Path(name).is_file():
-        from steradian.reconstructions.volume_file import read_volume
+        from steradian.reconstructions.volumes.file import read_volume
 
         return read_volume(Path(name))
     from steradian.comparisons import phantom

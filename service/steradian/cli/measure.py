@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from steradian.cli.console import progress_bar, show_figures
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 
 
 def measure(
@@ -19,8 +19,8 @@ def measure(
     frame: Annotated[int, typer.Option(help="Frame of the scan.")] = 0,
 ) -> None:
     """Measure an object's full width at half maximum, the point spread there, and the corrected diameter."""
-    from steradian.reconstructions.volume_file import read_parameters, read_volume
-    from steradian.reconstructions.widths import measure_width
+    from steradian.reconstructions.studies.width import measure_width
+    from steradian.reconstructions.volumes.file import read_parameters, read_volume
 
     file = volume / "volume.h5" if volume.is_dir() else volume
     ends = _place("from", first), _place("to", last)

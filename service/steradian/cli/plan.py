@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from steradian.cli.console import console, duration, frequency, length, picture, quantity, show_end, show_figures, speed
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.masks import Mask, beams_mask
 from steradian.masks.beams import read_beams
 from steradian.plans import (
@@ -189,7 +189,7 @@ def _read_wavelengths(path: Path) -> list[float]:
     """Wavelengths in metres from a file in nm."""
     import numpy as np
 
-    from steradian.errors import DamagedFile, NotFound
+    from steradian.core.exceptions import DamagedFile, NotFound
 
     if not path.is_file():
         raise NotFound("file", str(path))

@@ -20,11 +20,11 @@ from steradian.cli.console import (
 from steradian.cli.frames import AverageOption, EachOption, FrameOption, WavelengthOption, each_choice
 from steradian.cli.importing import DescriptionOption, parse_description
 from steradian.cli.report import show_report
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 
 if TYPE_CHECKING:
-    from steradian.reconstructions.job import Report
     from steradian.reconstructions.parameters import ReconstructionParameters
+    from steradian.reconstructions.pipeline.run import Report
     from steradian.scans.frames import FrameChoice
 
 CONDITIONING, DISPLAY = "What is done to the A-lines before", "What is done to the pictures"
@@ -215,9 +215,9 @@ def reconstruct(
     elif not follow:
         show_report(_make(file, output, parameters, choice, yes), output)
     else:
-        from steradian.reconstructions.compiling import compiling_beside
-        from steradian.reconstructions.live import follow_scan
-        from steradian.scans.following import Quiet
+        from steradian.reconstructions.live.follow import follow_scan
+        from steradian.reconstructions.warmup import compiling_beside
+        from steradian.scans.file.tail import Quiet
 
         over = Quiet(file, patience)
         with compiling_beside(), progress_bar() as progress:
@@ -227,9 +227,9 @@ def reconstruct(
 
 def _make(file: Path, output: Path, parameters: ReconstructionParameters, choice: FrameChoice, agreed: bool) -> Report:
     """Reconstruct a scan; a large volume only when the person at the terminal agrees."""
-    from steradian.reconstructions.compiling import compiling_beside
-    from steradian.reconstructions.job import reconstruct_scan
-    from steradian.reconstructions.sizes import LargeVolume
+    from steradian.reconstructions.pipeline.run import reconstruct_scan
+    from steradian.reconstructions.pipeline.size_limit import LargeVolume
+    from steradian.reconstructions.warmup import compiling_beside
 
     try:
         with compiling_beside(), progress_bar() as progress:

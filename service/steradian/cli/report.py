@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from steradian.cli.console import console, files_of, show_end, show_figures, show_notes
 
 if TYPE_CHECKING:
-    from steradian.reconstructions.job import Report
+    from steradian.reconstructions.pipeline.run import Report
 
 
 def show_report(report: Report, output: Path) -> None:

@@ -14,13 +14,13 @@ from ulid import ULID
 from fabry_perot.simulator.shapes import NAMES, by_name
 from steradian.cli.console import console, progress_bar, show_end, show_figures
 from steradian.cli.scanner import clearing_command
-from steradian.errors import DamagedFile, FaultLatched, InvalidInput
+from steradian.core.exceptions import DamagedFile, FaultLatched, InvalidInput
 from steradian.plans import ScanPlan
 from steradian.plans.files import read_value
 
 if TYPE_CHECKING:
-    from steradian.scans.control import Control
-    from steradian.scans.run import ScanSummary
+    from steradian.scans.acquisition.control import Control
+    from steradian.scans.acquisition.run import ScanSummary
 
 
 class _RunByDefault(TyperGroup):
@@ -74,7 +74,7 @@ def run(
     output: Annotated[Path, typer.Option("--output", "-o", help="The scan file to write (HDF5).")] = Path("scan.h5"),
 ) -> None:
     """Run a plan on a scanner and keep the A-lines in a scan file."""
-    from steradian.scans.run import run_scan
+    from steradian.scans.acquisition.run import run_scan
 
     wanted = read_value(ScanPlan, plan)
     scanner = at_baud(scanner, baud, wanted)
@@ -130,7 +130,7 @@ def check(
     A-lines themselves are never changed. A damaged one counts as missing from then on: 'steradian scan resume'
     measures it again. Without --repair a file that is not sound ends with exit code 3.
     """
-    from steradian.scans.check import check_scan_file
+    from steradian.scans.file.verify import check_scan_file
 
     with progress_bar() as progress:
         report = check_scan_file(file, repair=repair, progress=progress)
@@ -148,7 +148,7 @@ def check(
 def _continue(
     file: Path, plan: Path | None, scanner: str, baud: int | None, speed: float, phantom: str | None, *, retry: int
 ) -> None:
-    from steradian.scans.run import resume_scan
+    from steradian.scans.acquisition.run import resume_scan
 
     wanted = None if plan is None else read_value(ScanPlan, plan)
     scanner = at_baud(scanner, baud, wanted)
@@ -174,7 +174,7 @@ def _measure(
 ) -> ScanSummary:
     """Run ``work(port, control)`` with handling of Ctrl-C; a simulated scanner runs until the laser is off."""
     from steradian.cli.interrupt import at_terminal
-    from steradian.reconstructions.compiling import compiling_ahead
+    from steradian.reconstructions.warmup import compiling_ahead
 
     needed = () if phantom is None else ("--phantom", phantom)
     if scanner != "simulated":

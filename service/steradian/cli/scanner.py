@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from steradian.cli.console import console, show_figures
-from steradian.errors import FaultStands, ScanFailed
+from steradian.core.exceptions import FaultStands, ScanFailed
 
 if TYPE_CHECKING:
     import fabry_perot
@@ -100,7 +100,7 @@ def _login() -> str:
 
 
 def _show(scanner: str, seen: fabry_perot.PortStatus) -> None:
-    from steradian.scans.scanner_words import fault_of
+    from steradian.scans.acquisition.scanner_status import fault_of
 
     fault = fault_of(seen)
     figures: dict[str, object] = {

@@ -94,11 +94,11 @@ def _run(data: Path | None, **given: Any) -> None:
     import os
     import signal
 
-    from steradian.logs import configure_logging
+    from steradian.core.logging_config import configure_logging
+    from steradian.core.settings import PREFIX, Settings
+    from steradian.core.stop_signals import StopEvent
     from steradian.runtime import supervisor
-    from steradian.settings import PREFIX, Settings
-    from steradian.stopping import StopEvent
-    from steradian.storage.paths import UMASK
+    from steradian.storage.data_dir.layout import UMASK
 
     folder = data if data is not None or f"{PREFIX}DATA" in os.environ else DATA
     settings = Settings.create(data=folder, **given)

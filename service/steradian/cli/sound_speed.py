@@ -22,7 +22,7 @@ def sound_speed(
     average: AverageOption = False,
 ) -> None:
     """Find the speed of sound, its standard error and its trade with a delay; draw sharpness against speed."""
-    from steradian.reconstructions.sound_speed import scan_sound_speed
+    from steradian.reconstructions.studies.sound_speed import scan_sound_speed
     from steradian.scans.frames import FrameChoice
 
     choice = FrameChoice(frame, wavelength, average)

@@ -10,9 +10,9 @@ from steradian.cli.console import console, human_size, progress_bar, say, show_f
 from steradian.cli.data_folder import Data, open_as_left
 
 if TYPE_CHECKING:
-    from steradian.settings import Settings
-    from steradian.storage.database import Database
-    from steradian.storage.object_store import ObjectStore
+    from steradian.core.settings import Settings
+    from steradian.storage.blobs.object_store import ObjectStore
+    from steradian.storage.db.database import Database
 
 app = typer.Typer(help="Show what a service keeps, delete of it, and move it.", no_args_is_help=True)
 KINDS = ("mask", "plan", "scan", "batch", "reconstruction", "job", "upload")
@@ -21,9 +21,9 @@ KINDS = ("mask", "plan", "scan", "batch", "reconstruction", "job", "upload")
 @app.command()
 def show(data: Data = None) -> None:
     """Show how many bytes scans, reconstructions, jobs and the rest hold, and how many are free and promised."""
-    from steradian.storage.disk import Disk, promised
-    from steradian.storage.paths import DataDirectory
-    from steradian.storage.usage import usage
+    from steradian.storage.capacity.quota import Disk, promised
+    from steradian.storage.capacity.usage import usage
+    from steradian.storage.data_dir.layout import DataDirectory
 
     settings, database = open_as_left(data, reads=True)
     folder, disk = DataDirectory(settings.data), Disk(settings.data, settings.disk_reserve_bytes, settings.quota_bytes)
@@ -46,10 +46,10 @@ def delete(
     data: Data = None,
 ) -> None:
     """Delete a resource with its files, also while the service runs; queued and running jobs keep their inputs."""
-    from steradian.errors import InvalidInput
-    from steradian.storage.deletion import Deletion, delete_upload, remove_files
-    from steradian.storage.object_store import arrays_of
-    from steradian.storage.paths import DataDirectory
+    from steradian.core.exceptions import InvalidInput
+    from steradian.storage.blobs.object_store import arrays_of
+    from steradian.storage.data_dir.layout import DataDirectory
+    from steradian.storage.repositories.deletion import Deletion, delete_upload, remove_files
 
     if kind not in KINDS:
         raise InvalidInput("kind", kind, ", ".join(KINDS))
@@ -110,10 +110,10 @@ def move(
     Everything is read back before it is removed where it was. A move that was stopped goes on where it was. Afterwards
     start the service with STERADIAN_STORE, or without.
     """
-    from steradian.errors import InvalidInput
-    from steradian.runtime.moving import move_to_folder, move_to_store
-    from steradian.runtime.owning import owning_database
-    from steradian.storage.paths import DataDirectory
+    from steradian.core.exceptions import InvalidInput
+    from steradian.runtime.archive.migrate import move_to_folder, move_to_store
+    from steradian.runtime.singleton_locks import owning_database
+    from steradian.storage.data_dir.layout import DataDirectory
 
     if to not in {"store", "folder"}:
         raise InvalidInput("to", to, "store or folder")
@@ -134,8 +134,8 @@ def move(
 
 
 def _store(settings: Settings, database: Database) -> ObjectStore:
-    from steradian.errors import InvalidInput
-    from steradian.storage.object_store import ObjectStore
+    from steradian.core.exceptions import InvalidInput
+    from steradian.storage.blobs.object_store import ObjectStore
 
     if settings.store is None:
         raise InvalidInput("STERADIAN_STORE", "missing", "s3://bucket/prefix; `steradian check` compares a folder")

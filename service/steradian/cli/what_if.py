@@ -34,7 +34,7 @@ def what_if(
     """Reconstruct a dense scan through a sparse mask, and compare with the image of all its A-lines."""
     from steradian.masks import Mask
     from steradian.reconstructions.parameters import ReconstructionParameters
-    from steradian.reconstructions.what_if import what_if as run
+    from steradian.reconstructions.studies.what_if import what_if as run
     from steradian.scans.frames import FrameChoice
 
     parameters = ReconstructionParameters.create(modes=modes, weights=weights, sound_speed=sound_speed)

@@ -33,11 +33,11 @@ def worker(
     import os
     import signal
 
-    from steradian.logs import configure_logging
+    from steradian.core.logging_config import configure_logging
+    from steradian.core.settings import PREFIX, Settings
+    from steradian.core.stop_signals import StopEvent
     from steradian.runtime import supervisor
-    from steradian.settings import PREFIX, Settings
-    from steradian.stopping import StopEvent
-    from steradian.storage.paths import UMASK
+    from steradian.storage.data_dir.layout import UMASK
 
     folder = data if data is not None or f"{PREFIX}DATA" in os.environ else Path("data")
     given = name or os.environ.get(f"{PREFIX}WORKER_NAME") or re.sub(r"[^A-Za-z0-9._-]", "-", socket.gethostname())

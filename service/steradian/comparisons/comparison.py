@@ -10,12 +10,12 @@ import numpy as np
 
 from steradian.comparisons.promised import Point, Promised, promised
 from steradian.comparisons.simulated import METHODS, Method, Simulated, Simulation
-from steradian.errors import Cancelled, InvalidInput
+from steradian.core.exceptions import Cancelled, InvalidInput
+from steradian.core.progress import IsCancelled, Progress
 from steradian.imaging import Volume
 from steradian.masks import Mask
 from steradian.masks.point_spread import PointSpread
 from steradian.phantoms import Balls
-from steradian.progress import IsCancelled, Progress
 
 Region = Literal["around", "field"]
 REGIONS: dict[Region, str] = {"around": "around the point of interest", "field": "whole field"}
@@ -122,7 +122,7 @@ def compare_masks(
     seed
         Of the noise.
     progress, cancelled
-        See :mod:`steradian.progress`.
+        See :mod:`steradian.core.progress`.
 
     Raises
     ------

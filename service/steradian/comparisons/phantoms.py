@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.phantoms import Balls, vessels, yarn
 
 NAMES = ("vessel-tree", "yarn")

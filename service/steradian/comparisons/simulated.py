@@ -10,11 +10,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import Cancelled, InvalidInput
+from steradian.core.exceptions import Cancelled, InvalidInput
+from steradian.core.progress import IsCancelled, Progress
 from steradian.imaging import Iterative, Volume, reconstruct
 from steradian.masks import Mask
 from steradian.phantoms import Balls, add_noise, pressure, sampled
-from steradian.progress import IsCancelled, Progress
 from steradian.quality import correlation, disc
 
 Method = Literal["direct", "iterative"]

@@ -8,9 +8,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from steradian.drafts import draft
+from steradian.core.atomic_files import draft
+from steradian.core.exceptions import InvalidInput
 from steradian.drawing.style import BAR_SHARE, BAR_START, FONT, INK, LABEL, LEAST, PAPER, QUIET, TICK, TITLE
-from steradian.errors import InvalidInput
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from steradian.drafts import draft
+from steradian.core.atomic_files import draft
 from steradian.drawing.pen import MARK, Bar, Box, Pen, line_height, room_before, room_behind, wrapped
 from steradian.drawing.plots import Bars, Colours, Curve, Dots, Field, Page, Plot, Remark, Sign, Steps, Upright, Way
 from steradian.drawing.style import BAR_SHARE, BAR_START, GAP, INK, LABEL, LEAST, PAPER, QUIET, TICK, TITLE, colours

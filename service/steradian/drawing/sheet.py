@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from steradian.drafts import draft
+from steradian.core.atomic_files import draft
 from steradian.drawing.pen import MARK, Bar, Box, Pen, line_height, room_before, room_behind, wrapped
 from steradian.drawing.style import GAP, INK, LABEL, PAPER, QUIET, TICK, TITLE, font
 from steradian.drawing.ticks import Axis

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from steradian.validation import Value
+from steradian.core.validation import Value
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -3,15 +3,15 @@
 Traces (M, N_t) and positions (M, 2) in; a :class:`Volume` indexed [x, y, z] out. Numba is imported by the first run.
 """
 
-from steradian.imaging.conditioning import Conditioning, Display, rim_weights
-from steradian.imaging.direct import direct_spectrum, spectrum_of
+from steradian.imaging._reconstruct import reconstruct
+from steradian.imaging.film_response import Correction, ElasticFilm, FilmResponse, MeasuredFilm
+from steradian.imaging.geometry.sensor_areas import voronoi_weights
 from steradian.imaging.iterative_options import Iterative
 from steradian.imaging.plan import ReconstructionPlan
-from steradian.imaging.reconstruct import reconstruct
-from steradian.imaging.response import Correction, ElasticFilm, FilmResponse, MeasuredFilm
+from steradian.imaging.reference import direct_spectrum, spectrum_of
+from steradian.imaging.signal.conditioning import Conditioning, Display, rim_weights
 from steradian.imaging.transforms.windows import Window, kaiser_bessel
 from steradian.imaging.volume import Axes, Volume
-from steradian.imaging.weights import voronoi_weights
 
 __all__ = [
     "Axes",

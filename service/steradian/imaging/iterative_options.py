@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 
 Regularisation: TypeAlias = Literal["thresholding", "total-variation", "sparsity", "tikhonov", "none"]
 

@@ -26,23 +26,24 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
-from steradian.errors import InvalidInput
-from steradian.imaging import checks, memory
-from steradian.imaging.arrays import in_memory, on_gpu
-from steradian.imaging.checks import Sensors
+from steradian.core.exceptions import InvalidInput
+from steradian.core.progress import IsCancelled, Progress
+from steradian.imaging import validation as checks
+from steradian.imaging.compute import memory_limit as memory
 from steradian.imaging.engines import Watch, image_of, traces_of
+from steradian.imaging.engines.array_namespace import in_memory, on_gpu
 from steradian.imaging.engines.chosen import AnyEngine, Chosen
 from steradian.imaging.engines.numba.engine import NumbaEngine
 from steradian.imaging.engines.numba.room import least_bytes
-from steradian.imaging.extent import Extent
-from steradian.imaging.geometry import Geometry, geometry
+from steradian.imaging.film_response import Correction, FilmResponse
+from steradian.imaging.geometry.depth_extent import Extent
+from steradian.imaging.geometry.reconstruction import Geometry, geometry
 from steradian.imaging.parameters import Device, Parameters
-from steradian.imaging.response import Correction, FilmResponse
 from steradian.imaging.tables import Tables, model_tables
 from steradian.imaging.transforms.sizes import fast_size
 from steradian.imaging.transforms.windows import Shape, Window
+from steradian.imaging.validation import Sensors
 from steradian.imaging.volume import RealArray
-from steradian.progress import IsCancelled, Progress
 
 if TYPE_CHECKING:
     _Base = LinearOperator[Any]
@@ -63,7 +64,7 @@ class ForwardOperator(_Base):
     Parameters
     ----------
     positions, samples, sampling_interval, sound_speed, aperture, modes, depth_range, time_zero
-        As in :func:`steradian.imaging.reconstruct`; volumes have the shape of its image.
+        As in :func:`steradian.imaging._reconstruct`; volumes have the shape of its image.
     lateral_padding
         Factor by which the aperture is extended sideways. None: as much as keeps the periodic copies of the volume out
         of the record (:func:`quiet_padding`), about (aperture + c·duration)/aperture; transforms and memory grow by it
@@ -73,7 +74,7 @@ class ForwardOperator(_Base):
     highest_frequency
         Hz beyond which the model is silent; None: the Nyquist frequency of time.
     tolerance, window, wrap, dtype, memory_limit, threads, device, device_memory
-        As in :func:`steradian.imaging.reconstruct`.
+        As in :func:`steradian.imaging._reconstruct`.
 
     Attributes
     ----------

@@ -8,12 +8,12 @@ from typing import Any, Literal, TypeAlias, get_args
 
 from numpy.typing import ArrayLike, DTypeLike
 
-from steradian.errors import InvalidInput
-from steradian.imaging import checks
+from steradian.core.exceptions import InvalidInput
+from steradian.core.units import SAMPLING_INTERVAL, SOUND_SPEED, TIME_ZERO, real
+from steradian.imaging import validation as checks
+from steradian.imaging.film_response import MAX_GAIN, Correction
 from steradian.imaging.iterative_options import Iterative
-from steradian.imaging.response import MAX_GAIN, Correction
 from steradian.imaging.transforms.windows import Shape, Window
-from steradian.ranges import SAMPLING_INTERVAL, SOUND_SPEED, TIME_ZERO, real
 
 DirectMethod: TypeAlias = Literal["nedner", "ner", "linear", "nearest", "interpolated"]
 Method: TypeAlias = DirectMethod | Literal["iterative"]
@@ -24,10 +24,11 @@ METHODS: tuple[str, ...] = (*get_args(DirectMethod), "iterative")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Parameters:
-    """All that is chosen, but sensors and A-lines; fields as the parameters of :func:`steradian.imaging.reconstruct`.
+    """All that is chosen, but sensors and A-lines; fields as the parameters of :func:`steradian.imaging._reconstruct`.
 
     What needs no more than the fields themselves is checked here, whoever makes the value; what has to do with the
-    sensors in :func:`steradian.imaging.geometry.geometry`. What the method has no use for is refused, but weights.
+    sensors in :func:`steradian.imaging.geometry.reconstruction.geometry`. What the method has no use for is refused,
+    but weights.
 
     Raises
     ------

@@ -8,28 +8,29 @@ from typing import Any, Literal, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from steradian.errors import InvalidInput
-from steradian.imaging import checks, memory
-from steradian.imaging.arrays import in_memory, on_gpu
-from steradian.imaging.checks import Sensors
+from steradian.core.exceptions import InvalidInput
+from steradian.core.progress import IsCancelled, Progress
+from steradian.core.units import real
+from steradian.imaging import validation as checks
+from steradian.imaging.compute import memory_limit as memory
 from steradian.imaging.engines import NOBODY, Watch, image_of
+from steradian.imaging.engines.array_namespace import in_memory, on_gpu
 from steradian.imaging.engines.chosen import AnyEngine, Chosen
 from steradian.imaging.engines.numba.engine import NumbaEngine
 from steradian.imaging.engines.numba.room import least_bytes
-from steradian.imaging.geometry import Geometry, geometry
+from steradian.imaging.film_response import Correction
+from steradian.imaging.geometry.reconstruction import Geometry, geometry
 from steradian.imaging.parameters import Device, DirectMethod, Method, Parameters
-from steradian.imaging.response import Correction
 from steradian.imaging.tables import Tables, direct_tables
 from steradian.imaging.transforms.windows import Shape, Window
+from steradian.imaging.validation import Sensors
 from steradian.imaging.volume import Volume
-from steradian.progress import IsCancelled, Progress
-from steradian.ranges import real
 
 
 class ReconstructionPlan:
     """Everything that depends on the sensors' geometry alone; :meth:`run` reconstructs traces with it.
 
-    Parameters as in :func:`steradian.imaging.reconstruct`, and ``samples``, the number of samples N_t of a trace.
+    Parameters as in :func:`steradian.imaging._reconstruct`, and ``samples``, the number of samples N_t of a trace.
 
     Attributes
     ----------
@@ -152,7 +153,7 @@ class ReconstructionPlan:
         scale
             Multiplies the traces (pressure per count for integers).
         progress, cancelled
-            See :mod:`steradian.progress`.
+            See :mod:`steradian.core.progress`.
 
         Returns
         -------

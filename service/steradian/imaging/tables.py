@@ -10,16 +10,16 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import InvalidInput
-from steradian.imaging import checks
-from steradian.imaging.geometry import Geometry
+from steradian.core.exceptions import InvalidInput
+from steradian.core.units import real
+from steradian.imaging import validation as checks
+from steradian.imaging.film_response import FilmResponse, tabulated
+from steradian.imaging.geometry.reconstruction import Geometry
 from steradian.imaging.parameters import Method, Parameters, Precision
-from steradian.imaging.response import FilmResponse, tabulated
 from steradian.imaging.transforms.decimation import Decimation, decimation
 from steradian.imaging.transforms.depth import Interpolation, KappaRule, exact, simple
 from steradian.imaging.transforms.lateral import Lateral, filled, grid_of, gridded, non_uniform
 from steradian.imaging.transforms.sizes import lateral_grid
-from steradian.ranges import real
 
 
 @dataclass(frozen=True, slots=True, eq=False)

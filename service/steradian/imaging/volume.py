@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 
 if TYPE_CHECKING:
     import xarray
@@ -184,4 +184,4 @@ class Volume:
 
 def _shown() -> Any:
     """Return the module that draws and stores volumes, imported by name because it lies above the numerics."""
-    return importlib.import_module("steradian.reconstructions.shown")
+    return importlib.import_module("steradian.reconstructions.display")

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from steradian.errors import SteradianError
+from steradian.core.exceptions import SteradianError
 from steradian.storage.states import DesiredJobState, ReconstructionState, is_terminal
 
 if TYPE_CHECKING:
     from sqlalchemy.orm import Session
 
-    from steradian.storage.tables import JobRow
+    from steradian.storage.db.tables import JobRow
 
 MAX_ATTEMPTS = 3
 """How often a job is started when its process or its worker dies; an error it reports itself is final at once."""
@@ -72,7 +72,7 @@ class JobRequest:
         What that program reads, plain JSON.
     priority
         0 to :data:`LOWEST_PRIORITY`; smaller ones run first, and among equal ones those who asked take turns
-        (:mod:`steradian.jobs.turns`).
+        (:mod:`steradian.jobs.queue.fair_queueing`).
     timeout
         Seconds after which it has failed; ``None``: the service's limit.
     principal

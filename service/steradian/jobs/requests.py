@@ -10,13 +10,13 @@ from typing import Annotated, Any, Literal, Self, TypeAlias
 
 from pydantic import ConfigDict, Field, StringConstraints, model_validator
 
-from steradian.errors import InvalidInput
-from steradian.jobs.forms import stored
+from steradian.core.exceptions import InvalidInput
+from steradian.core.units import LENGTH, SOUND_SPEED
+from steradian.core.validation import Value, quantity
 from steradian.jobs.model import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobRequest, Requirements
-from steradian.ranges import LENGTH, SOUND_SPEED
+from steradian.jobs.request_versions import stored
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.scans.frames import FrameChoice
-from steradian.validation import Value, quantity
 
 Identifier: TypeAlias = Annotated[str, StringConstraints(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9]+$")]
 """A resource's identifier; it becomes part of a path."""

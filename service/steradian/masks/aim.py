@@ -6,9 +6,9 @@ from typing import Any, Self
 
 from pydantic import Field, model_validator
 
-from steradian.errors import InvalidInput
-from steradian.ranges import LENGTH
-from steradian.validation import Value, quantity
+from steradian.core.exceptions import InvalidInput
+from steradian.core.units import LENGTH
+from steradian.core.validation import Value, quantity
 
 MOST_POINTS = 1_000_000
 COUNT = {"ge": 1, "le": MOST_POINTS}

@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steradian.errors import InvalidInput, NotFound
-from steradian.imaging import outlines
-from steradian.imaging.cells import cell_areas
-from steradian.imaging.outlines import Outline
+from steradian.core.exceptions import InvalidInput, NotFound
+from steradian.imaging.geometry import polygons as outlines
+from steradian.imaging.geometry.polygons import Outline
+from steradian.imaging.geometry.voronoi import cell_areas
 from steradian.masks.mask import Mask
 from steradian.masks.weights import outline_of
 

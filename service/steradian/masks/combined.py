@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from steradian.errors import InvalidInput
-from steradian.imaging import outlines
+from steradian.core.exceptions import InvalidInput
+from steradian.core.units import LENGTH
+from steradian.core.validation import Value, quantity
+from steradian.imaging.geometry import polygons as outlines
 from steradian.masks.equi_steradian import EquiSteradian, Pattern
 from steradian.masks.mask import Mask
 from steradian.masks.snapping import ScannerGrid
 from steradian.masks.weights import Weighting, covering, weights_for
-from steradian.ranges import LENGTH
-from steradian.validation import Value, quantity
 
 CLOSEST = 0.6
 """Where two patterns meet, points closer than this part of the expected spacing are thinned."""

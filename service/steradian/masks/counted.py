@@ -8,7 +8,7 @@ from __future__ import annotations
 from math import floor, sqrt
 from typing import Literal, TypeAlias, get_args
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.masks.aim import MOST_POINTS, check_offset
 from steradian.masks.equi_steradian import equi_steradian_mask
 from steradian.masks.grid import grid_mask

@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from steradian.imaging import outlines
-from steradian.imaging.outlines import Outline
+from steradian.core.units import LENGTH
+from steradian.core.validation import Value, quantity
+from steradian.imaging.geometry import polygons as outlines
+from steradian.imaging.geometry.polygons import Outline
 from steradian.masks.aim import check_offset
 from steradian.masks.equalise import equalise, unit_angle
 from steradian.masks.mask import Mask
 from steradian.masks.slices import Slices, convenient_below, convenient_slices
 from steradian.masks.snapping import ScannerGrid
 from steradian.masks.weights import Weighting, covering, weights_for
-from steradian.ranges import LENGTH
-from steradian.validation import Value, quantity
 
 
 class EquiSteradian(Value):

@@ -8,13 +8,13 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from steradian.imaging import outlines
+from steradian.core.units import LENGTH
+from steradian.core.validation import Value, quantity
+from steradian.imaging.geometry import polygons as outlines
 from steradian.masks.aim import check_offset
 from steradian.masks.mask import Mask
 from steradian.masks.snapping import ScannerGrid
 from steradian.masks.weights import Weighting, covering, weights_for
-from steradian.ranges import LENGTH
-from steradian.validation import Value, quantity
 
 
 class Equiangular(Value):

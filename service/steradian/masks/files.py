@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from steradian.errors import DamagedFile, InvalidInput, NotFound
+from steradian.core.exceptions import DamagedFile, InvalidInput, NotFound
+from steradian.core.validation import invalid_input
 from steradian.masks.mask import Mask
 from steradian.masks.points import area_of_weights, custom_mask
-from steradian.validation import invalid_input
 
 UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
 Points = tuple[NDArray[np.float64], NDArray[np.float64] | None, float | None]

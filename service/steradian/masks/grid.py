@@ -6,13 +6,13 @@ from typing import Literal
 
 import numpy as np
 
-from steradian.errors import InvalidInput
-from steradian.imaging import outlines
+from steradian.core.exceptions import InvalidInput
+from steradian.core.units import LENGTH
+from steradian.core.validation import quantity
+from steradian.imaging.geometry import polygons as outlines
 from steradian.masks.aim import Aimed
 from steradian.masks.mask import Mask
 from steradian.masks.weights import Weighting, weights_for
-from steradian.ranges import LENGTH
-from steradian.validation import quantity
 
 PER_AXIS = "Points on each axis; the mask has their square, which is what --count of the command line means"
 

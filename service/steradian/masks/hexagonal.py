@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
-from steradian.errors import InvalidInput
-from steradian.imaging import outlines
-from steradian.imaging.outlines import Outline
+from steradian.core.exceptions import InvalidInput
+from steradian.core.units import LENGTH
+from steradian.core.validation import quantity
+from steradian.imaging.geometry import polygons as outlines
+from steradian.imaging.geometry.polygons import Outline
 from steradian.masks.aim import COUNT, Aimed, along, check_either, nearness
 from steradian.masks.mask import Mask
 from steradian.masks.weights import Weighting, weights_for
-from steradian.ranges import LENGTH
-from steradian.validation import quantity
 
 MOST_BUILT = 4096**2
 """Points, as many as the largest grid has."""

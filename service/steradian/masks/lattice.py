@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.imaging.weights import find_lattice
+from steradian.imaging.geometry.sensor_areas import find_lattice
 
 USUAL = 60e-6, 0.5e-3
 """Pitches in m that suggest no voxel of their own: lattices of Fabry–Pérot scanners resolve more than their pitch, as

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import InvalidInput
-from steradian.imaging.outlines import Outline
+from steradian.core.exceptions import InvalidInput
+from steradian.imaging.geometry.polygons import Outline
 from steradian.masks.weights import outline_of
 
 if TYPE_CHECKING:

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, computed_field, model_validator
 
+from steradian.core.exceptions import InvalidInput
+from steradian.core.units import LENGTH
+from steradian.core.validation import FloatArray, content_hash, quantity
 from steradian.drawing.shown import ShownValue
-from steradian.errors import InvalidInput
-from steradian.imaging import outlines
-from steradian.imaging.checks import MOST_AREA
-from steradian.ranges import LENGTH
-from steradian.validation import FloatArray, content_hash, quantity
+from steradian.imaging.geometry import polygons as outlines
+from steradian.imaging.validation import MOST_AREA
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 
 if TYPE_CHECKING:
     from steradian.masks.mask import Mask

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from steradian.errors import InvalidInput
-from steradian.imaging.checks import MOST_AREA
-from steradian.imaging.weights import sensed_outline
+from steradian.core.exceptions import InvalidInput
+from steradian.core.units import LENGTH
+from steradian.core.validation import FloatArray, Value, quantity
+from steradian.imaging.geometry.sensor_areas import sensed_outline
+from steradian.imaging.validation import MOST_AREA
 from steradian.masks.mask import Mask, check_shape
 from steradian.masks.weights import Weighting, weights_for
-from steradian.ranges import LENGTH
-from steradian.validation import FloatArray, Value, quantity
 
 
 class Points(Value):
@@ -99,8 +99,8 @@ def custom_mask(
         shares.
     sensed_area
         What ``weights`` sum to in m² (m for a line): their own sum where they are areas. ``None``: the area found from
-        the points (:func:`steradian.imaging.weights.sensed_outline`): that of a grid's cells, or all within half a
-        mean spacing of the points' hull, no wider than the aperture.
+        the points (:func:`steradian.imaging.geometry.sensor_areas.sensed_outline`): that of a grid's cells, or all
+        within half a mean spacing of the points' hull, no wider than the aperture.
 
     Raises
     ------

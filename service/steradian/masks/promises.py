@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import InvalidInput
-from steradian.imaging.cells import cell_areas
+from steradian.core.exceptions import InvalidInput
+from steradian.imaging.geometry.voronoi import cell_areas
 from steradian.masks.sensor import attenuation_db
 from steradian.masks.weights import outline_of
 

@@ -8,14 +8,14 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import model_validator
 
-from steradian.errors import InvalidInput
-from steradian.imaging import outlines
-from steradian.imaging.outlines import Outline
+from steradian.core.exceptions import InvalidInput
+from steradian.core.units import LENGTH
+from steradian.core.validation import quantity
+from steradian.imaging.geometry import polygons as outlines
+from steradian.imaging.geometry.polygons import Outline
 from steradian.masks.aim import COUNT, MOST_POINTS, Aimed, along, check_either, nearness
 from steradian.masks.mask import Mask
 from steradian.masks.weights import Weighting, weights_for
-from steradian.ranges import LENGTH
-from steradian.validation import quantity
 
 TRIES = 24
 """Spacings tried for a number of Poisson-disc points, after halving."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from math import radians, sin
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 
 REFERENCE_ANGLE = radians(62)
 REFERENCE_SLOPE = 5e-6

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.ranges import LENGTH
-from steradian.validation import Value, quantity
+from steradian.core.units import LENGTH
+from steradian.core.validation import Value, quantity
 
 
 class ScannerGrid(Value):

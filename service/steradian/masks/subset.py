@@ -8,12 +8,12 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from steradian.errors import InvalidInput
-from steradian.imaging import outlines
-from steradian.imaging.weights import sensed_outline
+from steradian.core.exceptions import InvalidInput
+from steradian.core.validation import Value
+from steradian.imaging.geometry import polygons as outlines
+from steradian.imaging.geometry.sensor_areas import sensed_outline
 from steradian.masks.mask import Mask
 from steradian.masks.weights import Weighting, outline_of, weights_for
-from steradian.validation import Value
 
 
 class Subset(Value):

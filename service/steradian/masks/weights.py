@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.imaging import outlines
-from steradian.imaging.cells import cell_areas
-from steradian.imaging.outlines import Outline
-from steradian.imaging.weights import sensed_outline
+from steradian.imaging.geometry import polygons as outlines
+from steradian.imaging.geometry.polygons import Outline
+from steradian.imaging.geometry.sensor_areas import sensed_outline
+from steradian.imaging.geometry.voronoi import cell_areas
 
 if TYPE_CHECKING:
     from steradian.masks.mask import Mask

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from steradian.drafts import draft
-from steradian.errors import InvalidInput
+from steradian.core.atomic_files import draft
+from steradian.core.exceptions import InvalidInput
 
 if TYPE_CHECKING:
     from steradian.masks.mask import Mask

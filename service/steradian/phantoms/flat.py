@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import InvalidInput
-from steradian.imaging import workers
+from steradian.core.exceptions import InvalidInput
+from steradian.core.progress import IsCancelled, Progress
+from steradian.imaging.compute import thread_pool as workers
 from steradian.imaging.volume import Volume
-from steradian.progress import IsCancelled, Progress
 
 _LINES, _STEPS = 16, 256
 
@@ -43,7 +43,7 @@ def line_pressure(
     threads
         None: all processors this process may use, or as many as ``OMP_NUM_THREADS`` says.
     progress, cancelled
-        See :mod:`steradian.progress`.
+        See :mod:`steradian.core.progress`.
 
     Returns
     -------

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fabry_perot.simulator.phantoms import WINDOW, Balls, Directivity, initial_pressure
-from steradian.errors import InvalidInput
-from steradian.imaging import workers
+from steradian.core.exceptions import InvalidInput
+from steradian.core.progress import IsCancelled, Progress
+from steradian.imaging.compute import thread_pool as workers
 from steradian.imaging.volume import Volume
-from steradian.progress import IsCancelled, Progress
 
 _ROWS = 32
 _COSINES = 2048
@@ -51,7 +51,7 @@ def pressure(
     threads
         None: all processors this process may use, or as many as ``OMP_NUM_THREADS`` says.
     progress, cancelled
-        See :mod:`steradian.progress`.
+        See :mod:`steradian.core.progress`.
 
     Returns
     -------

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.compiled import compiled
+from steradian.core.jit import compiled
 
 Array = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ from typing import TypeVar
 
 from pydantic import ValidationError
 
-from steradian.drafts import draft
-from steradian.errors import DamagedFile, NotFound
-from steradian.validation import Value, invalid_input
+from steradian.core.atomic_files import draft
+from steradian.core.exceptions import DamagedFile, NotFound
+from steradian.core.validation import Value, invalid_input
 
 Kind = TypeVar("Kind", bound=Value)
 

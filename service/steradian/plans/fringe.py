@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
-from steradian.errors import InvalidInput
-from steradian.validation import Value, quantity
+from steradian.core.exceptions import InvalidInput
+from steradian.core.validation import Value, quantity
 
 NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(9)
 """Mean over a normal distribution, exact for polynomials up to the 17th degree."""

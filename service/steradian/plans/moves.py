@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.compiled import compiled
+from steradian.core.jit import compiled
 
 exact = partial(compiled, fast=False)
 """Compile a loop that keeps to the order of sums, so that results are the same everywhere."""

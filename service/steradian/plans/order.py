@@ -7,7 +7,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.masks import Mask
 from steradian.plans.curves import hilbert, snake
 from steradian.plans.progressive import progressive

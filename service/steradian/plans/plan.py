@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from steradian.core.exceptions import InvalidInput
+from steradian.core.units import SAMPLING_INTERVAL, SOUND_SPEED
+from steradian.core.validation import FloatArray, content_hash, quantity
 from steradian.drawing.shown import ShownValue
-from steradian.errors import InvalidInput
 from steradian.masks import Mask, subset_mask
 from steradian.masks.beams import MOST_BEAMS, NANOMETRE, check_beams
 from steradian.plans.bands import Tuned, banded, held
@@ -20,8 +22,6 @@ from steradian.plans.order import VisitOrder, visit_order
 from steradian.plans.pace import Pace
 from steradian.plans.progressive import progressive
 from steradian.plans.scanner import Link, Motion, ScannerLimits, Tuning
-from steradian.ranges import SAMPLING_INTERVAL, SOUND_SPEED
-from steradian.validation import FloatArray, content_hash, quantity
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,8 +7,8 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from steradian.errors import InvalidInput
-from steradian.validation import Value, quantity
+from steradian.core.exceptions import InvalidInput
+from steradian.core.validation import Value, quantity
 
 STANDARD_BAUD = (9600, 115_200, 460_800, 921_600, 3_000_000, 6_000_000, 12_000_000)
 """Baud rates that serial adapters offer."""

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import DamagedFile, InvalidInput
+from steradian.core.exceptions import DamagedFile, InvalidInput
 
 Array = NDArray[np.float64]
 MOST_BYTES = 64 << 20

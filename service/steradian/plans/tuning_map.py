@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
-from steradian.errors import DamagedFile, InvalidInput, NotFound
+from steradian.core.exceptions import DamagedFile, InvalidInput, NotFound
+from steradian.core.validation import FloatArray, Value, quantity
 from steradian.masks import Mask
 from steradian.plans.files import read_value
 from steradian.plans.text_map import is_text_matrix, read_text_map
-from steradian.validation import FloatArray, Value, quantity
 
 SAME_PLACE = 1e-6
 """Points this close in metres to a place that was measured have its wavelength; a focus is some ten times wider."""

@@ -8,7 +8,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.progress import IsCancelled, Progress
+from steradian.core.progress import IsCancelled, Progress
 from steradian.quality.likeness import Likeness, Neighbourhood, compare
 
 NEIGHBOURS: Final = 6

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.quality.pearson import correlation
 from steradian.quality.regions import disc, of_interest
 from steradian.quality.sharpness import tenenbaum

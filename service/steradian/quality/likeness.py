@@ -14,8 +14,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import Cancelled
-from steradian.progress import IsCancelled, Progress
+from steradian.core.exceptions import Cancelled
+from steradian.core.progress import IsCancelled, Progress
 
 CHUNK: Final = 512
 """A-lines correlated together: their correlations fit into the processor's second cache."""

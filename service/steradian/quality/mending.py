@@ -8,8 +8,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import Cancelled
-from steradian.progress import IsCancelled, Progress
+from steradian.core.exceptions import Cancelled
+from steradian.core.progress import IsCancelled, Progress
 from steradian.quality.bad_lines import NEIGHBOURS, BadLine
 from steradian.quality.likeness import Neighbourhood
 
@@ -49,7 +49,7 @@ def measure_shifts(
     time_zero
         Scalar or (n,) seconds of the first sample after the laser pulse.
     progress, cancelled
-        See :mod:`steradian.progress`.
+        See :mod:`steradian.core.progress`.
 
     Returns
     -------

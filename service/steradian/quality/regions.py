@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 
 Region = NDArray[np.bool_]
 

@@ -12,8 +12,8 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import Cancelled, InvalidInput
-from steradian.progress import IsCancelled, Progress
+from steradian.core.exceptions import Cancelled, InvalidInput
+from steradian.core.progress import IsCancelled, Progress
 from steradian.quality.bad_lines import NEIGHBOURS, BadLine, find_bad_lines
 from steradian.quality.likeness import Neighbourhood
 from steradian.quality.saturation import flat_ends, is_saturated
@@ -108,7 +108,7 @@ def inspect_signals(
     sound_speed
         Metres per second; bounds the plausible lag between neighbours.
     progress, cancelled
-        See :mod:`steradian.progress`.
+        See :mod:`steradian.core.progress`.
 
     Raises
     ------

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 
 Array = NDArray[np.float64]
 FEWEST_BESIDE = 8
@@ -41,7 +41,7 @@ class Width:
         Middle between the crossings, and the crossings.
     point_spread
         Width of the image of an object without a width at this place, measured in the same direction; ``None`` where it
-        has not been simulated (:func:`steradian.reconstructions.widths.measure_width` does).
+        has not been simulated (:func:`steradian.reconstructions.studies.width.measure_width` does).
     corrected
         Diameter of the uniform cylinder or sphere whose image at this place is as wide as ``fwhm``; ``None`` where that
         is not possible, which ``reason`` tells.

@@ -10,13 +10,13 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import InvalidInput
-from steradian.progress import IsCancelled, Progress
+from steradian.core.exceptions import InvalidInput
+from steradian.core.progress import IsCancelled, Progress
 from steradian.quality.bad_lines import BadLine
 from steradian.quality.mending import measure_shifts, turn_sign
 from steradian.quality.signals import inspect_signals
-from steradian.scans.aligning import align
 from steradian.scans.recording import Recording, Shots
+from steradian.scans.time_alignment import align
 
 BadLines = Literal["keep", "leave-out", "mend"]
 MOST_LISTED: Final = 500
@@ -84,7 +84,7 @@ def treat_bad_lines(
         ``leave-out``: all bad A-lines; ``mend``: the sign of inverted ones is turned, shifted ones are moved back in
         their record, whose free end is filled with their median, and the others are left out.
     progress, cancelled
-        See :mod:`steradian.progress`.
+        See :mod:`steradian.core.progress`.
 
     Returns
     -------

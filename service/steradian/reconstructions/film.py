@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from steradian.imaging.response import Correction, ElasticFilm
+from steradian.core.validation import Value, quantity
+from steradian.imaging.film_response import Correction, ElasticFilm
 from steradian.masks.sensor import HIGHEST, REFERENCE_ANGLE, REFERENCE_SLOPE
-from steradian.validation import Value, quantity
 
 
 class Film(Value):
@@ -92,7 +92,7 @@ class RuleOfThumb:
     def at(
         self, frequencies: NDArray[np.float64], sines: NDArray[np.float64], sound_speed: float
     ) -> NDArray[np.complex128]:
-        """As :meth:`steradian.imaging.response.FilmResponse.at`."""
+        """As :meth:`steradian.imaging.film_response.FilmResponse.at`."""
         known = np.minimum(np.asarray(frequencies, np.float64), HIGHEST)[:, None]
         across = (np.asarray(sines, np.float64)[None, :] / np.sin(REFERENCE_ANGLE)) ** 2
         return np.asarray(10 ** (-REFERENCE_SLOPE * known * across / 20), np.complex128)
@@ -112,7 +112,7 @@ class SimulatedFilm:
     def at(
         self, frequencies: NDArray[np.float64], sines: NDArray[np.float64], sound_speed: float
     ) -> NDArray[np.complex128]:
-        """As :meth:`steradian.imaging.response.FilmResponse.at`."""
+        """As :meth:`steradian.imaging.film_response.FilmResponse.at`."""
         from fabry_perot.simulator.film import BANDWIDTH, directivity
 
         sines, frequencies = np.asarray(sines, np.float64), np.asarray(frequencies, np.float64)

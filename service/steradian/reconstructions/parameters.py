@@ -6,14 +6,14 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from steradian.errors import InvalidInput
-from steradian.explained import Explained
-from steradian.imaging.conditioning import Conditioning, Display
+from steradian.core.exceptions import InvalidInput
+from steradian.core.schema_descriptions import Explained
+from steradian.core.units import SOUND_SPEED
+from steradian.core.validation import Value, quantity
 from steradian.imaging.iterative_options import Iterative
-from steradian.ranges import SOUND_SPEED
+from steradian.imaging.signal.conditioning import Conditioning, Display
 from steradian.reconstructions.film import Film
 from steradian.reconstructions.shots import ShotTreatment
-from steradian.validation import Value, quantity
 
 LARGE = 1_000_000_000
 """Bytes of a volume file above which it is not made unasked."""

@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from steradian.drafts import draft
+from steradian.core.atomic_files import draft
+from steradian.core.exceptions import InvalidInput
 from steradian.drawing.inline import WIDTH, own_axes, plotted
 from steradian.drawing.page import PICTURES, colour_bar, dress, page, save
-from steradian.errors import InvalidInput
 from steradian.imaging import Volume
 from steradian.masks import Mask
 from steradian.plans import ScanPlan
-from steradian.reconstructions.imported import Imported, read_imported
-from steradian.reconstructions.job import reconstruct_recording
 from steradian.reconstructions.parameters import ReconstructionParameters
+from steradian.reconstructions.pipeline.run import reconstruct_recording
+from steradian.reconstructions.plan_reader import Imported, read_imported
+from steradian.scans.file.read import list_frames, read_scan
 from steradian.scans.frames import Frame, FrameChoice
 from steradian.scans.opening import open_recording
-from steradian.scans.reading import list_frames, read_scan
 from steradian.scans.recording import Recording
 
 if TYPE_CHECKING:

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from steradian.errors import InvalidInput
-from steradian.progress import IsCancelled, Progress
+from steradian.core.exceptions import InvalidInput
+from steradian.core.progress import IsCancelled, Progress
+from steradian.core.validation import Value
 from steradian.reconstructions.bad_lines import BadLines, BadLinesFound, treat_bad_lines
-from steradian.scans.aligning import align, common_grid
-from steradian.scans.following import NewAlines
+from steradian.scans.file.tail import NewAlines
 from steradian.scans.recording import Recording, Shots
-from steradian.validation import Value
+from steradian.scans.time_alignment import align, common_grid
 
 Flag = Literal["saturated", "mistuned", "misfire", "partial"]
 BITS: dict[Flag, int] = {"saturated": 1, "mistuned": 2, "misfire": 4, "partial": 8}

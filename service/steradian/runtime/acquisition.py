@@ -17,38 +17,38 @@ from typing import Any
 from sqlalchemy.exc import DBAPIError
 
 from fabry_perot import Recovery
-from steradian.errors import DiskFull, FaultLatched, ScanFailed, ScanInterrupted, SteradianError
-from steradian.lifeline import end_with_stdin
-from steradian.logs import caused_by, configure_logging
+from steradian.core.exceptions import DiskFull, FaultLatched, ScanFailed, ScanInterrupted, SteradianError
+from steradian.core.exit_with_parent import end_with_stdin
+from steradian.core.logging_config import caused_by, configure_logging
+from steradian.core.settings import Settings
+from steradian.core.stop_signals import StopEvent
+from steradian.runtime.archive.scan_uploader import ScanKeeper
 from steradian.runtime.heartbeat import Heartbeat
-from steradian.runtime.keeping import ScanKeeper
 from steradian.runtime.scanner_port import ScannerPort
-from steradian.scans.clearing import FaultClerk
-from steradian.scans.completing import begin_with
-from steradian.scans.control import End
-from steradian.scans.emergency import EmergencyWatch
-from steradian.scans.layout import check_disk, scan_file_bytes
-from steradian.scans.port_watch import PortWatch
-from steradian.scans.proof import ResumeRefused
-from steradian.scans.run import ScanSummary, resume_scan, run_scan
-from steradian.scans.session import DEFAULT
-from steradian.scans.settling import count_alines, figures_of
-from steradian.scans.watch import POLL, ScanWatch
-from steradian.settings import Settings
-from steradian.stopping import StopEvent
-from steradian.storage.arrays import Arrays, Folder, scan_name
-from steradian.storage.changes import Changes
-from steradian.storage.clearing import Clearing
-from steradian.storage.database import Database, metadata_url
-from steradian.storage.emergency import EmergencyLatch
-from steradian.storage.object_store import ObjectStore, arrays_of
-from steradian.storage.paths import DataDirectory
-from steradian.storage.plans import PlanRepository
-from steradian.storage.scanner_status import StatusBlock
-from steradian.storage.scanners import ScannerRepository
-from steradian.storage.scans import ScanRepository
+from steradian.scans.acquisition.continuation import begin_with
+from steradian.scans.acquisition.control import End
+from steradian.scans.acquisition.database_control import POLL, ScanWatch
+from steradian.scans.acquisition.emergency_watchdog import EmergencyWatch
+from steradian.scans.acquisition.fault_clearing import FaultClerk
+from steradian.scans.acquisition.port_monitor import PortWatch
+from steradian.scans.acquisition.resume_checks import ResumeRefused
+from steradian.scans.acquisition.run import ScanSummary, resume_scan, run_scan
+from steradian.scans.acquisition.session import DEFAULT
+from steradian.scans.file.create import check_disk, scan_file_bytes
+from steradian.scans.summary import count_alines, figures_of
+from steradian.storage.blobs.interface import Arrays, Folder, scan_name
+from steradian.storage.blobs.object_store import ObjectStore, arrays_of
+from steradian.storage.data_dir.emergency_latch import EmergencyLatch
+from steradian.storage.data_dir.fault_requests import Clearing
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.data_dir.scanner_status import StatusBlock
+from steradian.storage.db.change_detector import Changes
+from steradian.storage.db.database import Database, metadata_url
+from steradian.storage.db.tables import ScanRow
+from steradian.storage.repositories.plans import PlanRepository
+from steradian.storage.repositories.scanners import ScannerRepository
+from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import DesiredScanState, ScanState, route
-from steradian.storage.tables import ScanRow
 
 _S = ScanState
 _LAST = {End.STOPPED: _S.PARTIAL, End.ABORTED: _S.ABORTED}

@@ -10,7 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from steradian.drafts import draft
+from steradian.core.atomic_files import draft
 
 INTERVAL = 1.0
 STALE_AFTER = 4.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 
-from steradian.settings import Settings
+from steradian.core.settings import Settings
 
 
 class ScannerPort:

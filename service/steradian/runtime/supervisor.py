@@ -29,17 +29,17 @@ from typing import IO
 
 from sqlalchemy.exc import SQLAlchemyError
 
-from steradian.drafts import draft
-from steradian.errors import InvalidInput, StoreUnavailable
-from steradian.runtime.owning import owning_database, owning_scanner
-from steradian.runtime.watch import Watch, answers
+from steradian.core.atomic_files import draft
+from steradian.core.exceptions import InvalidInput, StoreUnavailable
+from steradian.core.settings import PREFIX, Settings
+from steradian.runtime.singleton_locks import owning_database, owning_scanner
+from steradian.runtime.watchdog import Watch, answers
 from steradian.security.admission import require_key
-from steradian.settings import PREFIX, Settings
-from steradian.storage import belonging
-from steradian.storage.database import Database, metadata_url
-from steradian.storage.integrity import MANY, check_before_start, is_database
-from steradian.storage.parts import require_writable
-from steradian.storage.paths import UMASK, DataDirectory
+from steradian.storage import deployment_binding as belonging
+from steradian.storage.data_dir.layout import UMASK, DataDirectory
+from steradian.storage.db.database import Database, metadata_url
+from steradian.storage.maintenance.permissions import require_writable
+from steradian.storage.maintenance.startup_check import MANY, check_before_start, is_database
 
 TICK = 0.1
 FIRST_BACKOFF, LAST_BACKOFF = 0.5, 30.0
@@ -245,7 +245,7 @@ def running_worker(settings: Settings) -> Iterator[None]:
     DataDirectoryInUse
         When a service owns the data directory; submit the job to it instead.
     """
-    from steradian.jobs.engine import prepare  # takes seconds to load
+    from steradian.jobs.queue.dbos import prepare  # takes seconds to load
 
     data = DataDirectory(settings.data)
     require_writable(data)

@@ -8,21 +8,21 @@ import signal
 import sys
 import threading
 
-from steradian.jobs.heap import share_one_heap
-from steradian.jobs.joining import join
-from steradian.jobs.kinds import KINDS
-from steradian.lifeline import end_with_stdin
-from steradian.logs import configure_logging
-from steradian.reconstructions.compiling import compile_ahead
+from steradian.core.exit_with_parent import end_with_stdin
+from steradian.core.logging_config import configure_logging
+from steradian.core.settings import Settings
+from steradian.jobs.registry import KINDS
+from steradian.jobs.worker.memory_tuning import share_one_heap
+from steradian.jobs.worker.readiness import join
+from steradian.reconstructions.warmup import compile_ahead
 from steradian.runtime.gpu import gpu_of_this_machine
 from steradian.runtime.heartbeat import Heartbeat
-from steradian.settings import Settings
-from steradian.storage.paths import DataDirectory
+from steradian.storage.data_dir.layout import DataDirectory
 
 _log = logging.getLogger(__name__)
 QUIET = 5.0
 """Seconds after which the first worker has compiled what jobs need: a service that begins has its processors busy."""
-CHILD = (sys.executable, "-P", "-m", "steradian.jobs.child")
+CHILD = (sys.executable, "-P", "-m", "steradian.jobs.worker.child")
 
 
 def main(slot: int) -> None:
@@ -42,8 +42,8 @@ def main(slot: int) -> None:
             later = threading.Timer(QUIET, compile_ahead)
             later.daemon = True  # its process ends with this one
             later.start()
-        from steradian.jobs.capabilities import Capabilities
-        from steradian.jobs.worker import run_worker
+        from steradian.jobs.queue.matching import Capabilities
+        from steradian.jobs.worker.main import run_worker
 
         has = Capabilities.of_this_machine(settings, gpu)
         run_worker(settings, slot, dict.fromkeys(KINDS, CHILD), has)

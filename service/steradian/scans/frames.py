@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 
 SAME_LIGHT = 0.5e-9
 """Wavelengths closer than this, in m, are one."""

@@ -10,8 +10,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.plain import plain
-from steradian.progress import IsCancelled, Progress
+from steradian.core.json_encoding import plain
+from steradian.core.progress import IsCancelled, Progress
 from steradian.quality.signals import SignalReport, inspect_signals
 from steradian.scans.opening import open_recording
 from steradian.scans.recording import Recording

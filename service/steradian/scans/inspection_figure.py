@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.drafts import draft
+from steradian.core.atomic_files import draft
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from steradian.errors import InvalidInput, NotFound
+from steradian.core.exceptions import InvalidInput, NotFound
+from steradian.scans.file.read import list_frames, read_scan
 from steradian.scans.frames import Frame, FrameChoice
 from steradian.scans.importing.opening import is_own, open_source
 from steradian.scans.importing.source import Source
-from steradian.scans.reading import list_frames, read_scan
 from steradian.scans.recording import Recording
 
 FIRST = FrameChoice()

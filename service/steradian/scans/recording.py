@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.validation import FloatArray
+from steradian.core.validation import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
+from steradian.core.settings import Settings
 from steradian.security.keys import KeyStore, Scope
-from steradian.settings import Settings
-from steradian.storage.database import Database
+from steradian.storage.db.database import Database
 
 
 def require_key(settings: Settings, database: Database) -> Path | None:

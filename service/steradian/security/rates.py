@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable
 
-from steradian.errors import SteradianError
+from steradian.core.exceptions import SteradianError
 
 MOST = 10_000
 """Callers that are kept in mind; the one that was away for the longest is forgotten first."""

@@ -7,7 +7,7 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import Final, Self
 
-from steradian.errors import Conflict
+from steradian.core.exceptions import Conflict
 
 
 class ScanState(StrEnum):

@@ -13,7 +13,7 @@ from fastapi.responses import HTMLResponse, JSONResponse, Response
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from werkzeug.http import parse_accept_header, parse_etags
 
-from steradian.errors import NotFound
+from steradian.core.exceptions import NotFound
 
 POLICY: Final = (
     "default-src 'none'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'; script-src 'self';"

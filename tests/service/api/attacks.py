@@ -5,7 +5,7 @@ A row more is a line more; ``{mask}``, ``{scan}`` and the like stand for things 
 
 from dataclasses import dataclass, field
 
-from steradian.api.security import ANYONE, SCOPES, V1
+from steradian.api.middleware.authentication import ANYONE, SCOPES, V1
 from steradian.security.keys import Scope
 
 from .conftest import EQUI, MAX_BODY, MAX_POINTS

@@ -5,13 +5,13 @@ import httpx
 import numpy as np
 import pytest
 
-from steradian.scans.clearing import FaultClerk
-from steradian.scans.port_watch import PortWatch
-from steradian.scans.store import AlineStore, create_scan_file
-from steradian.storage.clearing import Clearing
-from steradian.storage.plans import PlanRepository
-from steradian.storage.scanner_status import StatusBlock
-from steradian.storage.scans import ScanRepository
+from steradian.scans.acquisition.fault_clearing import FaultClerk
+from steradian.scans.acquisition.port_monitor import PortWatch
+from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.storage.data_dir.fault_requests import Clearing
+from steradian.storage.data_dir.scanner_status import StatusBlock
+from steradian.storage.repositories.plans import PlanRepository
+from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import ScanState
 from support.alines import Aline
 from support.apis import ApiProcess

@@ -7,10 +7,10 @@ import uuid
 import httpx
 import pytest
 
-from steradian.api.addresses import LONGEST
 from steradian.api.app import create_app
-from steradian.errors import InvalidInput
-from steradian.settings import OWN_PATHS, Settings
+from steradian.api.http.urls import LONGEST
+from steradian.core.exceptions import InvalidInput
+from steradian.core.settings import OWN_PATHS, Settings
 
 from .conftest import EQUI, api_of
 

@@ -9,10 +9,10 @@ import httpx
 import numpy as np
 import pytest
 
-from steradian.scans.store import AlineStore, create_scan_file
+from steradian.scans.file.writer import AlineStore, create_scan_file
 from steradian.security.keys import KeyStore, Scope
-from steradian.storage.plans import PlanRepository
-from steradian.storage.scans import ScanRepository
+from steradian.storage.repositories.plans import PlanRepository
+from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import ScanState
 from support.alines import Aline
 from support.processes import resident

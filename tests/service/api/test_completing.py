@@ -6,11 +6,11 @@ from contextlib import suppress
 import pytest
 from sqlalchemy import update
 
-from steradian.errors import NotFound
-from steradian.storage.scanners import ScannerRepository
-from steradian.storage.scans import ScanRepository
+from steradian.core.exceptions import NotFound
+from steradian.storage.db.tables import ScanRow
+from steradian.storage.repositories.scanners import ScannerRepository
+from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import ScanState
-from steradian.storage.tables import ScanRow
 
 
 def ask(http, plan_id, completes, **more):

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from steradian.imaging import Axes, Volume
-from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import Succeeded
-from steradian.reconstructions.volume_file import write_volume
-from steradian.storage.scans import ScanRepository
+from steradian.jobs.queue.ledger import JobLedger
+from steradian.reconstructions.volumes.file import write_volume
+from steradian.storage.repositories.scans import ScanRepository
 
 DOCUMENT = json.loads((Path(__file__).parents[3] / "docs" / "openapi.json").read_text())
 V1 = "/api/v1"

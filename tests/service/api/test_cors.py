@@ -3,8 +3,8 @@
 import httpx
 import pytest
 
-from steradian.errors import InvalidInput
-from steradian.settings import Settings
+from steradian.core.exceptions import InvalidInput
+from steradian.core.settings import Settings
 
 from .conftest import EQUI, api_of
 

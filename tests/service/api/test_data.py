@@ -7,7 +7,7 @@ import httpx
 import numpy as np
 import pytest
 
-from steradian.storage.scans import ScanRepository
+from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import ScanState
 
 

@@ -9,14 +9,14 @@ import httpx
 import pytest
 from sqlalchemy import func, select
 
-from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import JobRequest, Succeeded
-from steradian.storage.arrays import Folder
-from steradian.storage.deletion import remove_files
-from steradian.storage.events import EventLog
-from steradian.storage.scans import ScanRepository
+from steradian.jobs.queue.ledger import JobLedger
+from steradian.storage.blobs.interface import Folder
+from steradian.storage.db.tables import RemovalRow
+from steradian.storage.repositories.deletion import remove_files
+from steradian.storage.repositories.event_log import EventLog
+from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import ScanState
-from steradian.storage.tables import RemovalRow
 from support.waiting import until
 
 from .conftest import api_of

@@ -5,12 +5,12 @@ import threading
 
 import pytest
 
-from steradian.api import emergency
-from steradian.api.emergency import EmergencyDesk
-from steradian.storage.database import Database
-from steradian.storage.emergency import Deed, EmergencyLatch
-from steradian.storage.paths import DataDirectory
-from steradian.storage.scanners import SCANNER_ID, EmergencyStopped, ScannerRepository
+from steradian.api.background import emergency_stop as emergency
+from steradian.api.background.emergency_stop import EmergencyDesk
+from steradian.storage.data_dir.emergency_latch import Deed, EmergencyLatch
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.database import Database
+from steradian.storage.repositories.scanners import SCANNER_ID, EmergencyStopped, ScannerRepository
 from support.waiting import until
 
 HELD = 1.0

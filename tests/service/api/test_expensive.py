@@ -13,9 +13,9 @@ import httpx
 import numpy as np
 import pytest
 
-from steradian.api.problem_kinds import PROBLEMS
+from steradian.api.background.process_pool import OutOfReach, Workshop
+from steradian.api.errors.catalog import PROBLEMS
 from steradian.api.services import Services
-from steradian.api.workshop import OutOfReach, Workshop
 from support.processes import children_of
 
 from .conftest import api_of
@@ -207,7 +207,7 @@ def test_a_workshop_that_is_closed_says_so_to_whoever_comes():
 
 
 def test_the_processes_of_a_service_without_work_end(server, monkeypatch):
-    from steradian.api import workshop
+    from steradian.api.background import process_pool as workshop
 
     monkeypatch.setattr(workshop, "IDLE", 0.0)
     services = Services(server.settings)
@@ -231,7 +231,7 @@ def test_a_service_ends_after_what_looks_after_it(server, monkeypatch):
         services.ledger.unfinished()
         ended.set()
 
-    monkeypatch.setattr("steradian.jobs.queue.JobQueue.reconcile", reconcile)
+    monkeypatch.setattr("steradian.jobs.queue.client.JobQueue.reconcile", reconcile)
     services.open()
     assert begun.wait(250)
     services.close()

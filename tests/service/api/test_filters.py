@@ -7,13 +7,13 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from steradian.jobs.kinds import KINDS
-from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import Failed, Succeeded
+from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.registry import KINDS
 from steradian.masks import Arrangement
-from steradian.scans.store import AlineStore, create_scan_file
-from steradian.storage.plans import PlanRepository
-from steradian.storage.scans import ScanRepository
+from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.storage.repositories.plans import PlanRepository
+from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import ScanState
 from support.alines import Aline
 

@@ -6,7 +6,7 @@ import socket
 import httpx
 import pytest
 
-from steradian.storage.scans import ScanRepository
+from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import ScanState
 from support.disks import small_disk
 from support.waiting import until

@@ -10,20 +10,21 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from steradian.api import arrays, masks, scan_data
 from steradian.api.app import create_app
-from steradian.api.files import RangedFile
-from steradian.api.nodes import Nodes
-from steradian.api.tidying import tidy
-from steradian.errors import DamagedFile
+from steradian.api.background.peers import Nodes
+from steradian.api.background.retention import tidy
+from steradian.api.http import array_response as arrays
+from steradian.api.http.file_response import RangedFile
+from steradian.api.routers import masks, scan_data
+from steradian.core.exceptions import DamagedFile
+from steradian.core.settings import Settings
 from steradian.imaging import Axes, Volume
-from steradian.reconstructions.volume_file import write_volume
-from steradian.scans.store import AlineStore, create_scan_file
-from steradian.settings import Settings
-from steradian.storage.arrays import Folder
-from steradian.storage.object_store import FACT, ObjectStore
-from steradian.storage.paths import DataDirectory
-from steradian.storage.plans import PlanRepository
+from steradian.reconstructions.volumes.file import write_volume
+from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.storage.blobs.interface import Folder
+from steradian.storage.blobs.object_store import FACT, ObjectStore
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.repositories.plans import PlanRepository
 from support.alines import Aline
 from support.damage import BITS, spoil
 from support.stores import settings_of

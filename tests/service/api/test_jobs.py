@@ -11,12 +11,12 @@ import pytest
 from sqlalchemy import update
 
 from steradian.imaging import Axes, Volume
-from steradian.jobs import forms
-from steradian.jobs.kinds import KINDS
-from steradian.jobs.ledger import JobLedger
+from steradian.jobs import request_versions as forms
 from steradian.jobs.model import Succeeded
-from steradian.reconstructions.volume_file import write_volume
-from steradian.storage.tables import JobRow, ScanRow
+from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.registry import KINDS
+from steradian.reconstructions.volumes.file import write_volume
+from steradian.storage.db.tables import JobRow, ScanRow
 from support.processes import resident
 
 
@@ -344,7 +344,7 @@ def test_a_sweep_of_masks_is_a_what_if_for_each(http, scan_with_alines, mask):
 
 
 def test_all_wavelengths_of_a_scan_are_one_request(http, mask, server):
-    from steradian.storage.scans import ScanRepository
+    from steradian.storage.repositories.scans import ScanRepository
     from steradian.storage.states import ScanState
 
     body = {"mask_id": mask["id"], "samples": 256, "frames": 2, "excitation": [7e-7, 8e-7]}

@@ -7,8 +7,8 @@ import httpx
 import pytest
 
 from steradian.security.keys import KeyStore, Scope
-from steradian.storage.scanners import ScannerRepository
-from steradian.storage.scans import ScanRepository
+from steradian.storage.repositories.scanners import ScannerRepository
+from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import DesiredScanState, ScanState
 
 from .conftest import EQUI, api_of

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from steradian.api.feed import Feed
+from steradian.api.streaming.broadcaster import Feed
 
 
 @pytest.mark.parametrize("turns", range(6))

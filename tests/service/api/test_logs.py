@@ -10,7 +10,7 @@ import sys
 import httpx
 import pytest
 
-from steradian.logs import _Json, _Text, request_id
+from steradian.core.logging_config import _Json, _Text, request_id
 from support.apis import ApiProcess
 
 FORGED = {

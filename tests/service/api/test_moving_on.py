@@ -10,11 +10,11 @@ from datetime import UTC, datetime
 import pytest
 
 from steradian.api.app import create_app
-from steradian.api.events import BATCH, Filter, _frames
-from steradian.jobs.ledger import JobLedger
+from steradian.api.routers.events import BATCH, Filter, _frames
 from steradian.jobs.model import Failed, Succeeded
+from steradian.jobs.queue.ledger import JobLedger
 from steradian.security.keys import Principal, Scope
-from steradian.storage.events import EventLog, record
+from steradian.storage.repositories.event_log import EventLog, record
 
 SOMEBODY = Principal("ada", frozenset({Scope.READ}))
 

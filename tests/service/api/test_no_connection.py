@@ -8,10 +8,10 @@ import httpx
 import pytest
 
 from steradian.api.app import create_app
-from steradian.api.feed import Feed
-from steradian.settings import Settings
-from steradian.storage.database import Database, metadata_url
-from steradian.storage.events import record
+from steradian.api.streaming.broadcaster import Feed
+from steradian.core.settings import Settings
+from steradian.storage.db.database import Database, metadata_url
+from steradian.storage.repositories.event_log import record
 
 
 @pytest.fixture

@@ -4,9 +4,9 @@ import httpx
 import pytest
 from sqlalchemy import update
 
-from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import Succeeded
-from steradian.storage.tables import JobRow, PlanRow, ScanRow
+from steradian.jobs.queue.ledger import JobLedger
+from steradian.storage.db.tables import JobRow, PlanRow, ScanRow
 
 EARLIER = {
     "reconstruction": {

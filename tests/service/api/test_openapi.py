@@ -8,7 +8,7 @@ import httpx
 import pytest
 
 from steradian.api.app import create_app
-from steradian.settings import Settings
+from steradian.core.settings import Settings
 
 COMMITTED = Path(__file__).parents[3] / "docs" / "openapi.json"
 OPERATIONS = {
@@ -68,7 +68,7 @@ def document(tmp_path_factory):
 
 @pytest.mark.long
 def test_the_api_changes_only_with_its_committed_document(document):
-    """After a change on purpose: python -m steradian.api.documents > docs/openapi.json."""
+    """After a change on purpose: python -m steradian.api.export_openapi > docs/openapi.json."""
     assert json.loads(COMMITTED.read_text()) == document
 
 

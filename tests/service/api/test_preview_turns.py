@@ -6,8 +6,8 @@ import httpx
 import pytest
 
 from steradian.api.app import create_app
-from steradian.settings import Settings
-from steradian.storage.database import Database, metadata_url
+from steradian.core.settings import Settings
+from steradian.storage.db.database import Database, metadata_url
 
 from .conftest import EQUI
 

@@ -8,9 +8,9 @@ import httpx
 import pytest
 
 import steradian.api.app  # noqa: F401 - what a service imports, with every exception that it can raise
-from steradian.api import problem_kinds
-from steradian.api.problem_kinds import PROBLEMS
-from steradian.errors import SteradianError
+from steradian.api.errors import catalog as problem_kinds
+from steradian.api.errors.catalog import PROBLEMS
+from steradian.core.exceptions import SteradianError
 
 LISTED = Path(__file__).parents[3] / "docs" / "problems.md"
 JSON = {"Content-Type": "application/json"}
@@ -170,7 +170,7 @@ def test_every_refusal_of_ours_has_a_kind():
 
 
 def test_the_list_for_people_is_written_from_the_same_table(capsys):
-    """After a change on purpose: python -m steradian.api.problem_kinds > docs/problems.md."""
+    """After a change on purpose: python -m steradian.api.errors.catalog > docs/problems.md."""
     problem_kinds.main()
     assert capsys.readouterr().out == LISTED.read_text()
 

@@ -3,10 +3,10 @@
 import httpx
 import pytest
 
-from steradian.settings import Settings
-from steradian.storage.database import Database, metadata_url
-from steradian.storage.folder import bind
-from steradian.storage.paths import DataDirectory
+from steradian.core.settings import Settings
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.database import Database, metadata_url
+from steradian.storage.maintenance.binding import bind
 from support.waiting import until
 
 from .conftest import api_of

@@ -7,10 +7,10 @@ import httpx
 import pytest
 from sqlalchemy import select
 
-from steradian.jobs.forecast import forecast
-from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import Succeeded
-from steradian.storage.tables import JobRow
+from steradian.jobs.queue.estimates import forecast
+from steradian.jobs.queue.ledger import JobLedger
+from steradian.storage.db.tables import JobRow
 
 from .conftest import api_of, make_scan
 

@@ -9,12 +9,12 @@ import pytest
 from sqlalchemy import text
 
 from steradian.api.app import create_app
-from steradian.errors import DiskFull
-from steradian.jobs.ledger import JobLedger
+from steradian.core.exceptions import DiskFull
 from steradian.jobs.model import JobRequest, Succeeded
-from steradian.storage import disk
-from steradian.storage.disk import Arrivals, promised
-from steradian.storage.scans import ScanRepository
+from steradian.jobs.queue.ledger import JobLedger
+from steradian.storage.capacity import quota as disk
+from steradian.storage.capacity.quota import Arrivals, promised
+from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import ScanState
 from support.pairs import Pair
 

@@ -13,17 +13,17 @@ import pytest
 from sqlalchemy import select, text
 
 from steradian.api.app import create_app
-from steradian.api.job_checks import cost_of
-from steradian.api.tidying import tidy
+from steradian.api.background.retention import tidy
+from steradian.api.use_cases.admission import cost_of
+from steradian.core.settings import Settings
 from steradian.jobs.model import JobRequest, Succeeded
 from steradian.jobs.requests import ReconstructionRequest
-from steradian.settings import Settings
-from steradian.storage.database import Database, metadata_url
-from steradian.storage.dependence import Resource, closure
-from steradian.storage.disk import promised
-from steradian.storage.events import record
+from steradian.storage.capacity.quota import promised
+from steradian.storage.db.database import Database, metadata_url
+from steradian.storage.db.tables import JobRow, MaskRow, PlanRow, ReconstructionRow, ScannerRow, ScanRow
+from steradian.storage.repositories.event_log import record
+from steradian.storage.repositories.references import Resource, closure
 from steradian.storage.states import DesiredScanState, ScanState
-from steradian.storage.tables import JobRow, MaskRow, PlanRow, ReconstructionRow, ScannerRow, ScanRow
 from support.waiting import until
 
 GRID = {"arrangement": "grid", "aperture": 0.01, "interval": 1e-4}

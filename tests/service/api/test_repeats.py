@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from sqlalchemy import delete
 
+from steradian.core.json_encoding import plain
 from steradian.imaging import Axes, Volume
-from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import Succeeded
-from steradian.plain import plain
-from steradian.reconstructions.volume_file import write_volume
-from steradian.storage.events import EventLog
-from steradian.storage.tables import JobRow, ReconstructionRow
+from steradian.jobs.queue.ledger import JobLedger
+from steradian.reconstructions.volumes.file import write_volume
+from steradian.storage.db.tables import JobRow, ReconstructionRow
+from steradian.storage.repositories.event_log import EventLog
 
 
 def ask_twice(http, path, body, between):

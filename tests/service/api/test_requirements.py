@@ -6,8 +6,8 @@ from datetime import timedelta
 import httpx
 import pytest
 
-from steradian.jobs.capabilities import Capabilities, Notice
-from steradian.storage.repository import utc_now
+from steradian.jobs.queue.matching import Capabilities, Notice
+from steradian.storage.repositories.base import utc_now
 
 from .conftest import api_of, make_scan
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from steradian.masks import aimed, equi_steradian_mask, hexagonal_interval, hexagonal_mask
-from steradian.storage.scans import ScanRepository
+from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import ScanState
 
 

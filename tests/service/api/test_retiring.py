@@ -6,9 +6,9 @@ import httpx
 import pytest
 from sqlalchemy import select
 
-from steradian.storage.scans import ScanRepository
+from steradian.storage.db.tables import ScannerRow
+from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import ScanState
-from steradian.storage.tables import ScannerRow
 from support.apis import ApiProcess
 from support.pairs import NOBODY, Pair
 from support.waiting import until

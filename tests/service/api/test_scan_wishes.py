@@ -2,7 +2,7 @@
 
 import pytest
 
-from steradian.storage.scans import ScanRepository
+from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import ScanState
 
 S = ScanState

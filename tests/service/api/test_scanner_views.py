@@ -5,11 +5,11 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from steradian.api.scanner_views import ScannerView
-from steradian.storage.database import Database
-from steradian.storage.paths import DataDirectory
-from steradian.storage.scanner_status import CURRENT_ELSEWHERE, ScannerStatus
-from steradian.storage.scanners import ScannerRepository
+from steradian.api.schemas.scanners import ScannerView
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.data_dir.scanner_status import CURRENT_ELSEWHERE, ScannerStatus
+from steradian.storage.db.database import Database
+from steradian.storage.repositories.scanners import ScannerRepository
 
 FAULT = {"code": 1, "name": "interlock-opened", "title": "it opened", "remedy": "close it", "clearable": False}
 

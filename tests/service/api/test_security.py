@@ -7,12 +7,12 @@ import pytest
 from fastapi.routing import APIRoute
 
 from steradian.api import app as application
-from steradian.api.security import ANYONE, SCOPES
-from steradian.errors import InvalidInput
+from steradian.api.middleware.authentication import ANYONE, SCOPES
+from steradian.core.exceptions import InvalidInput
+from steradian.core.settings import Settings
 from steradian.security.admission import require_key
 from steradian.security.keys import KeyStore, Scope, Unauthorized
-from steradian.settings import Settings
-from steradian.storage.database import Database
+from steradian.storage.db.database import Database
 from support.apis import ApiProcess
 
 from .conftest import api_of

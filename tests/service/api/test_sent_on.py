@@ -11,10 +11,10 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import httpx
 import pytest
 
-from steradian.api import nodes
-from steradian.storage.clearing import ClearAnswer, Clearing
-from steradian.storage.emergency import Deed
-from steradian.storage.tables import EventRow
+from steradian.api.background import peers as nodes
+from steradian.storage.data_dir.emergency_latch import Deed
+from steradian.storage.data_dir.fault_requests import ClearAnswer, Clearing
+from steradian.storage.db.tables import EventRow
 from support.apis import ApiProcess
 from support.pairs import NOBODY, SECRET, Pair
 from support.waiting import until

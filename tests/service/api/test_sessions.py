@@ -7,7 +7,7 @@ from datetime import UTC, datetime, timedelta
 import httpx
 import pytest
 
-from steradian.api.security import AT_ONCE, CHANGE
+from steradian.api.middleware.authentication import AT_ONCE, CHANGE
 from steradian.security.keys import KeyStore, Scope, Unauthorized
 from steradian.security.sessions import LIFETIME, MOST, SessionStore
 from support.waiting import until

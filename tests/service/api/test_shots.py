@@ -5,7 +5,7 @@ import io
 import numpy as np
 import pytest
 
-from steradian.scans.store import AlineStore, Upload
+from steradian.scans.file.writer import AlineStore, Upload
 from support.alines import Aline
 
 COLUMNS = "points frames stored shot fire_time energy quality averages time_zero level gain".split()

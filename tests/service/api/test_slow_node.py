@@ -5,10 +5,10 @@ import socket
 import anyio
 from starlette.requests import Request
 
-from steradian.api import nodes
+from steradian.api.background import peers as nodes
+from steradian.core.settings import Settings
 from steradian.security.keys import Principal
-from steradian.settings import Settings
-from steradian.storage.tables import ScannerRow
+from steradian.storage.db.tables import ScannerRow
 
 
 def request():

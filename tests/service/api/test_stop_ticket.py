@@ -9,11 +9,11 @@ import httpx
 import pytest
 
 from steradian.api.app import create_app
-from steradian.api.security import SCOPES
+from steradian.api.middleware.authentication import SCOPES
+from steradian.core.settings import Settings
 from steradian.security.keys import KeyStore, Principal, Scope, Unauthorized
 from steradian.security.stop_tickets import LIFETIME, LONGEST, StopTickets, shared_secret, stored_secret
-from steradian.settings import Settings
-from steradian.storage.database import Database, metadata_url
+from steradian.storage.db.database import Database, metadata_url
 from support.waiting import until
 
 from .conftest import api_of

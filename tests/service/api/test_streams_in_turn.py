@@ -2,7 +2,7 @@
 
 import asyncio
 
-from steradian.api.middleware import AT_ONCE, STREAMS, StreamsInTurn
+from steradian.api.middleware.base import AT_ONCE, STREAMS, StreamsInTurn
 
 CROWD = 200
 

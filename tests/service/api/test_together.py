@@ -7,12 +7,12 @@ import uuid
 import httpx
 import pytest
 
-from steradian.api.looks import Looks
-from steradian.api.stamps import Stamps, question_of
-from steradian.api.together import LARGEST, MOST_KEPT, Together
-from steradian.jobs.ledger import JobLedger
-from steradian.storage.scans import ScanRepository
-from steradian.storage.stamps import Question
+from steradian.api.background.batcher import Looks
+from steradian.api.middleware.response_cache import LARGEST, MOST_KEPT, Together
+from steradian.api.middleware.validators import Stamps, question_of
+from steradian.jobs.queue.ledger import JobLedger
+from steradian.storage.repositories.scans import ScanRepository
+from steradian.storage.repositories.validators import Question
 from steradian.storage.states import ScanState
 
 from .conftest import EQUI

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from steradian.imaging import Axes, Volume
-from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import Succeeded
-from steradian.reconstructions import stored_values
-from steradian.reconstructions.projections import project
-from steradian.reconstructions.stored_volume import StoredVolume
-from steradian.reconstructions.volume_file import write_projections, write_volume
-from steradian.reconstructions.zarr_hierarchy import member
+from steradian.jobs.queue.ledger import JobLedger
+from steradian.reconstructions.volumes import lazy_array as stored_values
+from steradian.reconstructions.volumes.file import write_projections, write_volume
+from steradian.reconstructions.volumes.projections import project
+from steradian.reconstructions.volumes.reader import StoredVolume
+from steradian.reconstructions.volumes.zarr_view import member
 
 RAW = {"Accept": "application/octet-stream"}
 SHAPE, SPACING = (9, 10, 23), (1e-4, 2e-4, 3e-5)

@@ -4,11 +4,11 @@ import asyncio
 import time
 from types import SimpleNamespace
 
-from steradian.api.dependencies import Patience
-from steradian.api.feed import Feed
+from steradian.api.params.dependencies import Patience
 from steradian.api.services import Services
+from steradian.api.streaming.broadcaster import Feed
+from steradian.core.settings import Settings
 from steradian.jobs.model import JobRequest
-from steradian.settings import Settings
 
 
 class Present:

@@ -16,7 +16,7 @@ from steradian.benchmarks.paper.markdown import number, spread, table
 from steradian.benchmarks.paper.page import BEGIN, END, claims_of, page, put_into_readme, readme_block
 from steradian.benchmarks.paper.sections import NAMES, Claim, Verdict, sections
 from steradian.cli.app import app
-from steradian.errors import Cancelled, InvalidInput
+from steradian.core.exceptions import Cancelled, InvalidInput
 
 ROOT = Path(__file__).parents[3]
 DOCS = ROOT / "docs"

@@ -17,7 +17,7 @@ from typer.main import get_command
 from steradian.cli.app import app
 from steradian.cli.console import duration, frequency, length, speed
 from steradian.quality import correlation
-from steradian.reconstructions.volume_file import read_volume
+from steradian.reconstructions.volumes.file import read_volume
 from steradian.scans.opening import open_recording
 from support.commands import run_here
 

@@ -6,9 +6,9 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 from steradian.security.keys import KeyStore, Scope, Unauthorized
-from steradian.storage.database import Database
-from steradian.storage.paths import DataDirectory
-from steradian.storage.tables import ScannerRow
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.database import Database
+from steradian.storage.db.tables import ScannerRow
 from support.commands import command as run
 
 

@@ -11,7 +11,7 @@ import pytest
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.plans.files import write_value
-from steradian.reconstructions.volume_file import read_volume
+from steradian.reconstructions.volumes.file import read_volume
 from support.commands import run_here
 
 YARN = Path(__file__).parents[2] / "data" / "yarn_kwave_slice.npz"

@@ -8,14 +8,14 @@ from sqlalchemy import text
 from typer.testing import CliRunner
 
 from steradian.cli.app import app
-from steradian.errors import Conflict, InvalidInput, NotFound
-from steradian.jobs.engine import prepare
-from steradian.jobs.ledger import JobLedger
+from steradian.core.exceptions import Conflict, InvalidInput, NotFound
+from steradian.core.settings import Settings
 from steradian.jobs.model import JobRequest, Succeeded
-from steradian.settings import Settings
-from steradian.storage.database import Database, metadata_url
-from steradian.storage.deletion import InUse
-from steradian.storage.paths import DataDirectory
+from steradian.jobs.queue.dbos import prepare
+from steradian.jobs.queue.ledger import JobLedger
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.database import Database, metadata_url
+from steradian.storage.repositories.deletion import InUse
 
 
 @pytest.fixture

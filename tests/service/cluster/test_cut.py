@@ -6,9 +6,9 @@ from datetime import timedelta
 
 import pytest
 
-from steradian.settings import Settings
-from steradian.storage.database import Database, metadata_url
-from steradian.storage.object_store import ObjectStore
+from steradian.core.settings import Settings
+from steradian.storage.blobs.object_store import ObjectStore
+from steradian.storage.db.database import Database, metadata_url
 from support.cluster import Cluster, Worker
 from support.proxy import Proxy
 from support.waiting import until

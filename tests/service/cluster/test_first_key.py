@@ -6,10 +6,10 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from sqlalchemy import text
 
+from steradian.core.settings import Settings
 from steradian.security.admission import require_key
 from steradian.security.keys import KeyStore
-from steradian.settings import Settings
-from steradian.storage.database import Database, metadata_url
+from steradian.storage.db.database import Database, metadata_url
 
 pytestmark = pytest.mark.long
 

@@ -17,11 +17,11 @@ import pytest
 from sqlalchemy import select
 
 from fabry_perot.simulator import launch
-from steradian.settings import Settings
-from steradian.storage.database import Database, metadata_url
-from steradian.storage.moved_on import has_moved_on
-from steradian.storage.object_store import ObjectStore
-from steradian.storage.tables import ScanRow
+from steradian.core.settings import Settings
+from steradian.storage.blobs.object_store import ObjectStore
+from steradian.storage.blobs.staleness import has_moved_on
+from steradian.storage.db.database import Database, metadata_url
+from steradian.storage.db.tables import ScanRow
 from support.cluster import Cluster
 from support.waiting import until
 

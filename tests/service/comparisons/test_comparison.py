@@ -11,7 +11,7 @@ import steradian
 from steradian import InvalidInput
 from steradian.cli.mask import app
 from steradian.comparisons import Simulation, compare_masks, phantom, promised
-from steradian.errors import Cancelled
+from steradian.core.exceptions import Cancelled
 from steradian.imaging import Axes, Volume
 from steradian.masks import counted_mask, equiangular_mask, write_mask
 from steradian.masks.promises import promises

@@ -5,8 +5,8 @@ import sys
 import threading
 from pathlib import Path
 
+from steradian.core.settings import Settings
 from steradian.runtime import supervisor
-from steradian.settings import Settings
 
 HERE = Path(__file__)
 

@@ -7,7 +7,7 @@ import sys
 import h5py
 import pytest
 
-from steradian.scans.check import check_scan_file
+from steradian.scans.file.verify import check_scan_file
 from support.services import Service
 from support.waiting import until
 

@@ -11,7 +11,7 @@ import h5py
 import httpx
 import pytest
 
-from steradian.storage.events import EventLog
+from steradian.storage.repositories.event_log import EventLog
 from steradian.storage.states import ReconstructionState, is_terminal
 
 pytestmark = [pytest.mark.crash, pytest.mark.timeout(180)]

@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 import httpx
 import pytest
 
-from steradian.storage.events import EventLog
+from steradian.storage.repositories.event_log import EventLog
 
 CUTS, JOBS = 50, 10
 pytestmark = [pytest.mark.crash, pytest.mark.timeout(180)]

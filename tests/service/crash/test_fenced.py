@@ -8,7 +8,7 @@ import sys
 import filelock
 import pytest
 
-from steradian.storage.paths import DataDirectory
+from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.states import ReconstructionState, is_terminal
 from support.proxy import Proxy
 
@@ -17,9 +17,9 @@ R = ReconstructionState
 SUBMIT = """
 import os, signal, sys
 from sqlalchemy import event
-from steradian.jobs.queue import JobQueue
+from steradian.jobs.queue.client import JobQueue
 from steradian.jobs.model import JobRequest
-from steradian.settings import Settings
+from steradian.core.settings import Settings
 moment, name, folder = sys.argv[1:]
 queue = JobQueue(Settings.create())
 kill = lambda *_: os.kill(os.getpid(), signal.SIGKILL)

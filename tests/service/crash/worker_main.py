@@ -6,13 +6,13 @@ import sys
 import threading
 from pathlib import Path
 
-from steradian.jobs.joining import join
-from steradian.jobs.worker import run_worker
-from steradian.lifeline import end_with_stdin
-from steradian.logs import configure_logging
+from steradian.core.exit_with_parent import end_with_stdin
+from steradian.core.logging_config import configure_logging
+from steradian.core.settings import Settings
+from steradian.jobs.worker.main import run_worker
+from steradian.jobs.worker.readiness import join
 from steradian.runtime.heartbeat import Heartbeat
-from steradian.settings import Settings
-from steradian.storage.paths import DataDirectory
+from steradian.storage.data_dir.layout import DataDirectory
 
 if __name__ == "__main__":
     settings, slot = Settings.create(), int(sys.argv[1])
@@ -26,6 +26,6 @@ if __name__ == "__main__":
             slot,
             {
                 "echo": [sys.executable, str(echo)],
-                "reconstruction": [sys.executable, "-m", "steradian.jobs.child"],
+                "reconstruction": [sys.executable, "-m", "steradian.jobs.worker.child"],
             },
         )

@@ -17,7 +17,7 @@ from steradian.masks import counted_mask, equi_steradian_mask, equiangular_mask,
 from steradian.masks.picture import mask_page
 from steradian.plans import ScanPlan, VisitOrder
 from steradian.plans.picture import plan_page
-from steradian.reconstructions.pictures import draw_depth_coded, draw_mip
+from steradian.reconstructions.volumes.images import draw_depth_coded, draw_mip
 
 SIZES = (240, 720, 1500)
 WIDTHS = (640, 1320, 2200)

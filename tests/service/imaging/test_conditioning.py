@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.imaging import Axes, Conditioning, Display, Volume, rim_weights
 
 DT = 1e-8

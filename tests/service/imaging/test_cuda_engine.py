@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steradian.errors import Cancelled, InvalidInput
+from steradian.core.exceptions import Cancelled, InvalidInput
 from steradian.imaging import Correction, ElasticFilm, ReconstructionPlan, direct_spectrum, kaiser_bessel, spectrum_of
 from steradian.imaging.engines import Watch, image_of, traces_of
 from steradian.imaging.engines.array import ArrayEngine

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.imaging import Iterative, ReconstructionPlan, reconstruct
 from steradian.imaging.engines.cuda import backend
 from steradian.imaging.operators import ForwardOperator

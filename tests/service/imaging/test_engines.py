@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steradian.errors import Cancelled
+from steradian.core.exceptions import Cancelled
 from steradian.imaging import Correction, ElasticFilm, ReconstructionPlan, kaiser_bessel
 from steradian.imaging.engines import Watch, image_of, traces_of
 from steradian.imaging.engines.array import ArrayEngine

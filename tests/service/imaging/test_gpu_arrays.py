@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from steradian.imaging import Iterative, ReconstructionPlan, Volume
-from steradian.imaging.arrays import beside, in_memory
-from steradian.imaging.band import refined
-from steradian.imaging.descent import Descent
+from steradian.imaging.engines.array_namespace import beside, in_memory
+from steradian.imaging.iterative.fista import Descent
+from steradian.imaging.iterative.ista import Thresholding
 from steradian.imaging.operators import ForwardOperator
-from steradian.imaging.thresholding import Thresholding
+from steradian.imaging.signal.bandwidth import refined
 from support.remote import Remote
 
 SIDE = 1e-3

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steradian.errors import Cancelled, InvalidInput
+from steradian.core.exceptions import Cancelled, InvalidInput
 from steradian.imaging import ReconstructionPlan, Volume
-from steradian.imaging.growing import GrowingReconstruction
+from steradian.imaging.incremental import GrowingReconstruction
 
 SIDE = 0.01
 AXIS = (np.arange(16) - 8) * SIDE / 16

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.imaging import Iterative, ReconstructionPlan, Volume, direct_spectrum, reconstruct, spectrum_of
 from steradian.imaging.engines import image_of
 from steradian.imaging.engines.array import ArrayEngine
-from steradian.imaging.growing import GrowingReconstruction
+from steradian.imaging.incremental import GrowingReconstruction
 from steradian.imaging.transforms.decimation import decimation
 from steradian.masks import equi_steradian_mask
 

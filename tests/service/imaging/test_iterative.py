@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from fabry_perot.simulator.phantoms import Balls, initial_pressure, pressure, yarn
-from steradian.errors import Cancelled, InvalidInput
+from steradian.core.exceptions import Cancelled, InvalidInput
 from steradian.imaging import Iterative, reconstruct
-from steradian.imaging.band import refined, signal_band, thinned, thinning
-from steradian.imaging.iterative import reconstruct_iteratively
+from steradian.imaging.iterative.solve import reconstruct_iteratively
+from steradian.imaging.signal.bandwidth import refined, signal_band, thinned, thinning
 from steradian.masks import equi_steradian_mask
 from steradian.quality import correlation
 

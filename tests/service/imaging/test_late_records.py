@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.imaging import Iterative, ReconstructionPlan, Volume, direct_spectrum, reconstruct
 from steradian.imaging.engines import image_of
 from steradian.imaging.engines.array import ArrayEngine
-from steradian.imaging.iterative import reconstruct_iteratively
+from steradian.imaging.iterative.solve import reconstruct_iteratively
 from steradian.imaging.operators import ForwardOperator
 from steradian.phantoms import Balls, pressure
 

@@ -10,7 +10,7 @@ import pytest
 from scipy.sparse.linalg import LinearOperator, lsqr
 
 from fabry_perot.simulator.phantoms import Balls, initial_pressure, pressure
-from steradian.errors import Cancelled, InvalidInput
+from steradian.core.exceptions import Cancelled, InvalidInput
 from steradian.imaging import reconstruct
 from steradian.imaging.operators import ForwardOperator
 

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steradian.errors import Cancelled, InvalidInput
+from steradian.core.exceptions import Cancelled, InvalidInput
+from steradian.core.system_resources import cores
 from steradian.imaging import Axes, ReconstructionPlan, Volume, reconstruct, voronoi_weights
-from steradian.imaging.outlines import holds
+from steradian.imaging.geometry.polygons import holds
+from steradian.imaging.geometry.sensor_areas import sensed_outline
 from steradian.imaging.parameters import Parameters
-from steradian.imaging.weights import sensed_outline
-from steradian.machine import cores
 
 RNG = np.random.default_rng(0)
 POSITIONS = (RNG.random((40, 2)) - 0.5) * 0.01
@@ -66,7 +66,7 @@ def test_who_wants_to_cancel_is_asked_between_small_pieces_and_progress_counts_u
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Once 50 ms have passed, the next question comes after at most one piece; counted, since clocks tell of others."""
-    monkeypatch.setattr("steradian.imaging.workers._POLL", 0.0)
+    monkeypatch.setattr("steradian.imaging.compute.thread_pool._POLL", 0.0)
     positions = (RNG.random((3000, 2)) - 0.5) * 0.01
     plan = ReconstructionPlan(positions, samples=512, **{**COMMON, "modes": 300, "threads": 1})
     traces = np.ones((3000, 512), np.float32)

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
+from steradian.core.system_resources import available, cores, room_of_groups
 from steradian.imaging import Correction, ElasticFilm, Iterative, ReconstructionPlan, Window, kaiser_bessel, reconstruct
-from steradian.imaging.iterative import reconstruct_iteratively
+from steradian.imaging.iterative.solve import reconstruct_iteratively
 from steradian.imaging.operators import ForwardOperator
-from steradian.machine import available, cores, room_of_groups
 from steradian.masks import equi_steradian_mask, equiangular_mask
 
 MASK = equi_steradian_mask(13.56e-3, 3.6e-3, 100)
@@ -178,7 +178,7 @@ import resource, numpy as np
 resource.setrlimit(resource.RLIMIT_AS, (6 << 30, 6 << 30))
 from steradian import InvalidInput, reconstruct
 from steradian.imaging import ReconstructionPlan
-from steradian.imaging.iterative import reconstruct_iteratively
+from steradian.imaging.iterative.solve import reconstruct_iteratively
 from steradian.imaging.operators import ForwardOperator
 rng = np.random.default_rng(0)
 positions, traces = (rng.random((40, 2)) - 0.5) * 0.01, rng.standard_normal((40, 64)).astype(np.float32)

@@ -9,9 +9,9 @@ import pytest
 
 from fabry_perot.simulator.film import directivity, low_pass
 from fabry_perot.simulator.phantoms import Balls, pressure
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.imaging import Correction, ElasticFilm, MeasuredFilm, reconstruct
-from steradian.imaging.response import tabulated
+from steradian.imaging.film_response import tabulated
 from steradian.masks.sensor import attenuation_db
 from steradian.reconstructions.film import Film, SimulatedFilm
 

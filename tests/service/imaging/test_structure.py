@@ -52,7 +52,7 @@ def test_nobody_reaches_into_another_s_private_parts(name: str) -> None:
     assert not reached
 
 
-@pytest.mark.parametrize("name", [name for name, path in SOURCES.items() if "steradian.compiled" in path.read_text()])
+@pytest.mark.parametrize("name", [name for name, path in SOURCES.items() if "steradian.core.jit" in path.read_text()])
 def test_kernels_take_few_arguments(name: str) -> None:
     functions = [node for node in ast.walk(TREES[name]) if isinstance(node, ast.FunctionDef)]
     taken = {f.name: len(f.args.args) + len(f.args.posonlyargs) + len(f.args.kwonlyargs) for f in functions}
@@ -61,7 +61,7 @@ def test_kernels_take_few_arguments(name: str) -> None:
 
 def test_importing_the_library_needs_no_compiler() -> None:
     """Tables and plans are made without Numba; the first run imports it."""
-    late = {name for name, path in SOURCES.items() if "steradian.compiled" in path.read_text()}
+    late = {name for name, path in SOURCES.items() if "steradian.core.jit" in path.read_text()}
     for name in TREES.keys() - late:
         tops = [node for node in TREES[name].body if isinstance(node, ast.ImportFrom)]
         assert not {n.module for n in tops} & late, name

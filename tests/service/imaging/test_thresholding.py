@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from steradian import phantoms
-from steradian.errors import Cancelled, InvalidInput
+from steradian.core.exceptions import Cancelled, InvalidInput
 from steradian.imaging import Iterative, reconstruct
-from steradian.imaging.iterative import reconstruct_iteratively
-from steradian.imaging.thresholding import level, spread
+from steradian.imaging.iterative.ista import level, spread
+from steradian.imaging.iterative.solve import reconstruct_iteratively
 from steradian.masks import equi_steradian_mask
 from steradian.quality import correlation
 
@@ -186,7 +186,7 @@ import sys
 import numpy as np
 from pathlib import Path
 from steradian import phantoms
-from steradian.imaging.iterative import reconstruct_iteratively
+from steradian.imaging.iterative.solve import reconstruct_iteratively
 from steradian.masks import equi_steradian_mask
 
 def peak():

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from steradian.jobs.queue import JobQueue
-from steradian.settings import Settings
+from steradian.core.settings import Settings
+from steradian.jobs.queue.client import JobQueue
 from support.echo import EchoQueue
 from support.waiting import until
 
 WORKER = """
 import sys
-from steradian.settings import Settings
-from steradian.jobs.worker import run_worker
+from steradian.core.settings import Settings
+from steradian.jobs.worker.main import run_worker
 run_worker(Settings.create(), 0, {"echo": [sys.executable, sys.argv[1]]})
 """
 

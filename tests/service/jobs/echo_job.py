@@ -6,9 +6,9 @@ import signal
 import time
 from pathlib import Path
 
-from steradian.errors import InvalidInput, NotFound
-from steradian.jobs.process import child_main
-from steradian.storage.job_directory import JobDirectory
+from steradian.core.exceptions import InvalidInput, NotFound
+from steradian.jobs.worker.process import child_main
+from steradian.storage.data_dir.job_directory import JobDirectory
 
 
 def work(job, progress):
@@ -63,7 +63,7 @@ def work(job, progress):
             time.sleep(payload.get("seconds", 0))
             return {"start": job["start"]}
         case "count threads":
-            from steradian.imaging.workers import available
+            from steradian.imaging.compute.thread_pool import available
 
             return {"threads": available()}
         case "hang":

@@ -8,16 +8,16 @@ from pathlib import Path
 
 import pytest
 
-from steradian.errors import InvalidInput
-from steradian.jobs.capabilities import Capabilities, Notice, awaited, check_met, count_unmet, workers
-from steradian.jobs.forecast import backlog, forecast
-from steradian.jobs.kinds import LIVE
-from steradian.jobs.ledger import JobLedger
+from steradian.core.exceptions import InvalidInput
+from steradian.core.settings import Settings
+from steradian.core.system_resources import installed
 from steradian.jobs.model import JobRequest, Requirements
-from steradian.machine import installed
-from steradian.settings import Settings
-from steradian.storage.database import Database, metadata_url
-from steradian.storage.paths import DataDirectory
+from steradian.jobs.queue.estimates import backlog, forecast
+from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.queue.matching import Capabilities, Notice, awaited, check_met, count_unmet, workers
+from steradian.jobs.registry import LIVE
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.states import ReconstructionState
 from support.waiting import until
 
@@ -25,9 +25,9 @@ GIB = 2**30
 NOW = datetime(2026, 1, 1, tzinfo=UTC)
 WORKER = """
 import sys
-from steradian.settings import Settings
-from steradian.jobs.capabilities import Capabilities
-from steradian.jobs.worker import run_worker
+from steradian.core.settings import Settings
+from steradian.jobs.queue.matching import Capabilities
+from steradian.jobs.worker.main import run_worker
 _, slot, memory, cores, gpu, job = sys.argv
 has = Capabilities(int(memory), int(cores), gpu or None)
 run_worker(Settings.create(), int(slot), {"echo": [sys.executable, job]}, has)

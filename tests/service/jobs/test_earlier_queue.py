@@ -10,10 +10,10 @@ from alembic import command
 from alembic.config import Config
 from dbos import DBOS, DBOSClient
 
-from steradian.settings import Settings
-from steradian.storage.database import MIGRATIONS, Database, metadata_url
+from steradian.core.settings import Settings
+from steradian.storage.db.database import MIGRATIONS, Database, metadata_url
+from steradian.storage.db.sqlite_compat import with_subseconds
 from steradian.storage.states import ReconstructionState, is_terminal
-from steradian.storage.subseconds import with_subseconds
 from support.waiting import until
 
 R = ReconstructionState

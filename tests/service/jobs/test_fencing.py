@@ -6,13 +6,13 @@ from pathlib import Path
 import filelock
 import pytest
 
-from steradian.drafts import draft, signed
-from steradian.errors import Superseded
-from steradian.jobs.ledger import JobLedger
+from steradian.core.atomic_files import draft, signed
+from steradian.core.exceptions import Superseded
 from steradian.jobs.model import MAX_INTERRUPTIONS, Died, Interrupted, JobRequest, Succeeded
-from steradian.storage.database import Database
-from steradian.storage.job_directory import JobDirectory
-from steradian.storage.paths import DataDirectory
+from steradian.jobs.queue.ledger import JobLedger
+from steradian.storage.data_dir.job_directory import JobDirectory
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.database import Database
 from steradian.storage.states import ReconstructionState
 from support.waiting import until
 

@@ -4,13 +4,13 @@ import json
 
 import pytest
 
-from steradian.errors import Conflict
-from steradian.jobs import forms
-from steradian.jobs.kinds import KINDS
-from steradian.jobs.ledger import JobLedger
+from steradian.core.exceptions import Conflict
+from steradian.jobs import request_versions as forms
+from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.registry import KINDS
 from steradian.jobs.requests import EXAMPLES, ReconstructionRequest, SoundSpeedRequest, job_of
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.storage.database import Database, metadata_url
+from steradian.storage.db.database import Database, metadata_url
 from support.services import Service
 from support.waiting import until
 

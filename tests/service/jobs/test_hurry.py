@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from steradian.jobs.hurrying import BUSY_POLL, HURRIED_POLL, hurried
+from steradian.jobs.worker.polling import BUSY_POLL, HURRIED_POLL, hurried
 
 
 class Runner:

@@ -10,11 +10,11 @@ import pytest
 from alembic import command
 from alembic.config import Config
 
-from steradian.jobs.engine import prepare
-from steradian.settings import Settings
-from steradian.storage.database import MIGRATIONS, Database, metadata_url
-from steradian.storage.folder import bind
-from steradian.storage.paths import DataDirectory
+from steradian.core.settings import Settings
+from steradian.jobs.queue.dbos import prepare
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.database import MIGRATIONS, Database, metadata_url
+from steradian.storage.maintenance.binding import bind
 from steradian.storage.states import ReconstructionState
 from support.waiting import until
 

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from steradian.jobs.model import Succeeded
-from steradian.jobs.process import JobProcess
+from steradian.jobs.worker.process import JobProcess
 
 ECHO = str(Path(__file__).with_name("echo_job.py"))
 

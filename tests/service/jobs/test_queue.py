@@ -8,9 +8,9 @@ from contextlib import closing
 
 import pytest
 
-from steradian.errors import Conflict, NotFound
+from steradian.core.exceptions import Conflict, NotFound
 from steradian.jobs.model import JobRequest
-from steradian.jobs.queue import JobQueue
+from steradian.jobs.queue.client import JobQueue
 from steradian.storage.states import ReconstructionState
 from support.processes import are_gone
 from support.waiting import until

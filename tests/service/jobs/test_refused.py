@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from sqlalchemy import text
 
-from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import JobRequest, Succeeded
-from steradian.jobs.runner import JobRunner
-from steradian.storage.paths import DataDirectory
+from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.worker.runner import JobRunner
+from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.states import ReconstructionState
 from support.waiting import until
 

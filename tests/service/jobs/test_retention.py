@@ -6,17 +6,17 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
+from steradian.api.background.retention import tidy
 from steradian.api.services import Services
-from steradian.api.tidying import tidy
+from steradian.core.settings import Settings
 from steradian.jobs.model import Failed, JobRequest, Succeeded
 from steradian.jobs.requests import ImportRequest, job_of
 from steradian.masks import grid_mask
 from steradian.plans import ScanPlan
-from steradian.settings import Settings
-from steradian.storage.ages import HELD, Ages
-from steradian.storage.database import Database, metadata_url
+from steradian.storage.db.database import Database, metadata_url
+from steradian.storage.db.tables import EventRow
+from steradian.storage.maintenance.record_ages import HELD, Ages
 from steradian.storage.states import ReconstructionState
-from steradian.storage.tables import EventRow
 
 
 class Clock:

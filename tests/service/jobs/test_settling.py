@@ -3,16 +3,16 @@
 import pytest
 from sqlalchemy import text
 
-from steradian.jobs.capabilities import Capabilities, Notice
-from steradian.jobs.kinds import LIVE
 from steradian.jobs.model import JobRequest, Requirements
-from steradian.jobs.turns import TURNS
+from steradian.jobs.queue.fair_queueing import TURNS
+from steradian.jobs.queue.matching import Capabilities, Notice
+from steradian.jobs.registry import LIVE
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.storage.masks import MaskRepository
-from steradian.storage.plans import PlanRepository
-from steradian.storage.scanners import ScannerRepository
-from steradian.storage.scans import ScanRepository
+from steradian.storage.repositories.masks import MaskRepository
+from steradian.storage.repositories.plans import PlanRepository
+from steradian.storage.repositories.scanners import ScannerRepository
+from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import ReconstructionState, ScanState
 
 R = ReconstructionState

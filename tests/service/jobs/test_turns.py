@@ -10,17 +10,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sqlalchemy import select, text
 
-from steradian.jobs.forecast import forecast
-from steradian.jobs.kinds import LIVE
-from steradian.jobs.ledger import JobLedger
+from steradian.core.settings import Settings
 from steradian.jobs.model import JobRequest, Succeeded
-from steradian.jobs.queue import JobQueue
-from steradian.jobs.turns import ORDER, place
-from steradian.settings import Settings
-from steradian.storage.database import Database, metadata_url
-from steradian.storage.paths import DataDirectory
+from steradian.jobs.queue.client import JobQueue
+from steradian.jobs.queue.estimates import forecast
+from steradian.jobs.queue.fair_queueing import ORDER, place
+from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.registry import LIVE
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.database import Database, metadata_url
+from steradian.storage.db.tables import JobRow
 from steradian.storage.states import ReconstructionState
-from steradian.storage.tables import JobRow
 
 NUMBERS = count()
 WAITING = select(JobRow).where(JobRow.state == ReconstructionState.QUEUED)

@@ -8,7 +8,7 @@ from pydantic import TypeAdapter
 from scipy.spatial import KDTree
 
 from steradian import InvalidInput
-from steradian.imaging import outlines
+from steradian.imaging.geometry import polygons as outlines
 from steradian.masks import (
     Arrangement,
     Combined,

@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial import KDTree
 
 from steradian import InvalidInput, equi_steradian_mask, equiangular_mask, grid_mask
-from steradian.imaging import outlines
-from steradian.imaging.cells import cell_areas
+from steradian.imaging.geometry import polygons as outlines
+from steradian.imaging.geometry.voronoi import cell_areas
 from steradian.masks import beams_mask
 from steradian.masks.beams import read_beams
 

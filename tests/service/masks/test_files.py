@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from steradian import InvalidInput, custom_mask, equi_steradian_mask
-from steradian.errors import DamagedFile, NotFound
+from steradian.core.exceptions import DamagedFile, NotFound
 from steradian.masks import equiangular_mask, read_mask, write_mask
 
 

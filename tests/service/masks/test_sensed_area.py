@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial import KDTree
 
 from steradian import InvalidInput, ScanPlan, custom_mask, equi_steradian_mask, grid_mask
-from steradian.imaging.outlines import holds
+from steradian.imaging.geometry.polygons import holds
 from steradian.masks import (
     Mask,
     PointOfInterest,
@@ -23,7 +23,7 @@ from steradian.masks import (
     subset_mask,
     write_mask,
 )
-from steradian.scans.layout import create_scan_file
+from steradian.scans.file.create import create_scan_file
 
 X = 12e-3
 DISC = np.pi * X**2 / 4

@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 from steradian import InvalidInput, ScanPlan, grid_mask
 from steradian.cli.plan import plan
-from steradian.errors import DamagedFile
+from steradian.core.exceptions import DamagedFile
 from steradian.masks import Mask, write_mask
 from steradian.plans.files import read_value
 

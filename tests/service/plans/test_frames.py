@@ -2,7 +2,7 @@
 
 import pytest
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.masks import grid_mask
 from steradian.plans import ScanPlan, preview
 

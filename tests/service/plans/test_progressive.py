@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 
 from fabry_perot.simulator.phantoms import pressure, yarn
 from steradian import InvalidInput, ScanPlan, equi_steradian_mask, quality, reconstruct
-from steradian.imaging import outlines
+from steradian.imaging.geometry import polygons as outlines
 from steradian.masks import PointOfInterest, combined_mask, equiangular_mask, poisson_disc_mask
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from steradian import InvalidInput
-from steradian.errors import DamagedFile
+from steradian.core.exceptions import DamagedFile
 from steradian.plans import TuningMap
 
 PITCH = 1e-4

@@ -5,7 +5,7 @@ import pytest
 
 import fabry_perot
 from steradian import InvalidInput, grid_mask
-from steradian.errors import DamagedFile, NotFound
+from steradian.core.exceptions import DamagedFile, NotFound
 from steradian.plans import TuningMap
 from steradian.plans.files import write_value
 

@@ -6,8 +6,8 @@ import collections
 import httpx
 import pytest
 
-from steradian.api.dependencies import MAX_WAIT, MAX_WAIT_FORWARDED
-from steradian.settings import Settings
+from steradian.api.params.dependencies import MAX_WAIT, MAX_WAIT_FORWARDED
+from steradian.core.settings import Settings
 from support.apis import ApiProcess
 from support.nginx import Nginx, by_default, documented, free_port, needed
 from support.waiting import until

@@ -8,8 +8,9 @@ from contextlib import closing
 import httpx
 import pytest
 
-from steradian.api import forwarding, peers
-from steradian.api.peers import GONE, Peer, user_of
+from steradian.api.http import loopback_user as peers
+from steradian.api.http import proxy_detection as forwarding
+from steradian.api.http.loopback_user import GONE, Peer, user_of
 from support.apis import ApiProcess
 from support.nginx import by_default, needed
 

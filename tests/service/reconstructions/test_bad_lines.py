@@ -6,16 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from steradian.errors import Cancelled, InvalidInput
-from steradian.imaging import outlines
-from steradian.imaging.weights import sensed_outline
+from steradian.core.exceptions import Cancelled, InvalidInput
+from steradian.imaging.geometry import polygons as outlines
+from steradian.imaging.geometry.sensor_areas import sensed_outline
 from steradian.jobs.requests import ReconstructionRequest
 from steradian.masks import equi_steradian_mask
 from steradian.quality import correlation
 from steradian.quality.signals import inspect_signals
-from steradian.reconstructions.job import Report, reconstruct_recording, write_reconstruction
-from steradian.reconstructions.live import follow_scan
+from steradian.reconstructions.live.follow import follow_scan
 from steradian.reconstructions.parameters import ReconstructionParameters
+from steradian.reconstructions.pipeline.run import Report, reconstruct_recording, write_reconstruction
 from steradian.reconstructions.shots import ShotTreatment, even_out
 from steradian.scans.recording import Recording, Shots
 from support.commands import run_here

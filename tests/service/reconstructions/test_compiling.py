@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import steradian
-from steradian.reconstructions.compiling import AHEAD, SECOND
+from steradian.reconstructions.warmup import AHEAD, SECOND
 from support.commands import run_here
 from support.services import Service
 from support.waiting import until
@@ -18,7 +18,7 @@ from support.waiting import until
 pytestmark = pytest.mark.timeout(300)
 ASKING = """
 import time
-from steradian.reconstructions.compiling import compiling_ahead
+from steradian.reconstructions.warmup import compiling_ahead
 with compiling_ahead():
     time.sleep(300)
 """
@@ -50,7 +50,7 @@ class Fresh:
                 told = process.joinpath("cmdline").read_bytes() + process.joinpath("environ").read_bytes()
             except OSError:  # it has ended, or is another user's
                 continue
-            if b"steradian.reconstructions.compiling" in told and os.fsencode(self.kernels) in told:
+            if b"steradian.reconstructions.warmup" in told and os.fsencode(self.kernels) in told:
                 found.add(process.name)
         return found
 

@@ -11,8 +11,8 @@ from PIL import Image
 from steradian import InvalidInput
 from steradian.drawing.sheet import Drawn
 from steradian.imaging import Axes, Volume
-from steradian.imaging.conditioning import Display
-from steradian.reconstructions.pictures import draw_depth_coded
+from steradian.imaging.signal.conditioning import Display
+from steradian.reconstructions.volumes.images import draw_depth_coded
 
 
 def volume() -> Volume:

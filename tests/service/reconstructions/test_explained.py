@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from steradian.explained import explanations
+from steradian.core.schema_descriptions import explanations
 from steradian.imaging import Conditioning, Display, Iterative
 from steradian.reconstructions.parameters import ReconstructionParameters
 

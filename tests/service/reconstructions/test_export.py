@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from steradian.errors import Cancelled, Conflict, DamagedFile, InvalidInput, NotFound
+from steradian.core.exceptions import Cancelled, Conflict, DamagedFile, InvalidInput, NotFound
 from steradian.imaging import Axes, Volume
 from steradian.reconstructions.exporting import export_volume
-from steradian.reconstructions.volume_file import read_volume, write_volume
+from steradian.reconstructions.volumes.file import read_volume, write_volume
 from support.damage import BITS, spoil
 
 SHAPE, SPACING, ORIGIN = (24, 18, 40), (60e-6, 80e-6, 12e-6), (-0.72e-3, -0.6e-3, 1.2e-3)

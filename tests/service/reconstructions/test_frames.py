@@ -7,15 +7,15 @@ import pytest
 
 import steradian
 from steradian import FrameChoice, InvalidInput, ScanPlan, grid_mask
-from steradian.reconstructions.job import reconstruct_scan
 from steradian.reconstructions.parameters import ReconstructionParameters
+from steradian.reconstructions.pipeline.run import reconstruct_scan
 from steradian.reconstructions.shots import ShotTreatment, even_out
-from steradian.reconstructions.sound_speed import scan_sound_speed
-from steradian.reconstructions.what_if import what_if
+from steradian.reconstructions.studies.sound_speed import scan_sound_speed
+from steradian.reconstructions.studies.what_if import what_if
 from steradian.scans.exporting import export_scan
+from steradian.scans.file.writer import AlineStore, create_scan_file
 from steradian.scans.frames import Frame, distinct_wavelengths
 from steradian.scans.opening import open_recording
-from steradian.scans.store import AlineStore, create_scan_file
 from support.alines import Aline
 from support.commands import run_here
 

@@ -8,19 +8,19 @@ import h5py
 import numpy as np
 import pytest
 
-from steradian.errors import DamagedFile, InvalidInput
-from steradian.jobs.child import work
-from steradian.jobs.kinds import KINDS
+from steradian.core.exceptions import DamagedFile, InvalidInput
+from steradian.jobs.registry import KINDS
+from steradian.jobs.worker.child import work
 from steradian.masks import grid_mask
 from steradian.plans import ScanPlan
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.volume_file import read_volume
-from steradian.scans.store import AlineStore, create_scan_file
-from steradian.storage.database import Database
-from steradian.storage.masks import MaskRepository
-from steradian.storage.paths import DataDirectory
-from steradian.storage.plans import PlanRepository
-from steradian.storage.scans import ScanRepository
+from steradian.reconstructions.volumes.file import read_volume
+from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.database import Database
+from steradian.storage.repositories.masks import MaskRepository
+from steradian.storage.repositories.plans import PlanRepository
+from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import ScanState
 from support.alines import Aline
 
@@ -116,7 +116,8 @@ def test_what_if_shows_the_other_mask_and_how_much_it_is_like_the_whole(place):
 
 @pytest.mark.long
 def test_a_sweep_of_masks_costs_one_reconstruction_more_than_it_has_masks(place, monkeypatch):
-    from steradian.reconstructions import job, what_if
+    from steradian.reconstructions.pipeline import run as job
+    from steradian.reconstructions.studies import what_if
 
     reconstruct, sensors = job.reconstruct_recording, []
 

@@ -11,20 +11,20 @@ import pytest
 from typer.testing import CliRunner
 
 from steradian.cli.app import app
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.imaging import Volume
 from steradian.masks import grid_mask
 from steradian.phantoms import Balls, pressure
 from steradian.plans import ScanPlan
-from steradian.reconstructions import speed_fit
-from steradian.reconstructions.job import reconstruct_recording, reconstruct_scan
-from steradian.reconstructions.live import LiveView
+from steradian.reconstructions.live.follow import LiveView
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.sound_speed import find_sound_speed, scan_sound_speed
-from steradian.reconstructions.volume_file import read_volume
-from steradian.reconstructions.what_if import what_if
+from steradian.reconstructions.pipeline.run import reconstruct_recording, reconstruct_scan
+from steradian.reconstructions.studies import sound_speed_fit as speed_fit
+from steradian.reconstructions.studies.sound_speed import find_sound_speed, scan_sound_speed
+from steradian.reconstructions.studies.what_if import what_if
+from steradian.reconstructions.volumes.file import read_volume
+from steradian.scans.file.writer import AlineStore, create_scan_file
 from steradian.scans.opening import open_recording
-from steradian.scans.store import AlineStore, create_scan_file
 from support.alines import Aline
 
 SPEED, INTERVAL, SAMPLES, LATE = 1500.0, 20e-9, 150, 3e-6

@@ -15,26 +15,26 @@ import pytest
 from fabry_perot import Recovery, simulator
 from fabry_perot.simulator import phantoms
 from steradian.benchmarks.live import live as benchmark
-from steradian.errors import Cancelled, InvalidInput, NotFound
+from steradian.core.exceptions import Cancelled, InvalidInput, NotFound
 from steradian.imaging import Volume
-from steradian.imaging.conditioning import Display
-from steradian.imaging.reconstruct import image_by
+from steradian.imaging._reconstruct import image_by
+from steradian.imaging.signal.conditioning import Display
 from steradian.masks import equi_steradian_mask, equiangular_mask
 from steradian.plans import ScanPlan
 from steradian.quality import correlation, of_interest
-from steradian.reconstructions import live
-from steradian.reconstructions.job import reconstruct_scan
-from steradian.reconstructions.live import LiveView, follow_scan
-from steradian.reconstructions.options import plan_parameters
+from steradian.reconstructions.live import follow as live
+from steradian.reconstructions.live.follow import LiveView, follow_scan
+from steradian.reconstructions.live.preview import Preview, preview_of
+from steradian.reconstructions.live.revision import Revision
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.preview import Preview, preview_of
-from steradian.reconstructions.revision import Revision
-from steradian.reconstructions.stored_volume import StoredVolume
-from steradian.reconstructions.volume_file import read_volume
-from steradian.scans.following import Quiet, ScanFollower
-from steradian.scans.reading import read_scan
-from steradian.scans.run import run_scan
-from steradian.scans.store import AlineStore, create_scan_file
+from steradian.reconstructions.pipeline.resolve import plan_parameters
+from steradian.reconstructions.pipeline.run import reconstruct_scan
+from steradian.reconstructions.volumes.file import read_volume
+from steradian.reconstructions.volumes.reader import StoredVolume
+from steradian.scans.acquisition.run import run_scan
+from steradian.scans.file.read import read_scan
+from steradian.scans.file.tail import Quiet, ScanFollower
+from steradian.scans.file.writer import AlineStore, create_scan_file
 from support.alines import Aline
 from support.pacing import InStep
 

@@ -13,18 +13,18 @@ from typer.testing import CliRunner
 
 from steradian.cli.app import app
 from steradian.cli.report import _fit as told_of
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.imaging import Volume
-from steradian.imaging.conditioning import Display
 from steradian.imaging.engines.cuda import backend
-from steradian.imaging.iterations import Stopped
-from steradian.reconstructions.found import Fit
-from steradian.reconstructions.job import Report, reconstruct_recording, reconstruct_scan, write_reconstruction
-from steradian.reconstructions.kept_plans import KeptPlans
-from steradian.reconstructions.options import plan_parameters
+from steradian.imaging.iterative.base import Stopped
+from steradian.imaging.signal.conditioning import Display
+from steradian.reconstructions.live.preview import Preview
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.preview import Preview
-from steradian.reconstructions.volume_file import read_volume
+from steradian.reconstructions.pipeline.diagnostics import Fit
+from steradian.reconstructions.pipeline.plan_cache import KeptPlans
+from steradian.reconstructions.pipeline.resolve import plan_parameters
+from steradian.reconstructions.pipeline.run import Report, reconstruct_recording, reconstruct_scan, write_reconstruction
+from steradian.reconstructions.volumes.file import read_volume
 from steradian.scans.opening import open_recording
 
 SIDE = 16

@@ -12,15 +12,15 @@ from typer.testing import CliRunner
 from fabry_perot import ALine
 from fabry_perot.simulator.phantoms import Balls, pressure
 from steradian.cli.app import app
-from steradian.imaging.iterative import reconstruct_iteratively
+from steradian.imaging.iterative.solve import reconstruct_iteratively
 from steradian.masks import grid_mask
 from steradian.plans import ScanPlan
-from steradian.reconstructions.job import reconstruct_scan
-from steradian.reconstructions.missing import missing_points
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.scans.layout import create_scan_file
+from steradian.reconstructions.pipeline.completeness import missing_points
+from steradian.reconstructions.pipeline.run import reconstruct_scan
+from steradian.scans.file.create import create_scan_file
+from steradian.scans.file.writer import AlineStore
 from steradian.scans.opening import open_recording
-from steradian.scans.store import AlineStore
 
 STEP, SIDE = 0.3e-3, 21
 BALL = Balls(np.array([[0.3e-3, -0.2e-3, 1.5e-3]]), np.array([150e-6]), np.array([1.0]))

@@ -8,9 +8,9 @@ import pytest
 import steradian
 from steradian.imaging import Axes, Display, Volume
 from steradian.phantoms import Balls, add_noise, pressure
-from steradian.reconstructions.near_field import from_depth, near_field
-from steradian.reconstructions.pictures import draw_depth_coded, draw_mip
-from steradian.reconstructions.projections import project, project_from
+from steradian.reconstructions.volumes.images import draw_depth_coded, draw_mip
+from steradian.reconstructions.volumes.near_field import from_depth, near_field
+from steradian.reconstructions.volumes.projections import project, project_from
 
 MASK = steradian.equi_steradian_mask(8e-3, 2e-3, 400)
 BALLS = Balls(np.array([[1e-3, 0.5e-3, 2e-3], [-1e-3, 0.0, 2.4e-3]]), np.full(2, 100e-6), np.ones(2))
@@ -125,8 +125,8 @@ def test_nonsense_is_refused(wrong):
 
 def test_the_report_states_depth_and_scale(tmp_path):
     """The job measures the near field, leaves it out of the pictures, keeps it in the volume, and says so."""
-    from steradian.reconstructions.job import reconstruct_scan
-    from steradian.reconstructions.volume_file import read_projection, read_volume
+    from steradian.reconstructions.pipeline.run import reconstruct_scan
+    from steradian.reconstructions.volumes.file import read_projection, read_volume
 
     dx = 1e-4
     traces = add_noise(pressure(BALLS, MASK.positions, samples=256, **SAMPLING), 12)

@@ -7,12 +7,12 @@ from PIL import Image
 from steradian.drawing.sheet import SHORT_SIDE
 from steradian.drawing.ticks import ticks
 from steradian.imaging import Axes, ReconstructionPlan, Volume
-from steradian.imaging.conditioning import Display
 from steradian.imaging.engines.cuda import backend
 from steradian.imaging.parameters import Parameters
-from steradian.reconstructions.kept_plans import KeptPlans, size_of
-from steradian.reconstructions.pictures import draw_mip
-from steradian.reconstructions.projections import project
+from steradian.imaging.signal.conditioning import Display
+from steradian.reconstructions.pipeline.plan_cache import KeptPlans, size_of
+from steradian.reconstructions.volumes.images import draw_mip
+from steradian.reconstructions.volumes.projections import project
 
 OPTIONS = {
     "sampling_interval": 20e-9,

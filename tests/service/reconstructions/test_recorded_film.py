@@ -8,10 +8,10 @@ import steradian
 from fabry_perot.simulator import launch
 from steradian import ScanPlan, grid_mask
 from steradian.reconstructions.film import Film
-from steradian.reconstructions.job import reconstruct_scan
 from steradian.reconstructions.parameters import ReconstructionParameters
+from steradian.reconstructions.pipeline.run import reconstruct_scan
+from steradian.scans.acquisition.run import run_scan
 from steradian.scans.importing import import_scan
-from steradian.scans.run import run_scan
 
 MASK = grid_mask(3e-3, 12, 0.25e-3)
 

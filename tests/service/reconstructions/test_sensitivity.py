@@ -9,9 +9,9 @@ from fabry_perot.simulator.film import Film
 from steradian import ScanPlan, grid_mask
 from steradian.plans import preview
 from steradian.reconstructions.shots import ShotTreatment, even_out, even_out_new
-from steradian.scans.following import ScanFollower
-from steradian.scans.reading import read_scan
-from steradian.scans.store import AlineStore, create_scan_file
+from steradian.scans.file.read import read_scan
+from steradian.scans.file.tail import ScanFollower
+from steradian.scans.file.writer import AlineStore, create_scan_file
 from support.alines import Aline
 
 FILM = Film(5, "domains")

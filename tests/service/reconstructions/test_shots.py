@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 
 from fabry_perot.simulator import launch, phantoms
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.reconstructions.job import reconstruct_recording, reconstruct_scan
-from steradian.reconstructions.live import LiveView
+from steradian.reconstructions.live.follow import LiveView
 from steradian.reconstructions.parameters import ReconstructionParameters
+from steradian.reconstructions.pipeline.run import reconstruct_recording, reconstruct_scan
 from steradian.reconstructions.shots import ShotTreatment, even_out
+from steradian.scans.acquisition.run import run_scan
+from steradian.scans.file.read import read_scan
+from steradian.scans.file.writer import AlineStore, create_scan_file
 from steradian.scans.opening import open_recording
-from steradian.scans.reading import read_scan
-from steradian.scans.run import run_scan
-from steradian.scans.store import AlineStore, create_scan_file
 from support.alines import Aline
 
 CENTRE = np.array([0.3e-3, -0.2e-3, 1.2e-3])

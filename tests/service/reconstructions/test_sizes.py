@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from steradian import ScanPlan, grid_mask
-from steradian.reconstructions.job import reconstruct_scan
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.sizes import LargeVolume, expected_shape
+from steradian.reconstructions.pipeline.run import reconstruct_scan
+from steradian.reconstructions.pipeline.size_limit import LargeVolume, expected_shape
+from steradian.scans.file.writer import AlineStore, create_scan_file
 from steradian.scans.opening import open_recording
-from steradian.scans.store import AlineStore, create_scan_file
 from support.alines import Aline
 from support.commands import run_here
 

@@ -6,10 +6,10 @@ import h5py
 import numpy as np
 import pytest
 
-from steradian.errors import DamagedFile
-from steradian.reconstructions import stored_values
-from steradian.reconstructions.lattice import Lattice, in_coarser
-from steradian.reconstructions.stored_values import StoredValues
+from steradian.core.exceptions import DamagedFile
+from steradian.reconstructions.volumes import lazy_array as stored_values
+from steradian.reconstructions.volumes.grid import Lattice, in_coarser
+from steradian.reconstructions.volumes.lazy_array import StoredValues
 
 VALUES = np.random.default_rng(0).normal(size=(9, 10, 23)).astype(np.float32)
 PARTS = [slice(0, 99, 1), slice(3, 8, 1), slice(1, 99, 4), slice(4, 4, 1), 0, 7]

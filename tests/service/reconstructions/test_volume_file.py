@@ -10,18 +10,18 @@ import h5py
 import numpy as np
 import pytest
 
-from steradian.errors import DamagedFile
+from steradian.core.exceptions import DamagedFile
 from steradian.imaging import Axes, Volume, reconstruct
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.reconstructions.exporting import export_volume
-from steradian.reconstructions.job import reconstruct_scan
-from steradian.reconstructions.levels import chunks_of
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.stored_volume import StoredVolume
-from steradian.reconstructions.volume_file import attach_axes, read_volume, write_axes, write_volume
+from steradian.reconstructions.pipeline.run import reconstruct_scan
+from steradian.reconstructions.volumes.file import attach_axes, read_volume, write_axes, write_volume
+from steradian.reconstructions.volumes.pyramid import chunks_of
+from steradian.reconstructions.volumes.reader import StoredVolume
+from steradian.scans.file.writer import AlineStore, create_scan_file
 from steradian.scans.importing.writing import ImportedAline
-from steradian.scans.store import AlineStore, create_scan_file
 
 AXES = Axes(np.arange(5) * 1e-4 - 2e-4, np.arange(4) * 2e-4 - 4e-4, np.arange(6) * 1e-5 + 1e-3)
 SPEED = 1487.0

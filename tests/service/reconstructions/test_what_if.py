@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from fabry_perot.simulator import phantoms
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.masks import Mask, equi_steradian_mask, grid_mask, subset_mask
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.what_if import WhatIfReport, through, what_if
+from steradian.reconstructions.studies.what_if import WhatIfReport, through, what_if
 from steradian.scans.opening import open_recording
 from steradian.scans.recording import Recording
 

@@ -5,11 +5,11 @@ import sys
 
 import pytest
 
-from steradian.errors import InvalidInput
-from steradian.storage.database import Database
-from steradian.storage.integrity import fault_of
-from steradian.storage.paths import DataDirectory
-from steradian.storage.snapshot import take_snapshot
+from steradian.core.exceptions import InvalidInput
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.database import Database
+from steradian.storage.maintenance.snapshot import take_snapshot
+from steradian.storage.maintenance.startup_check import fault_of
 from support.commands import command
 from support.services import Service
 from support.waiting import until

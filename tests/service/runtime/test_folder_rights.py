@@ -10,7 +10,7 @@ import sys
 import httpx
 import pytest
 
-from steradian.storage.emergency import EmergencyLatch
+from steradian.storage.data_dir.emergency_latch import EmergencyLatch
 from support.kept import Kept
 from support.rights import STRANGER, give_away, obeying, take_back
 from support.services import Service
@@ -31,9 +31,9 @@ PARTS = {
 CHECK = """
 import sys
 from pathlib import Path
-from steradian.errors import FolderNotWritable
-from steradian.storage.parts import require_writable
-from steradian.storage.paths import DataDirectory
+from steradian.core.exceptions import FolderNotWritable
+from steradian.storage.maintenance.permissions import require_writable
+from steradian.storage.data_dir.layout import DataDirectory
 for name in sys.argv[1:]:
     try:
         require_writable(DataDirectory(Path(name)))
@@ -208,9 +208,9 @@ def unchanged(folder):
 
 
 def test_serve_on_a_folder_with_scans_of_somebody_else_leaves_it_as_it_is(tmp_path):
-    from steradian.errors import DamagedFile
+    from steradian.core.exceptions import DamagedFile
+    from steradian.core.settings import Settings
     from steradian.runtime.supervisor import serve
-    from steradian.settings import Settings
 
     folder = tmp_path / "mine"
     (folder / "scans").mkdir(parents=True, mode=0o755)
@@ -226,9 +226,9 @@ def test_serve_on_a_folder_with_scans_of_somebody_else_leaves_it_as_it_is(tmp_pa
 
 
 def test_serve_with_a_folder_path_longer_than_sqlite_opens_is_refused_before_it_is_made(tmp_path):
-    from steradian.errors import InvalidInput
+    from steradian.core.exceptions import InvalidInput
+    from steradian.core.settings import Settings
     from steradian.runtime.supervisor import serve
-    from steradian.settings import Settings
 
     folder = tmp_path.joinpath(*["x" * 100] * 5)
     with pytest.raises(InvalidInput, match=r"at most 487 bytes, for SQLite \(it has \d+\)"):

@@ -10,13 +10,13 @@ import sys
 import pytest
 from sqlalchemy import select
 
-from steradian.errors import DamagedFile
-from steradian.jobs.ledger import JobLedger
+from steradian.core.exceptions import DamagedFile
 from steradian.jobs.model import JobRequest
-from steradian.runtime.inspection import repair
-from steradian.storage.plans import PlanRepository
+from steradian.jobs.queue.ledger import JobLedger
+from steradian.runtime.fsck import repair
+from steradian.storage.db.tables import ScanRow
+from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.states import ScanState
-from steradian.storage.tables import ScanRow
 from support.damage import spoil
 from support.kept import Kept
 

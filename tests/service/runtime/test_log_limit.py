@@ -8,8 +8,8 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from steradian import logs
-from steradian.settings import Settings
+from steradian.core import logging_config as logs
+from steradian.core.settings import Settings
 from support.waiting import until
 
 

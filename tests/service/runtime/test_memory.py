@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from steradian.settings import Settings
+from steradian.core.settings import Settings
 from support.echo import EchoQueue
 from support.waiting import until
 

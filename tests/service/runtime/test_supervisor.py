@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
+from steradian.core.settings import Settings
 from steradian.runtime.heartbeat import Heartbeat
 from steradian.runtime.supervisor import Child, running_worker
-from steradian.settings import Settings
-from steradian.storage.paths import DataDirectory, DataDirectoryInUse
+from steradian.storage.data_dir.layout import DataDirectory, DataDirectoryInUse
 from support.services import Service
 from support.waiting import until
 

@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steradian.jobs.ledger import JobLedger
-from steradian.jobs.queue import JobQueue
+from steradian.core.settings import Settings
+from steradian.jobs.queue.client import JobQueue
+from steradian.jobs.queue.ledger import JobLedger
 from steradian.jobs.requests import ReconstructionRequest, job_of
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.runtime.supervisor import running_worker
-from steradian.scans.store import AlineStore, create_scan_file
-from steradian.settings import Settings
-from steradian.storage.database import Database, metadata_url
-from steradian.storage.scans import ScanRepository
+from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.storage.db.database import Database, metadata_url
+from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import ReconstructionState, ScanState
 from support.alines import Aline
 from support.processes import children_of, resident, runs
@@ -173,7 +173,9 @@ def test_cancelling_a_running_reconstruction_frees_its_memory_and_core_within_a_
             queue.submit(job_of("large", large))
             until(lambda: queue.status("large").state is ReconstructionState.RUNNING)
             worker = json.loads((tmp_path / "run" / "worker-0.json").read_text())["pid"]
-            child = until(lambda: next((pid for pid in children_of(worker) if runs(pid, "steradian.jobs.child")), None))
+            child = until(
+                lambda: next((pid for pid in children_of(worker) if runs(pid, "steradian.jobs.worker.child")), None)
+            )
             held = until(lambda: (found := resident(child)) > 600e6 and found)
             begun = time.monotonic()
             queue.cancel("large", "ada", "no longer wanted")

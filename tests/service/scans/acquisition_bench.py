@@ -4,17 +4,17 @@ import threading
 import time
 
 from fabry_perot import Recovery
+from steradian.core.settings import Settings
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.runtime.acquisition import Acquisition
 from steradian.runtime.scanner_port import ScannerPort
-from steradian.settings import Settings
-from steradian.storage.database import Database
-from steradian.storage.masks import MaskRepository
-from steradian.storage.paths import DataDirectory
-from steradian.storage.plans import PlanRepository
-from steradian.storage.scanners import ScannerRepository
-from steradian.storage.scans import ScanRepository
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.database import Database
+from steradian.storage.repositories.masks import MaskRepository
+from steradian.storage.repositories.plans import PlanRepository
+from steradian.storage.repositories.scanners import ScannerRepository
+from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import ScanState
 
 

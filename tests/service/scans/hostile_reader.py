@@ -12,7 +12,7 @@ import threading
 from contextlib import ExitStack
 from pathlib import Path
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.scans.importing import guarded
 
 PLACES = json.loads(Path(sys.argv[1]).read_text())

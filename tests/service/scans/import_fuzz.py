@@ -29,11 +29,11 @@ import h5py
 sys.path.insert(0, str(Path(__file__).parent))
 import foreign
 
-from steradian.errors import DamagedFile, SteradianError
-from steradian.reconstructions.imported import read_imported
+from steradian.core.exceptions import DamagedFile, SteradianError
+from steradian.reconstructions.plan_reader import read_imported
+from steradian.scans.file.read import read_scan
 from steradian.scans.importing import import_scan
 from steradian.scans.importing.guarded import import_guarded
-from steradian.scans.reading import read_scan
 
 BATCH = 100
 MEMORY = 512 << 20

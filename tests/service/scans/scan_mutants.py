@@ -5,7 +5,9 @@ import sys
 import numpy as np
 import pytest
 
-from steradian.scans import rows, session, store
+from steradian.scans.acquisition import session
+from steradian.scans.file import rows
+from steradian.scans.file import writer as store
 
 
 def acknowledges_beyond():

@@ -2,7 +2,7 @@
 
 import h5py
 
-from steradian.scans.control import Control, Wish
+from steradian.scans.acquisition.control import Control, Wish
 
 QUIET = {"noise_db": float("inf"), "energy_jitter": 0.0, "ring": 8}
 """A simulator whose A-lines depend on the point alone, and that is never far ahead of its host."""

@@ -9,8 +9,8 @@ import google_crc32c
 
 import fabry_perot
 from steradian.runtime import acquisition
-from steradian.scans import session
-from steradian.scans.store import AlineStore
+from steradian.scans.acquisition import session
+from steradian.scans.file.writer import AlineStore
 
 DATA = Path(os.environ["STERADIAN_DATA"])
 FULL = DATA / "full"

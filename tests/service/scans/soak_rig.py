@@ -22,15 +22,15 @@ from fabry_perot.host import Plan
 from fabry_perot.simulator import launch
 from fabry_perot.simulator.instrument import PhantomInstrument
 from fabry_perot.simulator.phantoms import yarn
-from steradian.errors import Conflict
-from steradian.scans.check import check_scan_file
-from steradian.scans.store import AlineStore
-from steradian.settings import Settings
-from steradian.storage.database import Database
-from steradian.storage.masks import MaskRepository
-from steradian.storage.paths import DataDirectory
-from steradian.storage.plans import PlanRepository
-from steradian.storage.scans import ScanRepository
+from steradian.core.exceptions import Conflict
+from steradian.core.settings import Settings
+from steradian.scans.file.verify import check_scan_file
+from steradian.scans.file.writer import AlineStore
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.database import Database
+from steradian.storage.repositories.masks import MaskRepository
+from steradian.storage.repositories.plans import PlanRepository
+from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import DesiredScanState
 
 W = DesiredScanState

@@ -13,10 +13,10 @@ sys.path.insert(0, str(Path(__file__).parent))
 from acquisition_bench import Bench, Port
 
 from fabry_perot.simulator import launch
-from steradian.errors import Conflict, DamagedFile
+from steradian.core.exceptions import Conflict, DamagedFile
 from steradian.runtime.acquisition import Acquisition, count_alines
-from steradian.scans.control import End
-from steradian.storage.arrays import Folder
+from steradian.scans.acquisition.control import End
+from steradian.storage.blobs.interface import Folder
 from steradian.storage.states import DesiredScanState, ScanState
 from support.waiting import until
 

@@ -15,8 +15,8 @@ from acquisition_bench import Bench, Port
 from fabry_perot import Recovery
 from fabry_perot.simulator import launch
 from steradian.runtime.acquisition import count_alines
-from steradian.scans.layout import scan_file_bytes
-from steradian.scans.store import AlineStore
+from steradian.scans.file.create import scan_file_bytes
+from steradian.scans.file.writer import AlineStore
 from steradian.storage.states import DesiredScanState, ScanState
 
 S, W = ScanState, DesiredScanState
@@ -40,7 +40,7 @@ def full(monkeypatch):
         overwrite(store, offset, data)
 
     monkeypatch.setattr(AlineStore, "_overwrite", write)
-    monkeypatch.setattr("steradian.scans.session.AGAIN", 0.05)
+    monkeypatch.setattr("steradian.scans.acquisition.session.AGAIN", 0.05)
     return full
 
 
@@ -125,7 +125,7 @@ def test_an_interlock_opened_while_the_laser_rested_for_a_full_disk_keeps_it_off
 
 def test_a_scan_that_cannot_fit_fails_before_a_pulse(bench, monkeypatch):
     usage = shutil.disk_usage(bench.data.root)._replace(free=1000)
-    monkeypatch.setattr("steradian.scans.layout.shutil.disk_usage", lambda folder: usage)
+    monkeypatch.setattr("steradian.scans.file.create.shutil.disk_usage", lambda folder: usage)
     identifier = bench.queue()
     bench.work.step()
     row = bench.scans.get(identifier)
@@ -138,7 +138,7 @@ def test_a_disk_that_will_be_nearly_full_is_a_warning_and_no_obstacle(bench, mon
     identifier = bench.queue()
     plan = bench.plans.load(bench.scans.get(identifier).plan_id)
     usage = shutil.disk_usage(bench.data.root)._replace(free=scan_file_bytes(plan) + 1)
-    monkeypatch.setattr("steradian.scans.layout.shutil.disk_usage", lambda folder: usage)
+    monkeypatch.setattr("steradian.scans.file.create.shutil.disk_usage", lambda folder: usage)
     bench.work.step()
     row = bench.scans.get(identifier)
     assert row.state is S.COMPLETE

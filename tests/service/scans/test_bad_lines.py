@@ -4,11 +4,11 @@ import pytest
 from driver_lines import Line, line, with_crlf, without_flow_control
 
 from fabry_perot.simulator import launch
-from steradian.errors import ScanFailed
+from steradian.core.exceptions import ScanFailed
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.scans.control import Control, End, Phase, Wish
-from steradian.scans.run import run_scan
+from steradian.scans.acquisition.control import Control, End, Phase, Wish
+from steradian.scans.acquisition.run import run_scan
 
 SOON = 15_000_000
 """Simulator time in µs within which a scan on a bad line has ended; without its limits it took 79 s."""

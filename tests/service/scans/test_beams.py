@@ -11,15 +11,15 @@ sys.path.insert(0, str(Path(__file__).parent))
 from scripted import QUIET, Script, samples
 
 from fabry_perot.simulator import launch, phantoms
-from steradian.errors import DamagedFile, InvalidInput
+from steradian.core.exceptions import DamagedFile, InvalidInput
 from steradian.masks import beams_mask, equi_steradian_mask
 from steradian.masks.beams import read_beams
 from steradian.plans import ScanPlan
-from steradian.scans.control import End, Wish
+from steradian.scans.acquisition.control import End, Wish
+from steradian.scans.acquisition.run import resume_scan, run_scan
+from steradian.scans.file.create import geometry_checksum
+from steradian.scans.file.read import read_scan
 from steradian.scans.importing import import_scan
-from steradian.scans.layout import geometry_checksum
-from steradian.scans.reading import read_scan
-from steradian.scans.run import resume_scan, run_scan
 
 BEAMS = read_beams("3x2", 0.7e-3)
 

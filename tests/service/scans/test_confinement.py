@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from steradian.confinement import poor_environment
-from steradian.errors import DamagedFile, InvalidInput
+from steradian.core.exceptions import DamagedFile, InvalidInput
+from steradian.core.sandbox import poor_environment
 from steradian.scans.importing import guarded
 
 sys.path.insert(0, str(Path(__file__).parent))

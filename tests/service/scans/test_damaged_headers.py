@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from steradian.errors import DamagedFile
+from steradian.core.exceptions import DamagedFile
 from steradian.imaging import Axes, Volume
-from steradian.reconstructions.imported import read_imported
-from steradian.reconstructions.stored_volume import StoredVolume
-from steradian.reconstructions.volume_file import read_projection, read_volume, write_volume
-from steradian.scans.check import check_scan_file
-from steradian.scans.following import Quiet, ScanFollower
-from steradian.scans.reading import list_frames, read_scan
-from steradian.scans.settling import count_alines
-from steradian.scans.store import AlineStore, create_scan_file
+from steradian.reconstructions.plan_reader import read_imported
+from steradian.reconstructions.volumes.file import read_projection, read_volume, write_volume
+from steradian.reconstructions.volumes.reader import StoredVolume
+from steradian.scans.file.read import list_frames, read_scan
+from steradian.scans.file.tail import Quiet, ScanFollower
+from steradian.scans.file.verify import check_scan_file
+from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.scans.summary import count_alines
 from support.damage import BITS, NAMED_TYPE, SCALAR, spoil
 
 

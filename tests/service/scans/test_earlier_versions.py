@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from fabry_perot.simulator import launch
-from steradian.scans.check import check_scan_file
-from steradian.scans.control import End
+from steradian.scans.acquisition.control import End
+from steradian.scans.acquisition.run import resume_scan
 from steradian.scans.exporting import export_scan
+from steradian.scans.file.verify import check_scan_file
+from steradian.scans.file.writer import AlineStore
 from steradian.scans.opening import open_recording
-from steradian.scans.run import resume_scan
-from steradian.scans.store import AlineStore
 
 MADE = Path(__file__).parent / "data" / "version-2.h5.gz"
 STORED = [1, 4, 5, 6, 7, 12, 13, 14, 15, 16, 21, 22, 23]

@@ -9,10 +9,10 @@ import pytest
 from fabry_perot.simulator import launch
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.scans.control import Control, End, Wish
-from steradian.scans.emergency import EmergencyWatch
-from steradian.scans.run import run_scan
-from steradian.storage.emergency import Deed, EmergencyLatch
+from steradian.scans.acquisition.control import Control, End, Wish
+from steradian.scans.acquisition.emergency_watchdog import EmergencyWatch
+from steradian.scans.acquisition.run import run_scan
+from steradian.storage.data_dir.emergency_latch import Deed, EmergencyLatch
 
 
 @pytest.fixture(scope="module")

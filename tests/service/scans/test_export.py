@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from steradian import ScanPlan
-from steradian.errors import Cancelled, DamagedFile, InvalidInput, NotFound
+from steradian.core.exceptions import Cancelled, DamagedFile, InvalidInput, NotFound
 from steradian.scans.exporting import export_scan
+from steradian.scans.file.writer import AlineStore, create_scan_file
 from steradian.scans.importing import import_scan
 from steradian.scans.opening import open_recording
-from steradian.scans.store import AlineStore, create_scan_file
 
 
 @pytest.fixture

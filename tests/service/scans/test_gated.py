@@ -7,7 +7,7 @@ import steradian
 from fabry_perot.simulator import launch
 from steradian import InvalidInput, ScanPlan, grid_mask
 from steradian.plans import Link, preview
-from steradian.scans.run import run_scan
+from steradian.scans.acquisition.run import run_scan
 
 MASK = grid_mask(4e-3, 5, 8e-4)
 COMMON = {"mask": MASK, "samples": 64, "pulse_rate": 500.0, "order": "given", "link": Link(byte_rate=None)}
@@ -43,7 +43,7 @@ def test_a_scanner_without_a_gate_is_told_before_a_file_is_made(tmp_path):
 
 def test_a_scan_that_goes_on_waits_for_the_gate_again():
     """The first point that is missing, and the first of each frame after it."""
-    from steradian.scans.course import Course
+    from steradian.scans.file.program import Course
 
     plan = ScanPlan.create(gate="frame", frames=3, **COMMON)
     rows = Course.of_plan(plan).order[30:]

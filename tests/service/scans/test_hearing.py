@@ -15,8 +15,8 @@ from fabry_perot.simulator import launch
 from fabry_perot.wire.codes import Operation, Type
 from fabry_perot.wire.framing import Deframer, encode_frame
 from fabry_perot.wire.messages import REQUEST_HEAD
-from steradian.scans.control import Control, Wish
-from steradian.scans.run import run_scan
+from steradian.scans.acquisition.control import Control, Wish
+from steradian.scans.acquisition.run import run_scan
 from steradian.storage.states import DesiredScanState, ScanState
 from support.waiting import until
 

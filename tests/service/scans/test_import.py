@@ -11,11 +11,11 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 import foreign
 
-from steradian.errors import Cancelled, Conflict, DamagedFile, InvalidInput, NotFound
+from steradian.core.exceptions import Cancelled, Conflict, DamagedFile, InvalidInput, NotFound
 from steradian.reconstructions.shots import ShotTreatment, even_out
+from steradian.scans.file.writer import AlineStore, create_scan_file
 from steradian.scans.importing import import_scan
 from steradian.scans.opening import open_recording
-from steradian.scans.store import AlineStore, create_scan_file
 
 NO_OCTAVE = "needs Octave: apt-get install octave (or dnf, brew install octave)"
 
@@ -49,8 +49,8 @@ def test_every_format_keeps_axes_pitches_and_samples(tmp_path, scan, write):
 
 def test_an_imported_scan_gives_the_image_of_its_ball(tmp_path, scan):
     """The ball of an imported recording is reconstructed where it is, in x, y and depth."""
-    from steradian.reconstructions.job import reconstruct_recording
     from steradian.reconstructions.parameters import ReconstructionParameters
+    from steradian.reconstructions.pipeline.run import reconstruct_recording
 
     source, description = foreign.matlab_positions(tmp_path)
     import_scan(source, scan, description=description)

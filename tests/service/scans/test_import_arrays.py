@@ -10,7 +10,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import foreign
 from poisoned_arrays import ARCHIVES, ARRAYS, Trap, header, poisoned_zip
 
-from steradian.errors import DamagedFile, InvalidInput
+from steradian.core.exceptions import DamagedFile, InvalidInput
 from steradian.scans.importing import import_scan
 
 

@@ -10,7 +10,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import foreign
 
 from fabry_perot.simulator.phantoms import Balls, pressure
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.scans.importing import import_scan
 from steradian.scans.opening import open_recording
 

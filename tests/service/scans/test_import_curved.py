@@ -10,7 +10,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 import foreign
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.scans.importing import import_scan
 
 

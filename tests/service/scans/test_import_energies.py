@@ -10,9 +10,9 @@ sys.path.insert(0, str(Path(__file__).parent))
 from test_import_axes import DT, SPEED, imported, plane, sensed
 from test_import_matlab_order import by_h5py, by_matlab_7_3, by_scipy
 
-from steradian.reconstructions.job import reconstruct_scan
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.volume_file import read_volume
+from steradian.reconstructions.pipeline.run import reconstruct_scan
+from steradian.reconstructions.volumes.file import read_volume
 
 POINTS = plane(11, 11)
 ENERGIES = np.random.default_rng(4).uniform(0.4, 2.2, len(POINTS)) * 3e-3

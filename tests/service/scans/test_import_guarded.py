@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import foreign
 import import_fuzz
 
-from steradian.errors import Cancelled, Conflict, DamagedFile, InvalidInput, NotFound
+from steradian.core.exceptions import Cancelled, Conflict, DamagedFile, InvalidInput, NotFound
 from steradian.scans.importing import import_scan
 from steradian.scans.importing.guarded import import_guarded
 

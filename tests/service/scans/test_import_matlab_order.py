@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import foreign
 from test_import_axes import DT, PITCH, SPEED, imported, plane, sensed
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.scans.importing import import_scan
 
 

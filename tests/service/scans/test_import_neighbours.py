@@ -14,7 +14,7 @@ import foreign
 from test_import_axes import DT, SPEED, plane, sensed
 from test_import_matlab_order import by_h5py, by_matlab_7_3, by_scipy
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.scans.importing import import_scan
 from steradian.scans.opening import open_recording
 

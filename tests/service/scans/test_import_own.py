@@ -13,15 +13,15 @@ sys.path.insert(0, str(Path(__file__).parent))
 from earlier import as_version_1
 
 from steradian import ScanPlan, equi_steradian_mask
-from steradian.errors import DamagedFile, InvalidInput
-from steradian.reconstructions.imported import read_imported
-from steradian.scans import schema
-from steradian.scans.check import check_scan_file
-from steradian.scans.course import Course
+from steradian.core.exceptions import DamagedFile, InvalidInput
+from steradian.reconstructions.plan_reader import read_imported
+from steradian.scans.file import schema
+from steradian.scans.file.create import geometry_checksum
+from steradian.scans.file.program import Course
+from steradian.scans.file.read import read_scan
+from steradian.scans.file.verify import check_scan_file
+from steradian.scans.file.writer import AlineStore, Upload, create_scan_file
 from steradian.scans.importing import import_scan
-from steradian.scans.layout import geometry_checksum
-from steradian.scans.reading import read_scan
-from steradian.scans.store import AlineStore, Upload, create_scan_file
 
 SECRET = b"root:x:0:0:a line of a file of the server's:"
 

@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import foreign
 from test_import_axes import DT, PITCH, SPEED, imported, plane, sensed
 
-from steradian.errors import DamagedFile, InvalidInput
+from steradian.core.exceptions import DamagedFile, InvalidInput
 from steradian.scans.importing import import_scan
 from steradian.scans.opening import open_recording
 

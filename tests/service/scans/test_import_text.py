@@ -9,7 +9,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 import foreign
 
-from steradian.errors import DamagedFile
+from steradian.core.exceptions import DamagedFile
 from steradian.scans.importing import import_scan
 from steradian.scans.opening import open_recording
 

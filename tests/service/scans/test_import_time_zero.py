@@ -10,9 +10,9 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 import foreign
 
-from steradian.errors import InvalidInput
-from steradian.reconstructions.job import reconstruct_recording
+from steradian.core.exceptions import InvalidInput
 from steradian.reconstructions.parameters import ReconstructionParameters
+from steradian.reconstructions.pipeline.run import reconstruct_recording
 from steradian.scans.importing import import_scan
 from steradian.scans.importing.looking import look_into
 from steradian.scans.opening import open_recording

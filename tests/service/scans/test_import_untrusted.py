@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import foreign
 from poisons import FORMATS, POISONS, Poisoned
 
-from steradian.errors import DamagedFile, InvalidInput, SteradianError
+from steradian.core.exceptions import DamagedFile, InvalidInput, SteradianError
 from steradian.scans.importing import import_scan
 from steradian.scans.opening import open_recording
 

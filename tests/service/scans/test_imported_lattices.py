@@ -9,9 +9,9 @@ import pytest
 
 from steradian.masks.lattice import lattice_modes
 from steradian.reconstructions.exporting import export_volume
-from steradian.reconstructions.job import reconstruct_scan
-from steradian.reconstructions.options import modes_of
 from steradian.reconstructions.parameters import ReconstructionParameters
+from steradian.reconstructions.pipeline.resolve import modes_of
+from steradian.reconstructions.pipeline.run import reconstruct_scan
 from steradian.scans.exporting import export_scan
 from steradian.scans.importing import import_scan
 from steradian.scans.opening import open_recording

@@ -12,7 +12,7 @@ from fabry_perot.simulator import launch
 from steradian.masks import grid_mask
 from steradian.plans import ScanPlan
 from steradian.plans.files import write_value
-from steradian.scans.check import check_scan_file
+from steradian.scans.file.verify import check_scan_file
 
 GIB = 2**30
 

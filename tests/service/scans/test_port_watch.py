@@ -12,12 +12,12 @@ from fabry_perot.host.ports import lock_owner
 from fabry_perot.simulator import launch
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.scans.control import Control
-from steradian.scans.emergency import EmergencyWatch
-from steradian.scans.port_watch import PortWatch
-from steradian.scans.run import run_scan
-from steradian.storage.emergency import EmergencyLatch
-from steradian.storage.scanner_status import CURRENT, SILENT_ACQUISITION, ScannerStatus, StatusBlock
+from steradian.scans.acquisition.control import Control
+from steradian.scans.acquisition.emergency_watchdog import EmergencyWatch
+from steradian.scans.acquisition.port_monitor import PortWatch
+from steradian.scans.acquisition.run import run_scan
+from steradian.storage.data_dir.emergency_latch import EmergencyLatch
+from steradian.storage.data_dir.scanner_status import CURRENT, SILENT_ACQUISITION, ScannerStatus, StatusBlock
 from support.waiting import until
 
 

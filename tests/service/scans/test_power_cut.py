@@ -8,10 +8,10 @@ import h5py
 import numpy as np
 import pytest
 
-from steradian.scans import store as storing
-from steradian.scans.check import check_scan_file
-from steradian.scans.reading import read_scan
-from steradian.scans.store import AlineStore, create_scan_file
+from steradian.scans.file import writer as storing
+from steradian.scans.file.read import read_scan
+from steradian.scans.file.verify import check_scan_file
+from steradian.scans.file.writer import AlineStore, create_scan_file
 
 SECTOR = 512
 CUTS = 120

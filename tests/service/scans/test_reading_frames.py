@@ -5,8 +5,8 @@ import pytest
 
 import steradian
 from steradian import InvalidInput, ScanPlan, grid_mask
-from steradian.scans.reading import read_scan
-from steradian.scans.store import AlineStore, create_scan_file
+from steradian.scans.file.read import read_scan
+from steradian.scans.file.writer import AlineStore, create_scan_file
 from support.alines import Aline
 
 

@@ -10,13 +10,13 @@ from ulid import ULID
 
 from fabry_perot.simulator import launch
 from steradian.cli.app import app
-from steradian.errors import DamagedFile, InvalidInput, NotFound
+from steradian.core.exceptions import DamagedFile, InvalidInput, NotFound
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.plans.files import write_value
-from steradian.scans.control import Control, Wish
-from steradian.scans.proof import ResumeRefused
-from steradian.scans.run import run_scan
+from steradian.scans.acquisition.control import Control, Wish
+from steradian.scans.acquisition.resume_checks import ResumeRefused
+from steradian.scans.acquisition.run import run_scan
 
 
 @pytest.fixture(scope="module")

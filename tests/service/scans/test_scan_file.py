@@ -17,11 +17,11 @@ from fabry_perot.simulator import launch
 from steradian.masks import beams_mask, equi_steradian_mask
 from steradian.masks.beams import read_beams
 from steradian.plans import ScanPlan
-from steradian.scans.check import check_scan_file
-from steradian.scans.control import Control, Wish
-from steradian.scans.reading import list_frames, read_scan
-from steradian.scans.run import resume_scan, run_scan
-from steradian.scans.store import AlineStore, create_scan_file
+from steradian.scans.acquisition.control import Control, Wish
+from steradian.scans.acquisition.run import resume_scan, run_scan
+from steradian.scans.file.read import list_frames, read_scan
+from steradian.scans.file.verify import check_scan_file
+from steradian.scans.file.writer import AlineStore, create_scan_file
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "scan-file.md"
 

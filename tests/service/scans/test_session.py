@@ -15,14 +15,14 @@ from scripted import QUIET, Script, samples
 
 from fabry_perot import Recovery
 from fabry_perot.simulator import launch
-from steradian.errors import Conflict, DiskFull, InvalidInput, ScanFailed
+from steradian.core.exceptions import Conflict, DiskFull, InvalidInput, ScanFailed
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.scans.check import check_scan_file
-from steradian.scans.control import Control, End, Phase, Wish
-from steradian.scans.proof import ResumeRefused
-from steradian.scans.reading import list_frames, read_scan
-from steradian.scans.run import BAD, resume_scan, run_scan
+from steradian.scans.acquisition.control import Control, End, Phase, Wish
+from steradian.scans.acquisition.resume_checks import ResumeRefused
+from steradian.scans.acquisition.run import BAD, resume_scan, run_scan
+from steradian.scans.file.read import list_frames, read_scan
+from steradian.scans.file.verify import check_scan_file
 
 
 @pytest.fixture(scope="module")
@@ -249,7 +249,7 @@ def test_a_scanner_that_vanishes_leaves_a_scan_that_another_session_ends(plan, w
 
 
 def test_a_scan_that_does_not_fit_is_refused_below_the_need_and_only_there(plan, simulator, tmp_path, monkeypatch):
-    from steradian.scans import layout
+    from steradian.scans.file import create as layout
 
     need = layout.scan_file_bytes(plan)
     free = shutil.disk_usage(tmp_path)
@@ -263,7 +263,7 @@ def test_a_scan_that_does_not_fit_is_refused_below_the_need_and_only_there(plan,
 
 
 def test_the_size_of_a_scan_file_is_known_before_it_is_made(plan, simulator, tmp_path):
-    from steradian.scans import layout
+    from steradian.scans.file import create as layout
 
     run_scan(plan, simulator.url, tmp_path / "a.h5")
     size, said = (tmp_path / "a.h5").stat().st_size, layout.scan_file_bytes(plan)

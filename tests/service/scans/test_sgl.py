@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import foreign
 from sgl_files import NAME, TRAILER, read_sgl, write_sgl
 
-from steradian.errors import DamagedFile, InvalidInput, SteradianError
+from steradian.core.exceptions import DamagedFile, InvalidInput, SteradianError
 from steradian.scans.exporting import export_scan
 from steradian.scans.importing import import_scan
 from steradian.scans.importing.looking import look_into
@@ -81,8 +81,8 @@ def test_sgl_without_an_ending_is_told_by_its_length(tmp_path):
 
 def test_sgl_image_has_the_ball_where_it_is(tmp_path):
     """Positions are centred; x is the fastest axis of the file."""
-    from steradian.reconstructions.job import reconstruct_recording
     from steradian.reconstructions.parameters import ReconstructionParameters
+    from steradian.reconstructions.pipeline.run import reconstruct_recording
 
     samples = foreign.expected(foreign.grid()).reshape(*foreign.COUNTS, -1).swapaxes(0, 1).reshape(96, -1)
     source = write_sgl(tmp_path / "a.sgl", samples=samples, trailer=())

@@ -18,7 +18,7 @@ import pytest
 
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.scans.store import AlineStore
+from steradian.scans.file.writer import AlineStore
 from steradian.storage.states import SCAN_TRANSITIONS, DesiredScanState, ScanState, is_terminal
 
 S, W = ScanState, DesiredScanState

@@ -16,15 +16,15 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 from faulty_disk import FULL, FaultyDisk
 
-from steradian.errors import Conflict, DamagedFile, InvalidInput, NotFound
-from steradian.scans import store
-from steradian.scans.check import check_scan_file
+from steradian.core.exceptions import Conflict, DamagedFile, InvalidInput, NotFound
 from steradian.scans.exporting import export_scan
-from steradian.scans.following import ScanFollower
+from steradian.scans.file import writer as store
+from steradian.scans.file.locking import lock
+from steradian.scans.file.tail import ScanFollower
+from steradian.scans.file.verify import check_scan_file
+from steradian.scans.file.writer import AlineStore, create_scan_file
 from steradian.scans.importing import import_scan
-from steradian.scans.locking import lock
 from steradian.scans.opening import open_recording
-from steradian.scans.store import AlineStore, create_scan_file
 
 
 @pytest.fixture
@@ -141,7 +141,7 @@ def test_kill_9_loses_no_acknowledged_aline(path, plan, tmp_path):
         sys.path.insert(0, {str(Path(__file__).parents[2])!r})
         from support.alines import Aline
         from pathlib import Path
-        from steradian.scans.store import AlineStore
+        from steradian.scans.file.writer import AlineStore
         store = AlineStore(Path({str(path)!r}))
         for point in range(store.count):
             store.append([Aline(point, np.full(store.samples, point, np.int16))])

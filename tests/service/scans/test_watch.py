@@ -10,19 +10,19 @@ import numpy as np
 import pytest
 
 from fabry_perot.simulator import launch
-from steradian.errors import ScanFailed
+from steradian.core.exceptions import ScanFailed
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.scans.control import End, Phase, Wish
-from steradian.scans.emergency import EmergencyWatch
-from steradian.scans.run import run_scan
-from steradian.scans.watch import ScanWatch
-from steradian.storage.database import Database
-from steradian.storage.emergency import EmergencyLatch
-from steradian.storage.masks import MaskRepository
-from steradian.storage.paths import DataDirectory
-from steradian.storage.plans import PlanRepository
-from steradian.storage.scans import ScanRepository
+from steradian.scans.acquisition.control import End, Phase, Wish
+from steradian.scans.acquisition.database_control import ScanWatch
+from steradian.scans.acquisition.emergency_watchdog import EmergencyWatch
+from steradian.scans.acquisition.run import run_scan
+from steradian.storage.data_dir.emergency_latch import EmergencyLatch
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.database import Database
+from steradian.storage.repositories.masks import MaskRepository
+from steradian.storage.repositories.plans import PlanRepository
+from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import DesiredScanState, ScanState
 
 RATE = 50.0

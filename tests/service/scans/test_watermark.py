@@ -16,11 +16,11 @@ import fabry_perot
 from fabry_perot.simulator import launch
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.scans.check import check_scan_file
-from steradian.scans.control import Control, End, Wish
-from steradian.scans.run import resume_scan, run_scan
-from steradian.scans.session import ScanSession
-from steradian.scans.store import AlineStore, create_scan_file
+from steradian.scans.acquisition.control import Control, End, Wish
+from steradian.scans.acquisition.run import resume_scan, run_scan
+from steradian.scans.acquisition.session import ScanSession
+from steradian.scans.file.verify import check_scan_file
+from steradian.scans.file.writer import AlineStore, create_scan_file
 
 RUNS = 30
 

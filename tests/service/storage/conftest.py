@@ -5,9 +5,9 @@ from obstore.store import S3Store
 
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.storage.database import Database
-from steradian.storage.masks import MaskRepository
-from steradian.storage.plans import PlanRepository
+from steradian.storage.db.database import Database
+from steradian.storage.repositories.masks import MaskRepository
+from steradian.storage.repositories.plans import PlanRepository
 from support.stores import psycopg_url, store_of
 
 

@@ -8,8 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from steradian.storage import advisory
-from steradian.storage.advisory import Hold, SessionLock
+from steradian.storage.db import advisory_locks as advisory
+from steradian.storage.db.advisory_locks import Hold, SessionLock
 
 
 @pytest.fixture

@@ -4,9 +4,9 @@ import os
 
 import pytest
 
-from steradian.errors import NotFound
-from steradian.storage.arrays import Folder, Stat, result_name, scan_name, upload_name
-from steradian.storage.paths import DataDirectory
+from steradian.core.exceptions import NotFound
+from steradian.storage.blobs.interface import Folder, Stat, result_name, scan_name, upload_name
+from steradian.storage.data_dir.layout import DataDirectory
 
 MIB = 1 << 20
 SIZES = {"nothing": 0, "a little": 1000, "several parts": 33 * MIB + 17}

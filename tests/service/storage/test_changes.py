@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from steradian.storage.changes import Changes
-from steradian.storage.database import Database
+from steradian.storage.db.change_detector import Changes
+from steradian.storage.db.database import Database
 
 
 @pytest.fixture

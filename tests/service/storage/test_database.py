@@ -8,14 +8,14 @@ from alembic.config import Config
 from alembic.migration import MigrationContext
 from sqlalchemy import select, text
 
-from steradian.jobs.kinds import KINDS, resource_of
-from steradian.jobs.ledger import JobLedger
-from steradian.storage.database import MIGRATIONS, Database
-from steradian.storage.masks import MaskRepository
-from steradian.storage.plans import PlanRepository
-from steradian.storage.scanners import ScannerRepository
-from steradian.storage.scans import ScanRepository
-from steradian.storage.tables import MaskRow, Table
+from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.registry import KINDS, resource_of
+from steradian.storage.db.database import MIGRATIONS, Database
+from steradian.storage.db.tables import MaskRow, Table
+from steradian.storage.repositories.masks import MaskRepository
+from steradian.storage.repositories.plans import PlanRepository
+from steradian.storage.repositories.scanners import ScannerRepository
+from steradian.storage.repositories.scans import ScanRepository
 
 
 def test_the_migrations_make_exactly_the_tables_that_the_code_uses(database):

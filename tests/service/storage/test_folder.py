@@ -6,9 +6,9 @@ import stat
 import pytest
 from sqlalchemy import event
 
-from steradian.errors import InvalidInput
-from steradian.storage.folder import bind, check
-from steradian.storage.paths import DataDirectory
+from steradian.core.exceptions import InvalidInput
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.maintenance.binding import bind, check
 
 
 @pytest.fixture

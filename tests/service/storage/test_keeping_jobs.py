@@ -4,11 +4,11 @@ from datetime import timedelta
 
 import pytest
 
-from steradian.errors import Superseded
-from steradian.jobs.keeping import JobKeeper, put_results
-from steradian.jobs.ledger import JobLedger
+from steradian.core.exceptions import Superseded
 from steradian.jobs.model import JobRequest, Succeeded
-from steradian.storage.paths import DataDirectory
+from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.worker.results import JobKeeper, put_results
+from steradian.storage.data_dir.layout import DataDirectory
 from support.stores import settings_of
 
 pytestmark = pytest.mark.long

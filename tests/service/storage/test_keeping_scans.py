@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 from sqlalchemy import delete
 
-from steradian.errors import NotFound
+from steradian.core.exceptions import NotFound
+from steradian.core.settings import Settings
 from steradian.runtime.acquisition import Acquisition, ScannerPort
-from steradian.runtime.keeping import ScanKeeper
-from steradian.runtime.moving import move_to_store
-from steradian.scans.settling import count_alines
-from steradian.scans.store import AlineStore, create_scan_file
-from steradian.settings import Settings
-from steradian.storage.arrays import scan_name
-from steradian.storage.masks import MaskRepository
-from steradian.storage.paths import DataDirectory
-from steradian.storage.plans import PlanRepository
-from steradian.storage.scans import ScanRepository
+from steradian.runtime.archive.migrate import move_to_store
+from steradian.runtime.archive.scan_uploader import ScanKeeper
+from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.scans.summary import count_alines
+from steradian.storage.blobs.interface import scan_name
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.tables import ScanRow
+from steradian.storage.repositories.masks import MaskRepository
+from steradian.storage.repositories.plans import PlanRepository
+from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import DesiredScanState, ScanState
-from steradian.storage.tables import ScanRow
 from support.alines import Aline
 from support.stores import keys
 
@@ -52,7 +52,7 @@ def test_a_scan_is_kept_when_it_is_over_and_its_file_goes_later(store, rows, pla
     assert other.open(scan_name(scan)).read_bytes() == b"all of it"
     keeper.step()
     assert data.scan_file(scan).exists(), "somebody may be reading it"
-    monkeypatch.setattr("steradian.runtime.keeping.LEFT_FOR", -1)
+    monkeypatch.setattr("steradian.runtime.archive.scan_uploader.LEFT_FOR", -1)
     keeper.step()
     assert not data.scan_file(scan).exists()
     assert store.open(scan_name(scan)).read_bytes() == b"all of it"
@@ -104,7 +104,7 @@ def test_a_scan_that_was_resumed_in_vain_can_still_be_had_when_its_file_has_gone
     keeper.step()
     assert other.open(name).read_bytes() == b"half of it"
     scans.transition(scan, ScanState.PARTIAL, why="test")
-    monkeypatch.setattr("steradian.runtime.keeping.LEFT_FOR", -1)
+    monkeypatch.setattr("steradian.runtime.archive.scan_uploader.LEFT_FOR", -1)
     keeper.step()
     assert not data.scan_file(scan).exists()
     assert store.open(name).read_bytes() == other.open(name).read_bytes() == b"half of it"
@@ -187,7 +187,7 @@ def test_a_scan_that_is_deleted_while_it_is_kept_is_not_known_and_the_next_one_i
             delete_it()
         return stored
 
-    monkeypatch.setattr("steradian.runtime.keeping.shutil.copy2", copied)
+    monkeypatch.setattr("steradian.runtime.archive.scan_uploader.shutil.copy2", copied)
     monkeypatch.setattr(store, "put", sent)
     keeper = ScanKeeper(store, scans, data)
     keeper.step()
@@ -211,7 +211,7 @@ def test_what_is_stored_while_an_earlier_state_is_sent_is_kept_too(
         return put(name, *about)
 
     monkeypatch.setattr(store, "put", sent)
-    monkeypatch.setattr("steradian.runtime.keeping.LEFT_FOR", -1)
+    monkeypatch.setattr("steradian.runtime.archive.scan_uploader.LEFT_FOR", -1)
     keeper = ScanKeeper(store, scans, data)
     for _ in range(4):
         keeper.step()
@@ -249,7 +249,7 @@ def test_a_keeper_goes_on_whatever_is_raised_and_clears_what_a_killed_one_left(s
         over.set()
 
     monkeypatch.setattr(keeper, "step", look)
-    monkeypatch.setattr("steradian.runtime.keeping.LOOK_EVERY", 0.01)
+    monkeypatch.setattr("steradian.runtime.archive.scan_uploader.LOOK_EVERY", 0.01)
     keeper.run(over)
     assert (looks, store.kept(scan_name(scan)) is None) == ([False, False], False)
 

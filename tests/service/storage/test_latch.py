@@ -2,7 +2,7 @@
 
 import os
 
-from steradian.storage.emergency import EmergencyLatch
+from steradian.storage.data_dir.emergency_latch import EmergencyLatch
 
 
 def test_a_press_between_two_processes_that_make_the_latch_is_not_overwritten(tmp_path, monkeypatch):

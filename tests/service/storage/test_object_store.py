@@ -10,13 +10,13 @@ from datetime import timedelta
 import httpx
 import pytest
 
-from steradian.errors import DamagedFile, InvalidInput, NotFound, StoreUnavailable
-from steradian.settings import Settings
-from steradian.storage import belonging
-from steradian.storage.arrays import result_name, scan_name, upload_name
-from steradian.storage.cache import Cache
-from steradian.storage.database import Database
-from steradian.storage.object_store import ObjectStore
+from steradian.core.exceptions import DamagedFile, InvalidInput, NotFound, StoreUnavailable
+from steradian.core.settings import Settings
+from steradian.storage import deployment_binding as belonging
+from steradian.storage.blobs.cache import Cache
+from steradian.storage.blobs.interface import result_name, scan_name, upload_name
+from steradian.storage.blobs.object_store import ObjectStore
+from steradian.storage.db.database import Database
 from support.seaweed import SECRET
 from support.stores import keys, psycopg_url, settings_of
 

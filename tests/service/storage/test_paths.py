@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from steradian.errors import InvalidInput
-from steradian.storage.paths import DataDirectory, DataDirectoryInUse
+from steradian.core.exceptions import InvalidInput
+from steradian.storage.data_dir.layout import DataDirectory, DataDirectoryInUse
 
 HOLD = """
 import sys, pathlib
-from steradian.storage.paths import DataDirectory
+from steradian.storage.data_dir.layout import DataDirectory
 with DataDirectory(pathlib.Path(sys.argv[1])).lock():
     print("held", flush=True)
     sys.stdin.read()
@@ -120,11 +120,11 @@ def test_a_folder_of_the_earlier_layout_is_opened_with_all_that_its_jobs_left(tm
 
 def test_an_import_that_was_cut_off_before_its_row_keeps_no_service_from_starting(tmp_path):
     """It was the first scan of the folder; its job goes on with the file."""
-    from steradian.jobs.ledger import JobLedger
+    from steradian.core.settings import Settings
     from steradian.jobs.model import JobRequest
-    from steradian.settings import Settings
-    from steradian.storage.database import Database, metadata_url
-    from steradian.storage.integrity import check_before_start
+    from steradian.jobs.queue.ledger import JobLedger
+    from steradian.storage.db.database import Database, metadata_url
+    from steradian.storage.maintenance.startup_check import check_before_start
 
     settings, data = Settings.create(data=tmp_path), DataDirectory(tmp_path)
     data.create()

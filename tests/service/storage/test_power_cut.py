@@ -23,17 +23,17 @@ import httpx
 import pytest
 from sqlalchemy import create_engine, select, text
 
-from steradian.jobs.engine import queue_url
-from steradian.jobs.queue import JobQueue
-from steradian.scans.store import create_scan_file
-from steradian.settings import Settings
-from steradian.storage.database import Database
-from steradian.storage.masks import MaskRepository
-from steradian.storage.paths import DataDirectory
-from steradian.storage.plans import PlanRepository
-from steradian.storage.scans import ScanRepository
+from steradian.core.settings import Settings
+from steradian.jobs.queue.client import JobQueue
+from steradian.jobs.queue.dbos import queue_url
+from steradian.scans.file.writer import create_scan_file
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.database import Database
+from steradian.storage.db.tables import Table
+from steradian.storage.repositories.masks import MaskRepository
+from steradian.storage.repositories.plans import PlanRepository
+from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import ScanState
-from steradian.storage.tables import Table
 
 pytestmark = pytest.mark.long
 

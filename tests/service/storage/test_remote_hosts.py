@@ -10,12 +10,12 @@ from datetime import timedelta
 import numpy as np
 import pytest
 
-from steradian.reconstructions.job import reconstruct_scan
+from steradian.core.settings import Settings
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.volume_file import read_volume
-from steradian.settings import Settings
-from steradian.storage.database import Database, metadata_url
-from steradian.storage.object_store import ObjectStore
+from steradian.reconstructions.pipeline.run import reconstruct_scan
+from steradian.reconstructions.volumes.file import read_volume
+from steradian.storage.blobs.object_store import ObjectStore
+from steradian.storage.db.database import Database, metadata_url
 from support.seaweed import SECRET
 from support.services import WAIT, Service
 from support.waiting import until

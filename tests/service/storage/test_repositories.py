@@ -3,13 +3,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from steradian.errors import Conflict, InvalidInput, NotFound
-from steradian.storage.idempotency import Answer, Answers, Key
-from steradian.storage.masks import MaskRepository
-from steradian.storage.plans import PlanRepository
-from steradian.storage.reconstructions import ReconstructionRepository
-from steradian.storage.scanners import EmergencyStopped, ScannerRepository
-from steradian.storage.scans import ScanRepository
+from steradian.core.exceptions import Conflict, InvalidInput, NotFound
+from steradian.storage.repositories.idempotency import Answer, Answers, Key
+from steradian.storage.repositories.masks import MaskRepository
+from steradian.storage.repositories.plans import PlanRepository
+from steradian.storage.repositories.reconstructions import ReconstructionRepository
+from steradian.storage.repositories.scanners import EmergencyStopped, ScannerRepository
+from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import DesiredScanState, ScanState
 
 S = ScanState

@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 
-from steradian.errors import Conflict
+from steradian.core.exceptions import Conflict
 from steradian.storage import states
 from steradian.storage.states import (
     ACTIVE_SCAN_STATES,

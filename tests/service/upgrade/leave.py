@@ -18,8 +18,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from steradian.jobs.kinds import KINDS
-from steradian.storage.database import known_revisions
+from steradian.jobs.registry import KINDS
+from steradian.storage.db.database import known_revisions
 from support.processes import tree_of
 from support.services import Service
 from support.waiting import until

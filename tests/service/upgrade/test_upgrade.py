@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from sqlalchemy import text
 
-from steradian.errors import DamagedFile
-from steradian.jobs.kinds import KINDS
-from steradian.runtime.inspection import inspect
-from steradian.storage.database import Database, known_revisions, metadata_url
+from steradian.core.exceptions import DamagedFile
+from steradian.jobs.registry import KINDS
+from steradian.runtime.fsck import inspect
+from steradian.storage.db.database import Database, known_revisions, metadata_url
 from support.services import Service
 from support.waiting import until
 

@@ -14,7 +14,7 @@ from steradian.benchmarks.paper.sections import Claim, Part, Run, Section
 from steradian.imaging import Correction, reconstruct
 from steradian.masks import equi_steradian_mask
 from steradian.reconstructions.film import SimulatedFilm
-from steradian.reconstructions.sound_speed import SoundSpeedCurve, find_sound_speed
+from steradian.reconstructions.studies.sound_speed import SoundSpeedCurve, find_sound_speed
 
 SPEEDS = (1400.0, 1450.0, 1500.0, 1550.0, 1600.0)
 GAINS = (4.0, 10.0)
@@ -100,7 +100,7 @@ class MistakenFilm:
     def at(
         self, frequencies: NDArray[np.float64], sines: NDArray[np.float64], sound_speed: float
     ) -> NDArray[np.complex128]:
-        """As :meth:`steradian.imaging.response.FilmResponse.at`."""
+        """As :meth:`steradian.imaging.film_response.FilmResponse.at`."""
         return SimulatedFilm().at(1.25 * np.asarray(frequencies, np.float64), sines, sound_speed)
 
 

@@ -14,11 +14,11 @@ from steradian import phantoms, quality
 from steradian.benchmarks.paper.pictures import figure, save, show
 from steradian.benchmarks.paper.sections import Part, Run
 from steradian.benchmarks.yardsticks import timed
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.imaging import Conditioning, Iterative, ReconstructionPlan, Volume
-from steradian.imaging.band import signal_band
-from steradian.imaging.iterative import IterativeResult, reconstruct_iteratively
+from steradian.imaging.iterative.solve import IterativeResult, reconstruct_iteratively
 from steradian.imaging.operators import ForwardOperator
+from steradian.imaging.signal.bandwidth import signal_band
 from steradian.masks import equi_steradian_mask
 
 KWAVE = Path(__file__).parents[4] / "tests" / "data" / "yarn_kwave_sparse.npz"

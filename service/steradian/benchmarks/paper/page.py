@@ -7,7 +7,7 @@ from typing import Any
 
 from steradian.benchmarks.paper.markdown import number, table
 from steradian.benchmarks.paper.sections import RULE, Claim, Verdict, sections
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 
 BEGIN, END = "<!-- paper: begin, written by `steradian benchmark paper` -->", "<!-- paper: end -->"
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from steradian import phantoms, quality
 from steradian.benchmarks.paper.sections import Part, Run
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.imaging import ReconstructionPlan, Volume
 from steradian.phantoms.targets import SIGMA, chart_bars
 

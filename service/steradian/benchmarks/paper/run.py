@@ -13,8 +13,8 @@ from typing import Any, TypeAlias
 from steradian import __version__
 from steradian.benchmarks.paper.page import page, put_into_readme
 from steradian.benchmarks.paper.sections import Run, sections
-from steradian.errors import Cancelled
-from steradian.progress import IsCancelled, Progress
+from steradian.core.exceptions import Cancelled
+from steradian.core.progress import IsCancelled, Progress
 
 Document: TypeAlias = dict[str, Any]
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from statistics import mean, stdev
 from typing import Any, TypeAlias
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 
 Part: TypeAlias = dict[str, Any]
 """What a section measured: JSON values only (str, int, float, bool, None, lists and dicts of them)."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from steradian import phantoms, quality
 from steradian.benchmarks.paper.sections import Part, Run
 from steradian.imaging import Volume, reconstruct
-from steradian.imaging.conditioning import Conditioning
+from steradian.imaging.signal.conditioning import Conditioning
 from steradian.masks import Mask, equi_steradian_mask
 from steradian.masks.snapping import ScannerGrid
 

@@ -16,13 +16,13 @@ from typing import Any, NamedTuple, Protocol
 
 from numpy.typing import NDArray
 
+from steradian.core.progress import IsCancelled, Progress
 from steradian.imaging.tables import Tables
 from steradian.imaging.volume import RealArray
-from steradian.progress import IsCancelled, Progress
 
 
 class Watch(NamedTuple):
-    """Progress and cancellation callbacks; see :mod:`steradian.progress`."""
+    """Progress and cancellation callbacks; see :mod:`steradian.core.progress`."""
 
     progress: Progress | None = None
     cancelled: IsCancelled | None = None

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from steradian.errors import InvalidInput
-from steradian.imaging.arrays import on_gpu
+from steradian.core.exceptions import InvalidInput
+from steradian.imaging.engines.array_namespace import on_gpu
 from steradian.imaging.engines.numba.engine import NumbaEngine
 from steradian.imaging.parameters import Parameters
 from steradian.imaging.tables import Tables

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.imaging import workers
+from steradian.core.progress import IsCancelled, Progress
+from steradian.imaging.compute import thread_pool as workers
 from steradian.imaging.transforms.sizes import LINE
 from steradian.imaging.volume import RealArray
-from steradian.progress import IsCancelled, Progress
 
 _OVERSAMPLINGS = (1.06, 1.08, 1.1, 1.12, 1.15, 1.2, 1.25, 1.3, 1.4, 1.5, 1.75, 2.0)
 _OTHERS = 500  # products of a tap and a sample that cost what the other steps take for a sample, about

@@ -69,7 +69,7 @@ class KappaRule:
     waves
         As above.
     table, steps
-        R as :func:`steradian.imaging.response.tabulated` gives it.
+        R as :func:`steradian.imaging.film_response.tabulated` gives it.
     """
 
     scales: tuple[float, float]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from steradian.compiled import compiled
+from steradian.core.jit import compiled
 
 
 @compiled

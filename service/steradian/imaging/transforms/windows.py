@@ -13,8 +13,8 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.imaging.checks import choice, whole
-from steradian.ranges import Range, real
+from steradian.core.units import Range, real
+from steradian.imaging.validation import choice, whole
 
 Shape: TypeAlias = Literal["semicircle", "kaiser-bessel"]
 MOST_TAPS = 48

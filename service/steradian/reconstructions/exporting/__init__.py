@@ -9,9 +9,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal, TypeAlias, get_args
 
-from steradian.drafts import draft
-from steradian.errors import Conflict, InvalidInput
-from steradian.progress import IsCancelled, Progress
+from steradian.core.atomic_files import draft
+from steradian.core.exceptions import Conflict, InvalidInput
+from steradian.core.progress import IsCancelled, Progress
 from steradian.reconstructions.exporting.source import VolumeSource, open_volume
 
 __all__ = ["ENDINGS", "VolumeFormat", "export_volume", "format_of"]

@@ -2,7 +2,7 @@
 
 ::
 
-    /           attributes as in a volume file (steradian.reconstructions.volume_file), which this is too
+    /           attributes as in a volume file (steradian.reconstructions.volumes.file), which this is too
     values      (Nx, Ny, Nz) f4   attributes: axes, spacing_m, origin_m; compressed with gzip
     x, y, z     (Nx,) (Ny,) (Nz,) f8   centres of the voxels in metres
     spacing_m   (3,) f8           voxel size in metres, in the order x, y, z
@@ -19,8 +19,8 @@ import h5py
 import numpy as np
 
 from steradian.reconstructions.exporting.source import VolumeSource
-from steradian.reconstructions.levels import chunks_of
-from steradian.reconstructions.volume_file import attach_axes, write_axes
+from steradian.reconstructions.volumes.file import attach_axes, write_axes
+from steradian.reconstructions.volumes.pyramid import chunks_of
 
 
 def write_hdf5(source: VolumeSource, path: Path) -> None:

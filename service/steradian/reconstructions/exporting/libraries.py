@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 
 ALWAYS = "hdf5, nrrd, vtkhdf or png"
 

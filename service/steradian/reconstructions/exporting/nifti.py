@@ -9,7 +9,7 @@ from typing import IO, cast
 import numpy as np
 
 from steradian import __version__
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.reconstructions.exporting.libraries import library
 from steradian.reconstructions.exporting.source import VolumeSource
 

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.imaging import Axes, Volume
-from steradian.imaging.conditioning import Display
+from steradian.imaging.signal.conditioning import Display
 from steradian.reconstructions.exporting.source import VolumeSource
-from steradian.reconstructions.near_field import from_depth
-from steradian.reconstructions.pictures import PLANES, Axis, draw_projection
-from steradian.reconstructions.volume_file import read_projection
+from steradian.reconstructions.volumes.file import read_projection
+from steradian.reconstructions.volumes.images import PLANES, Axis, draw_projection
+from steradian.reconstructions.volumes.near_field import from_depth
 
 
 def write_png(source: VolumeSource, path: Path) -> None:

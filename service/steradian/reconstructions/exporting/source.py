@@ -12,10 +12,10 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import Cancelled, DamagedFile, NotFound
-from steradian.progress import IsCancelled, Progress
-from steradian.reconstructions.volume_file import centre_in, require_volume
-from steradian.scans.broken import reading
+from steradian.core.exceptions import Cancelled, DamagedFile, NotFound
+from steradian.core.progress import IsCancelled, Progress
+from steradian.reconstructions.volumes.file import centre_in, require_volume
+from steradian.scans.file.corruption import reading
 
 SLAB_BYTES = 32 << 20
 

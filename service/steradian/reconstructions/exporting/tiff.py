@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.reconstructions.exporting.libraries import library
 from steradian.reconstructions.exporting.source import VolumeSource
 

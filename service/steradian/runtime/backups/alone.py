@@ -8,7 +8,7 @@ from pathlib import Path
 
 import filelock
 
-from steradian.errors import Conflict
+from steradian.core.exceptions import Conflict
 
 
 @contextmanager

@@ -21,23 +21,23 @@ from sqlalchemy import create_engine, select
 from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 
-from steradian.drafts import ENDING, draft, sync_folder
-from steradian.errors import Conflict, DamagedFile, DiskFull, InvalidInput
-from steradian.progress import IsCancelled, Progress
+from steradian.core.atomic_files import ENDING, draft, sync_folder
+from steradian.core.exceptions import Conflict, DamagedFile, DiskFull, InvalidInput
+from steradian.core.progress import IsCancelled, Progress
 from steradian.runtime.backups.alone import alone
 from steradian.runtime.backups.manifest import DATABASE, Course, Entry, Manifest, copy_file, hash_file, plain_files
-from steradian.scans.broken import BROKEN
-from steradian.scans.check import check_scan_file
-from steradian.scans.layout import is_full
-from steradian.scans.locking import open_to_read
-from steradian.scans.rows import RowTable
-from steradian.storage.database import Database, known_revisions
-from steradian.storage.disk import imported_scan_id
-from steradian.storage.paths import PRIVATE, DataDirectory
-from steradian.storage.snapshot import take_snapshot
-from steradian.storage.sqlite_files import sqlite_url
+from steradian.scans.file.corruption import BROKEN
+from steradian.scans.file.create import is_full
+from steradian.scans.file.locking import open_to_read
+from steradian.scans.file.rows import RowTable
+from steradian.scans.file.verify import check_scan_file
+from steradian.storage.capacity.quota import imported_scan_id
+from steradian.storage.data_dir.layout import PRIVATE, DataDirectory
+from steradian.storage.db.database import Database, known_revisions
+from steradian.storage.db.sqlite_urls import sqlite_url
+from steradian.storage.db.tables import JobRow, ScanRow
+from steradian.storage.maintenance.snapshot import take_snapshot
 from steradian.storage.states import ScanState, is_terminal
-from steradian.storage.tables import JobRow, ScanRow
 
 ROUNDS: Final = 20
 """Times that the rows are read before too much is being deleted."""

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Final, Self
 
 from steradian import __version__
-from steradian.drafts import write_durably
-from steradian.errors import Cancelled, DamagedFile
-from steradian.progress import IsCancelled, Progress
-from steradian.storage.paths import PRIVATE
+from steradian.core.atomic_files import write_durably
+from steradian.core.exceptions import Cancelled, DamagedFile
+from steradian.core.progress import IsCancelled, Progress
+from steradian.storage.data_dir.layout import PRIVATE
 
 FORMAT: Final = "steradian backup"
 VERSION: Final = 1

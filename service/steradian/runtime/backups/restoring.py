@@ -8,17 +8,17 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
-from steradian.drafts import remove, sync_folder, write_durably
-from steradian.errors import Conflict, DamagedFile
-from steradian.progress import IsCancelled, Progress
+from steradian.core.atomic_files import remove, sync_folder, write_durably
+from steradian.core.exceptions import Conflict, DamagedFile
+from steradian.core.progress import IsCancelled, Progress
+from steradian.core.settings import Settings
 from steradian.runtime.backups.alone import alone
 from steradian.runtime.backups.manifest import CHANGED, DATABASE, Course, Manifest, copy_file
-from steradian.runtime.inspection import Finding, inspect
-from steradian.runtime.owning import owning_database
-from steradian.settings import Settings
-from steradian.storage.database import Database, metadata_url
-from steradian.storage.paths import PRIVATE, DataDirectory
-from steradian.storage.snapshot import make_another, put_back, require_empty
+from steradian.runtime.fsck import Finding, inspect
+from steradian.runtime.singleton_locks import owning_database
+from steradian.storage.data_dir.layout import PRIVATE, DataDirectory
+from steradian.storage.db.database import Database, metadata_url
+from steradian.storage.maintenance.snapshot import make_another, put_back, require_empty
 
 DRAFT: Final = "restoring.new"
 LOCK: Final = "lock"

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal, get_args
 
-from steradian.errors import DamagedFile, InvalidInput, NotFound
-from steradian.progress import IsCancelled, Progress
-from steradian.scans import schema
+from steradian.core.exceptions import DamagedFile, InvalidInput, NotFound
+from steradian.core.progress import IsCancelled, Progress
 from steradian.scans.exporting.ipasc import write_ipasc
 from steradian.scans.exporting.sgl import write_sgl
-from steradian.scans.locking import open_to_read
+from steradian.scans.file import schema
+from steradian.scans.file.locking import open_to_read
 
 __all__ = ["ENDINGS", "ScanFormat", "export_scan"]
 

@@ -3,8 +3,8 @@
 ``binary_time_series_data`` [detector, sample, wavelength, frame] in the pressure unit as float32; every tag a dataset
 in SI units; a group for each detector. The standard has no tag for the time of the first sample nor for what a point
 stands for, so these go under names of our own (:mod:`steradian.scans.importing.ipasc`). A-lines that begin at different
-times after their pulses are put on one grid of times (:mod:`steradian.scans.aligning`). Wavelengths of the light that
-nobody knows are 0, for PATATO opens no file without any.
+times after their pulses are put on one grid of times (:mod:`steradian.scans.time_alignment`). Wavelengths of the light
+that nobody knows are 0, for PATATO opens no file without any.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import Cancelled, DamagedFile
-from steradian.progress import IsCancelled, Progress
-from steradian.scans.aligning import align, common_grid
-from steradian.scans.arrangement import arrangement_of, centre_of
+from steradian.core.exceptions import Cancelled, DamagedFile
+from steradian.core.progress import IsCancelled, Progress
+from steradian.scans.file.coordinate_frame import arrangement_of, centre_of
+from steradian.scans.file.rows import RowTable
 from steradian.scans.importing import ipasc
-from steradian.scans.rows import RowTable
+from steradian.scans.time_alignment import align, common_grid
 
 BLOCK_BYTES = 16 << 20
 NAMESPACE = uuid.UUID("6d0a2f0e-6b8c-5a55-9a8e-0d1c2f3b4a59")

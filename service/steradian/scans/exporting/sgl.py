@@ -16,14 +16,14 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import Cancelled, DamagedFile, InvalidInput
-from steradian.imaging.weights import find_lattice
-from steradian.progress import IsCancelled, Progress
-from steradian.scans.arrangement import arrangement_of, centre_of
+from steradian.core.exceptions import Cancelled, DamagedFile, InvalidInput
+from steradian.core.progress import IsCancelled, Progress
+from steradian.imaging.geometry.sensor_areas import find_lattice
+from steradian.scans.file.coordinate_frame import arrangement_of, centre_of
+from steradian.scans.file.origin import read_origin
+from steradian.scans.file.rows import RowTable
 from steradian.scans.importing import sgl
 from steradian.scans.importing.sgl_name import read_name
-from steradian.scans.origin import read_origin
-from steradian.scans.rows import RowTable
 
 BLOCK_BYTES = 8 << 20
 SAME = 1e-6

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from steradian.drafts import sync_folder
-from steradian.errors import Cancelled, Conflict, NotFound
-from steradian.progress import IsCancelled, Progress
+from steradian.core.atomic_files import sync_folder
+from steradian.core.exceptions import Cancelled, Conflict, NotFound
+from steradian.core.progress import IsCancelled, Progress
 from steradian.scans.importing import own
 from steradian.scans.importing.opening import is_own, open_source
 from steradian.scans.importing.writing import write_scan

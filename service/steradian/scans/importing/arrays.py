@@ -20,7 +20,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from steradian.errors import DamagedFile, InvalidInput
+from steradian.core.exceptions import DamagedFile, InvalidInput
 from steradian.scans.importing import names
 from steradian.scans.importing.axes import axes_of, table_of
 from steradian.scans.importing.description import Description, grid_points

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.scans.importing.geometry import MOST_POINTS
 from steradian.scans.importing.tables import BLOCK_BYTES, Block
 

@@ -25,11 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from steradian.errors import DamagedFile, InvalidInput, NotFound
-from steradian.ranges import SOUND_SPEED
+from steradian.core.exceptions import DamagedFile, InvalidInput, NotFound
+from steradian.core.units import SOUND_SPEED
+from steradian.core.validation import FloatArray, Value, quantity
 from steradian.scans.importing.axes import parse_axes
 from steradian.scans.importing.geometry import MOST_POINTS
-from steradian.validation import FloatArray, Value, quantity
 
 LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
 TIMES = {"s": 1.0, "us": 1e-6, "ns": 1e-9}

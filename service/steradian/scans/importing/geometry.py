@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import InvalidInput
-from steradian.imaging.weights import find_lattice
+from steradian.core.exceptions import InvalidInput
+from steradian.imaging.geometry.sensor_areas import find_lattice
 from steradian.masks import Mask, custom_mask
 from steradian.masks.lattice import FILLED, lattice_modes
 from steradian.masks.points import area_of_weights
-from steradian.scans.arrangement import centre_of
+from steradian.scans.file.coordinate_frame import centre_of
 from steradian.scans.importing.remarks import remark
 
 FLAT = 1e-4

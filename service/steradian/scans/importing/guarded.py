@@ -21,10 +21,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any, Literal
 
-from steradian.confinement import die_first, poor_environment, shut_in
-from steradian.drafts import sync_folder
-from steradian.errors import Cancelled, Conflict, DamagedFile, DiskFull, InvalidInput, NotFound, SteradianError
-from steradian.progress import IsCancelled, Progress
+from steradian.core.atomic_files import sync_folder
+from steradian.core.exceptions import Cancelled, Conflict, DamagedFile, DiskFull, InvalidInput, NotFound, SteradianError
+from steradian.core.progress import IsCancelled, Progress
+from steradian.core.sandbox import die_first, poor_environment, shut_in
 from steradian.scans.importing import ImportSummary, import_scan
 from steradian.scans.importing.description import read_description
 from steradian.scans.importing.looking import Look, look_into

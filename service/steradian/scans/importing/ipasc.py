@@ -17,8 +17,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import DamagedFile, InvalidInput
-from steradian.progress import Progress
+from steradian.core.exceptions import DamagedFile, InvalidInput
+from steradian.core.progress import Progress
 from steradian.scans.importing import untrusted
 from steradian.scans.importing.description import Description
 from steradian.scans.importing.geometry import refuse_sideways

@@ -6,7 +6,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.scans.importing.description import Description
 from steradian.scans.importing.evidence import first_break, longest_delay, time_axis
 from steradian.scans.importing.remarks import remark

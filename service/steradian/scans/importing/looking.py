@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from steradian.core.units import SOUND_SPEED
 from steradian.plans import ScanPlan
-from steradian.ranges import SOUND_SPEED
 from steradian.scans.importing import own
 from steradian.scans.importing.opening import is_own, open_source
 from steradian.scans.importing.source import Lack, Source, noting_lacks

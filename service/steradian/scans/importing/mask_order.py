@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.scans.importing.evidence import likeness
 from steradian.scans.importing.remarks import remark
 from steradian.scans.importing.tables import Table

@@ -17,7 +17,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from steradian.errors import DamagedFile
+from steradian.core.exceptions import DamagedFile
 from steradian.scans.importing.untrusted import RATIO, RATIO_FROM
 
 MAGIC = b"MATLAB 5.0"

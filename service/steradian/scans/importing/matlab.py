@@ -19,7 +19,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import DamagedFile, InvalidInput
+from steradian.core.exceptions import DamagedFile, InvalidInput
 from steradian.scans.importing import mat5, names, untrusted
 from steradian.scans.importing.axes import axes_of, table_of
 from steradian.scans.importing.description import Description, grid_points

@@ -11,9 +11,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import DamagedFile, InvalidInput, NotFound
-from steradian.progress import Progress
-from steradian.scans import schema
+from steradian.core.exceptions import DamagedFile, InvalidInput, NotFound
+from steradian.core.progress import Progress
+from steradian.scans.file import schema
 from steradian.scans.importing import arrays, ipasc, kwave, mat5, matlab, sgl, untrusted
 from steradian.scans.importing.description import Description, read_description
 from steradian.scans.importing.remarks import collecting_remarks

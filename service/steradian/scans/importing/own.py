@@ -14,20 +14,20 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import Cancelled, DamagedFile, InvalidInput
+from steradian.core.exceptions import Cancelled, DamagedFile, InvalidInput
+from steradian.core.progress import IsCancelled, Progress
+from steradian.core.units import TIME_ZERO
 from steradian.plans import ScanPlan
-from steradian.progress import IsCancelled, Progress
-from steradian.ranges import TIME_ZERO
-from steradian.scans import schema
+from steradian.scans.file import schema
+from steradian.scans.file.columns import ATTRIBUTE
+from steradian.scans.file.create import geometry_checksum
+from steradian.scans.file.origin import MOST_CHARACTERS, SOURCE, parse_origin
+from steradian.scans.file.rows import RowTable
+from steradian.scans.file.writer import AlineStore, Upload, create_scan_file
 from steradian.scans.importing import untrusted
 from steradian.scans.importing.planned import read_plan
 from steradian.scans.importing.tables import Hdf5Table
 from steradian.scans.importing.writing import MOST_SIZE, ImportedAline, pieces, require_sizes
-from steradian.scans.layout import geometry_checksum
-from steradian.scans.origin import MOST_CHARACTERS, SOURCE, parse_origin
-from steradian.scans.rows import RowTable
-from steradian.scans.storable import ATTRIBUTE
-from steradian.scans.store import AlineStore, Upload, create_scan_file
 
 FORMAT = "steradian"
 GROUPS = {"mask", "plan", "alines", "run"}

@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 import h5py
 import numpy as np
 
-from steradian.errors import DamagedFile
+from steradian.core.exceptions import DamagedFile
 from steradian.masks import Mask
 from steradian.plans import ScanPlan
 from steradian.scans.importing import untrusted

@@ -18,15 +18,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import DamagedFile, InvalidInput
-from steradian.ranges import LENGTH, SAMPLING_INTERVAL
+from steradian.core.exceptions import DamagedFile, InvalidInput
+from steradian.core.units import LENGTH, SAMPLING_INTERVAL
+from steradian.scans.file.origin import printable
 from steradian.scans.importing.description import Description
 from steradian.scans.importing.geometry import MOST_POINTS
 from steradian.scans.importing.remarks import remark
 from steradian.scans.importing.sgl_name import NameSays, read_name
 from steradian.scans.importing.source import Source, Stated, make_source
 from steradian.scans.importing.tables import RawTable
-from steradian.scans.origin import printable
 
 FORMAT, SUFFIX = "sgl", ".sgl"
 KIND = np.dtype(">f4")

@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import InvalidInput
-from steradian.ranges import SAMPLING_INTERVAL, TIME_ZERO
+from steradian.core.exceptions import InvalidInput
+from steradian.core.units import SAMPLING_INTERVAL, TIME_ZERO
 from steradian.scans.importing.description import Description, grid_points
 from steradian.scans.importing.geometry import Sensors, place_sensors
 from steradian.scans.importing.noticing import noticed

@@ -17,7 +17,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import DamagedFile
+from steradian.core.exceptions import DamagedFile
 
 BLOCK_BYTES = 8 << 20
 

@@ -17,7 +17,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import DamagedFile
+from steradian.core.exceptions import DamagedFile
 from steradian.scans.importing.arrays import order_in, table_in
 from steradian.scans.importing.description import Description
 from steradian.scans.importing.kwave_p import order_of_square

@@ -7,8 +7,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import InvalidInput
-from steradian.ranges import LENGTH
+from steradian.core.exceptions import InvalidInput
+from steradian.core.units import LENGTH
 from steradian.scans.importing.description import LENGTHS, TIMES, Description
 
 

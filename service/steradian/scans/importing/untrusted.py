@@ -19,9 +19,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import DamagedFile, NotFound, SteradianError
-from steradian.scans.broken import BROKEN
-from steradian.scans.locking import open_to_read
+from steradian.core.exceptions import DamagedFile, NotFound, SteradianError
+from steradian.scans.file.corruption import BROKEN
+from steradian.scans.file.locking import open_to_read
 
 MOST_LINKS = 5_000_000
 MOST_DEPTH = 32

@@ -12,15 +12,15 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import Cancelled, InvalidInput
+from steradian.core.exceptions import Cancelled, InvalidInput
+from steradian.core.progress import IsCancelled, Progress
 from steradian.plans import ScanPlan, VisitOrder
-from steradian.progress import IsCancelled, Progress
-from steradian.scans import schema
+from steradian.scans.file import schema
+from steradian.scans.file.origin import SOURCE
+from steradian.scans.file.writer import AlineStore, create_scan_file
 from steradian.scans.importing.noticing import noticed
 from steradian.scans.importing.remarks import remark
 from steradian.scans.importing.source import Source
-from steradian.scans.origin import SOURCE
-from steradian.scans.store import AlineStore, create_scan_file
 
 USUAL_RATE, DUTY = 50.0, 0.5
 """Pulse rate of a plan made for a recording that states none, in Hz, and the share of a period its record may fill."""

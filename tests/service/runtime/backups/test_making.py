@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from steradian.errors import Cancelled, Conflict, DamagedFile, DiskFull, InvalidInput
+from steradian.core.exceptions import Cancelled, Conflict, DamagedFile, DiskFull, InvalidInput
+from steradian.core.settings import Settings
 from steradian.runtime.backups import Manifest, restore
-from steradian.settings import Settings
 from support.backups import files, once, restored
 
 
@@ -36,8 +36,8 @@ KILLED = """
 import os, sys
 from pathlib import Path
 from steradian.runtime.backups import back_up
-from steradian.storage.database import Database
-from steradian.storage.paths import DataDirectory
+from steradian.storage.db.database import Database
+from steradian.storage.data_dir.layout import DataDirectory
 data, seen = DataDirectory(Path(sys.argv[1])), []
 def die(*at):
     seen.append(at)

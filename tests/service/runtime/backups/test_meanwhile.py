@@ -2,13 +2,13 @@
 
 import pytest
 
-from steradian.jobs.ledger import JobLedger
 from steradian.jobs.model import JobRequest, Succeeded
-from steradian.scans.check import check_scan_file
-from steradian.scans.store import AlineStore
-from steradian.storage.arrays import Folder
-from steradian.storage.database import Database, metadata_url
-from steradian.storage.deletion import Deletion, remove_files
+from steradian.jobs.queue.ledger import JobLedger
+from steradian.scans.file.verify import check_scan_file
+from steradian.scans.file.writer import AlineStore
+from steradian.storage.blobs.interface import Folder
+from steradian.storage.db.database import Database, metadata_url
+from steradian.storage.repositories.deletion import Deletion, remove_files
 from support.backups import aline, files, once, restored, spoil
 from support.damage import BITS
 from support.damage import spoil as spoil_header

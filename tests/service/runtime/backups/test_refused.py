@@ -5,10 +5,10 @@ import json
 import pytest
 from sqlalchemy import text
 
-from steradian.errors import DamagedFile
+from steradian.core.exceptions import DamagedFile
+from steradian.core.settings import Settings
 from steradian.runtime.backups import Manifest, back_up, restore
 from steradian.runtime.backups.manifest import DATABASE
-from steradian.settings import Settings
 
 
 @pytest.mark.parametrize("path", ["identity", DATABASE, "uploads/u1", "jobs/first/volume.h5", "emergency-stop/pressed"])

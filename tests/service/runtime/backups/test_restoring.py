@@ -6,15 +6,15 @@ import pytest
 from typer.testing import CliRunner
 
 from steradian.cli.app import app
-from steradian.errors import Conflict
-from steradian.jobs.ledger import JobLedger
+from steradian.core.exceptions import Conflict
+from steradian.core.settings import Settings
 from steradian.jobs.model import JobRequest
+from steradian.jobs.queue.ledger import JobLedger
 from steradian.runtime.backups import back_up, restore
 from steradian.security.keys import KeyStore, Scope, Unauthorized
 from steradian.security.sessions import SessionStore
-from steradian.settings import Settings
-from steradian.storage.database import Database, metadata_url
-from steradian.storage.paths import DataDirectory
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.database import Database, metadata_url
 from support.backups import files, once, restored, rows
 
 

@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import InvalidInput
-from steradian.imaging import memory
-from steradian.imaging.checks import SUMMABLE, first_bad
+from steradian.core.exceptions import InvalidInput
+from steradian.imaging.compute import memory_limit as memory
 from steradian.imaging.engines import NOBODY, Watch
 from steradian.imaging.engines.cuda.arguments import Decimated, Sparse
 from steradian.imaging.engines.cuda.backend import Backend, device
@@ -38,6 +37,7 @@ from steradian.imaging.engines.cuda.layout import (
 )
 from steradian.imaging.engines.cuda.room import SHARE, Room, room_of
 from steradian.imaging.tables import Tables
+from steradian.imaging.validation import SUMMABLE, first_bad
 
 if TYPE_CHECKING:
     from steradian.imaging.engines import Engine
@@ -56,7 +56,7 @@ class CudaEngine:
         Bytes of it that may be taken; None: nine tenths of what is free. Where a volume needs more, its modes and
         itself are kept on the host, and brought to the device in pieces.
     memory_limit
-        See :func:`steradian.imaging.memory.require`.
+        See :func:`steradian.imaging.compute.memory_limit.require`.
 
     Attributes
     ----------

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from steradian.imaging import workers
+from steradian.imaging.compute import thread_pool as workers
 from steradian.imaging.engines import Watch
 from steradian.imaging.engines.cuda.backend import Backend
 from steradian.imaging.engines.cuda.room import Room

@@ -7,7 +7,7 @@ from math import prod
 
 import numpy as np
 
-from steradian.errors import InvalidInput
+from steradian.core.exceptions import InvalidInput
 from steradian.imaging.engines.cuda.layout import Axis, Frequencies
 from steradian.imaging.tables import Tables
 from steradian.imaging.transforms.lateral import Stencils

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from steradian.compiled import compiled, inner
+from steradian.core.jit import compiled, inner
 from steradian.imaging.engines.numba.arguments import Columns, Rule, Side
 from steradian.imaging.engines.numba.fft import fft
 from steradian.imaging.engines.numba.lookup import look_up

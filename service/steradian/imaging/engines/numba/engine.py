@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.errors import InvalidInput
-from steradian.imaging import memory, workers
-from steradian.imaging.checks import SUMMABLE, first_bad
+from steradian.core.exceptions import InvalidInput
+from steradian.imaging.compute import memory_limit as memory
+from steradian.imaging.compute import thread_pool as workers
 from steradian.imaging.engines import NOBODY, Watch
 from steradian.imaging.engines.numba.arguments import Batch, Columns, Plane, Rule, Sensors, Side, Stored, Workspace
 from steradian.imaging.engines.numba.blocks import Blocks, blocks
@@ -20,6 +20,7 @@ from steradian.imaging.engines.numba.layout import all_stored, everywhere, part,
 from steradian.imaging.engines.numba.room import Room, empty, room_of, whole
 from steradian.imaging.engines.numba.sizes import BATCH, PAD, PIECE
 from steradian.imaging.tables import Tables
+from steradian.imaging.validation import SUMMABLE, first_bad
 from steradian.imaging.volume import RealArray
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ class NumbaEngine:
     threads
         At most.
     memory_limit
-        See :func:`steradian.imaging.memory.require`.
+        See :func:`steradian.imaging.compute.memory_limit.require`.
 
     Attributes
     ----------

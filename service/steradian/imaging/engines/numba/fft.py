@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from steradian.compiled import inner
+from steradian.core.jit import inner
 from steradian.imaging.engines.numba.arguments import Factors
 from steradian.imaging.engines.numba.simd import load16, splat16, store
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from steradian.compiled import inner
+from steradian.core.jit import inner
 from steradian.imaging.engines.numba.arguments import Batch
 from steradian.imaging.engines.numba.simd import load16, splat16, store, stream
 

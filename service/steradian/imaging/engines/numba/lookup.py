@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from steradian.compiled import inner
+from steradian.core.jit import inner
 
 
 @inner

@@ -11,7 +11,7 @@ from steradian.imaging.engines.numba.arguments import Stored
 from steradian.imaging.engines.numba.factors import table_bytes
 from steradian.imaging.engines.numba.layout import rows_of
 from steradian.imaging.engines.numba.sizes import LINE, PAD
-from steradian.imaging.geometry import Geometry
+from steradian.imaging.geometry.reconstruction import Geometry
 from steradian.imaging.tables import Tables
 from steradian.imaging.volume import RealArray
 

@@ -3,7 +3,7 @@
 LLVM does not vectorise a butterfly whose eight streams may overlap, and Numba has no ``restrict``. So the kernels of
 this package load, combine and store whole vectors themselves. A vector maps to whatever registers the machine has.
 The lane count is part of the memory layout (a *cell* is 16 real parts followed by 16 imaginary parts).
-Where bounds are checked (:mod:`steradian.compiled`), a vector must lie within its array as a whole.
+Where bounds are checked (:mod:`steradian.core.jit`), a vector must lie within its array as a whole.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from steradian.compiled import compiled, inner
+from steradian.core.jit import compiled, inner
 from steradian.imaging.engines.numba.arguments import Batch, Plane, Sensors, Stored, Workspace
 from steradian.imaging.engines.numba.fft import fft
 from steradian.imaging.engines.numba.halves import Cells, separate

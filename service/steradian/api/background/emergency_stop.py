@@ -1,0 +1,165 @@
+"""Emergency stop of this node: set the latch immediately, persist it to the database in a background thread."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+import time
+from collections.abc import Callable
+
+from steradian.storage.data_dir.emergency_latch import Deed, EmergencyLatch, Press
+from steradian.storage.db.tables import ScannerRow
+from steradian.storage.repositories.scanners import EmergencyStopped, ScannerRepository
+
+PATIENCE = 1.8
+"""Seconds for which the acquisition's answer is waited for: it asks the scanner for up to 1.5 s."""
+SECOND_LOOK = 0.6
+"""Seconds within which an unconfirmed answer may become a confirmed one: a connection that ends as it is asked."""
+RECORDING = 0.2
+"""Seconds for which an answer waits until the stop stands in the database, too."""
+ERRANDS = 100
+"""Presses of other nodes that are kept in mind."""
+LOOK = 0.005
+EVERY = 1.0
+"""Seconds between two looks at what is to be recorded."""
+_log = logging.getLogger(__name__)
+
+
+class EmergencyDesk:
+    """Controller of the emergency stop: sets the latch without database or thread pool, and records it in a thread.
+
+    Parameters
+    ----------
+    latch
+        The stop.
+    scanner
+        Where it is recorded in the database, and where another node may have recorded it.
+    """
+
+    def __init__(self, latch: EmergencyLatch, scanner: ScannerRepository) -> None:
+        self._latch, self._scanner = latch, scanner
+        self._recorded = ""
+        self._errands: dict[str, Press] = {}
+        self._order = threading.Lock()
+        """Between the record of a press and a release: what is in the database last is what happened last."""
+        self._pressed, self._over = threading.Event(), threading.Event()
+
+    def open(self) -> None:
+        """Begin to record."""
+        threading.Thread(target=self._run, name="emergency-record", daemon=True).start()
+
+    def close(self) -> None:
+        """Stop recording; the next start records pending presses."""
+        self._over.set()
+        self._pressed.set()
+
+    @property
+    def standing(self) -> Press | None:
+        """Active stop, or None."""
+        return self._latch.standing()
+
+    def deed(self, press: Press) -> Deed | None:
+        """Return the acquisition process's acknowledgement of a stop, if any."""
+        return self._latch.deed(press.number)
+
+    def is_recorded(self, press: Press) -> bool:
+        """Whether a press stands in the database."""
+        return self._recorded == press.number
+
+    async def press(self, who: str, reason: str | None, errand: str | None = None) -> tuple[Press, Deed | None]:
+        """Press the stop and wait briefly for the acquisition process's answer.
+
+        Parameters
+        ----------
+        errand
+            Number of a press of another node, however often it comes: one that was released is not pressed again.
+        """
+        press = (self._errands.get(errand) if errand else None) or self._latch.press(who, reason, errand or None)
+        if errand:
+            self._errands[errand] = press
+            if len(self._errands) > ERRANDS:
+                del self._errands[next(iter(self._errands))]
+        self._pressed.set()
+        began = time.monotonic()
+        await until(lambda: self.deed(press) is not None, PATIENCE)
+        await until(lambda: self._is_confirmed(press), min(SECOND_LOOK, began + PATIENCE - time.monotonic()))
+        self._pressed.set()  # what came of it is noted at once, too: other nodes know it from the database
+        await until(lambda: self.is_recorded(press), RECORDING)
+        return press, self.deed(press)
+
+    def _is_confirmed(self, press: Press) -> bool:
+        deed = self.deed(press)
+        return deed is not None and deed.laser != "unconfirmed"
+
+    def release(self, who: str, number: str | None = None, reason: str | None = None) -> None:
+        """Release the stop, in the latch and then in the database.
+
+        Parameters
+        ----------
+        who
+            Who releases it.
+        number
+            The press to release; without it the one that stands now.
+        reason
+            Why it may be released, for the log of events.
+
+        Raises
+        ------
+        EmergencyStopped
+            When another press stands than ``number``, or came meanwhile.
+        """
+        with self._order:
+            press = self._known(self._scanner.get(self._scanner.id))
+            if press is not None and number is not None and press.number != number:
+                raise EmergencyStopped(
+                    f"{press.who} pressed the emergency stop since; look again before you release it"
+                )
+            if press is not None:
+                self._latch.release(press.number)
+            if (later := self.standing) is not None:
+                raise EmergencyStopped(f"{later.who} pressed the emergency stop while it was released")
+            self._scanner.release_stop(who, reason)
+
+    def _run(self) -> None:
+        while not self._over.is_set():
+            try:
+                if self._pressed.is_set():
+                    self._pressed.clear()
+                    self._latch.make_durable()
+                self._record()
+            except Exception as error:
+                _log.warning("the emergency stop cannot be looked at in the database, the latch holds: %s", error)
+                self._over.wait(EVERY / 4)
+            self._pressed.wait(EVERY)
+
+    def _record(self) -> None:
+        """Reconcile latch and database: a stop that is active in either becomes active in both."""
+        with self._order:
+            row = self._scanner.get(self._scanner.id)
+            press = self._known(row)
+            if press is None or not press.number:
+                return
+            if press.number != self._recorded:
+                if row.stop_number != press.number:
+                    row = self._scanner.stop(press.who, press.reason, press.number)
+                self._recorded = press.number
+            deed = self.deed(press)
+            known = (row.stop_number, row.stop_laser, row.stop_detail)
+            if deed is not None and known != (deed.number, deed.laser, deed.detail):
+                self._scanner.note_deed(deed.number, deed.laser, deed.seconds, deed.detail)
+
+    def _known(self, row: ScannerRow) -> Press | None:
+        """Return the press that stands; one that only the database knows, by another node or a lost latch, is made."""
+        if row.stopped_at is not None and self.standing is None:
+            self._latch.press(row.stopped_by or "", row.stop_reason, row.stop_number)
+            if self.standing is None:  # it was released here, and that did not reach the database
+                self._latch.press(row.stopped_by or "", row.stop_reason)
+        return self.standing
+
+
+async def until(condition: Callable[[], bool], seconds: float) -> None:
+    """Poll a condition until it holds or the timeout expires."""
+    deadline = time.monotonic() + seconds
+    while not condition() and time.monotonic() < deadline:  # noqa: ASYNC110 - another process or thread answers
+        await asyncio.sleep(LOOK)

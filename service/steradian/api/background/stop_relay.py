@@ -1,0 +1,129 @@
+"""Relay of emergency stops to the node of a scanner, repeated until acknowledged and recorded meanwhile."""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Final
+
+from ulid import ULID
+
+from steradian.api.background.emergency_stop import until
+from steradian.api.background.peers import ERRAND, Nodes, NodeUnavailable, Question
+from steradian.api.http.urls import link
+from steradian.api.schemas.resources import BASE
+from steradian.api.schemas.scanners import EmergencyAnswer, EmergencyView
+from steradian.security.keys import Principal
+from steradian.storage.repositories.scanners import ScannerRepository
+
+WITHIN: Final = 3.0
+"""Seconds for which the other node's answer is waited for: it waits up to two itself for what its scanner says."""
+SOON: Final = 0.5
+"""Seconds after which a press that has not been answered is written into the database, too."""
+AGAIN: Final = 0.25
+"""Seconds between two errands."""
+MOST: Final = 8
+"""Presses of one scanner that are carried at a time; an older one gives way, for the later ones stop it as well."""
+_log = logging.getLogger(__name__)
+
+
+@dataclass
+class _Errand:
+    scanner_id: str
+    number: str
+    question: Question
+    reason: str | None
+    answer: EmergencyAnswer | None = None
+    recorded: int | None = None
+    """Revision of the scanner's row in which the press stands."""
+
+
+class StopCourier:
+    """Relay that delivers emergency stops to a remote node at least once, and records them meanwhile.
+
+    It ends unheard when the scanner is retired, or when somebody has released what that node read in the database. The
+    press has its number from here, so that who was told of it can release it.
+
+    Parameters
+    ----------
+    nodes
+        Where the scanners are.
+    scanner
+        How a press is written into the database.
+    """
+
+    def __init__(self, nodes: Nodes, scanner: ScannerRepository) -> None:
+        self._nodes, self._scanner = nodes, scanner
+        self._over = threading.Event()
+        self._carried: dict[str, tuple[_Errand, ...]] = {}
+
+    def close(self) -> None:
+        """Carry nothing any more."""
+        self._over.set()
+
+    async def press(self, scanner_id: str, who: Principal, reason: str | None) -> EmergencyAnswer:
+        """Press the stop of a scanner elsewhere; the answer is its node's, or says that nothing is confirmed."""
+        path, body = f"{BASE}/scanners/{scanner_id}/emergency-stop", json.dumps({"reason": reason}).encode()
+        number = str(ULID())
+        headers = (("Content-Type", "application/json"), ("Accept", "application/json"), (ERRAND, number))
+        errand = _Errand(scanner_id, number, Question("POST", path, who, body, headers), reason)
+        self._carried[scanner_id] = (*self._carried.get(scanner_id, ()), errand)[-MOST:]
+        threading.Thread(target=self._carry, args=(errand,), name="stop-courier", daemon=True).start()
+        await until(lambda: errand.answer is not None, SOON)
+        if errand.answer is None:
+            threading.Thread(target=self._record, args=(errand,), name="stop-record", daemon=True).start()
+            await until(lambda: errand.answer is not None, WITHIN - SOON)
+        return errand.answer or _unconfirmed(errand)
+
+    def _is_wanted(self, errand: _Errand) -> bool:
+        pending = errand.answer is None and not self._over.is_set()
+        is_over = self._nodes.is_released(errand.scanner_id, errand.recorded)
+        return pending and not is_over and any(each is errand for each in self._carried[errand.scanner_id])
+
+    def _carry(self, errand: _Errand) -> None:
+        told = ""
+        while True:
+            try:
+                status, said = self._nodes.told(errand.scanner_id, errand.question, WITHIN)
+                if status == 202:
+                    errand.answer = EmergencyAnswer.model_validate_json(said)
+                    return
+                why = f"its node refuses it: {said[:500]!r}"
+            except (NodeUnavailable, ValueError) as error:
+                why = str(error)
+            if why != told:
+                _log.error("the emergency stop does not reach %s yet: %s", errand.scanner_id, why)
+            told = why
+            self._over.wait(AGAIN)
+            if not self._is_wanted(errand):
+                return
+
+    def _record(self, errand: _Errand) -> None:
+        scanner, who = self._scanner.of(errand.scanner_id), errand.question.who.name
+        while self._is_wanted(errand):
+            try:
+                errand.recorded = scanner.stop(who, errand.reason, errand.number, carried=True).revision
+            except Exception as error:  # whatever it was, it is tried again
+                _log.warning("the emergency stop cannot be written into the database: %s", error)
+                self._over.wait(4 * AGAIN)
+                continue
+            return
+
+
+def _unconfirmed(errand: _Errand) -> EmergencyAnswer:
+    shown = EmergencyView(
+        number=errand.number,
+        at=datetime.now(UTC),
+        by=errand.question.who.name,
+        reason=errand.reason,
+        laser="unconfirmed",
+        detail=f"the scanner could not be asked: the node of {errand.scanner_id} has not answered within {WITHIN:g} s;"
+        " use the hardware switch",
+        seconds=None,
+        recorded=errand.recorded is not None,
+    )
+    here = link(f"/scanners/{errand.scanner_id}")
+    return EmergencyAnswer(id=errand.scanner_id, emergency_stop=shown, links={"scanner": here})

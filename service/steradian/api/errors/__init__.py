@@ -1,0 +1,1 @@
+"""Error responses: catalog of problems, exception handlers, field errors and the pages that explain them."""

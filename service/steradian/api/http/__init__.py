@@ -1,0 +1,1 @@
+"""HTTP building blocks: bodies, conditional requests, ranges, cookies, headers, URLs and proxies."""

@@ -1,0 +1,135 @@
+"""Conditional requests: ETag, If-None-Match for reads, If-Match for writes."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from pathlib import Path
+from typing import Annotated, TypeAlias
+
+from fastapi import Depends, Header, Response
+from pydantic import BaseModel
+from werkzeug.http import parse_etags
+
+from steradian.storage.repositories.scans import Outdated
+
+
+class NotModified(Exception):
+    """The client's cached representation is still current (304)."""
+
+    def __init__(self, etag: str, vary: str | None) -> None:
+        self.headers = {"ETag": etag} | ({"Vary": vary} if vary else {})
+        super().__init__(etag)
+
+
+class Conditions:
+    """Preconditions of a safe request."""
+
+    def __init__(self, response: Response, match: str | None, none_match: str | None) -> None:
+        self._response, self._match, self._none_match = response, match, none_match
+
+    def tag(self, etag: str, *, vary: str | None = None) -> None:
+        """State the ETag of the answer.
+
+        If-None-Match compares weakly: who compresses an answer on its way, makes its tag a weak one.
+
+        Parameters
+        ----------
+        vary
+            The header of the request that chose this representation, if there are several.
+
+        Raises
+        ------
+        Outdated
+            When If-Match names other versions only.
+        NotModified
+            When the client has it already.
+        """
+        name = etag.strip('"')
+        if self._match is not None and not parse_etags(self._match).contains(name):
+            raise Outdated(f"{self._match} is not what it is now, {etag}")
+        if self._none_match is not None and parse_etags(self._none_match).contains_weak(name):
+            raise NotModified(etag, vary)
+        self._response.headers["ETag"] = etag
+
+
+class ChangeConditions:
+    """Preconditions of a modifying request."""
+
+    def __init__(self, response: Response, match: str | None) -> None:
+        self._response, self._match = response, match
+
+    def tag(self, etag: str) -> None:
+        """Return the ETag of the changed resource."""
+        self._response.headers["ETag"] = etag
+
+    def revision(self, identifier: str) -> int | None:
+        """Return the revision that the client wants to change; ``None`` when any will do.
+
+        A weak tag names it as well: a proxy that compresses makes a weak one of ours, and the revision in it is that of
+        the resource, whatever the bytes were.
+
+        Raises
+        ------
+        Outdated
+            When If-Match names no revision of this resource.
+        """
+        if self._match is None:
+            return None
+        tags = parse_etags(self._match)
+        if tags.star_tag:
+            return None
+        for tag in filter(None, tags.as_set(include_weak=True)):  # an empty one is read as none
+            found = re.fullmatch(rf"{re.escape(identifier)}-([0-9]{{1,18}})(-[0-9a-f]+)?", tag)
+            if found:
+                return int(found[1])
+        raise Outdated(f"{self._match} is no version of {identifier}")
+
+
+Match: TypeAlias = Annotated[
+    str | None, Header(alias="If-Match", description="ETag that the resource must still have; else 412")
+]
+
+
+async def _conditions(  # as is the next one: a plain function would be called in another thread
+    response: Response,
+    if_match: Match = None,
+    if_none_match: Annotated[
+        str | None, Header(alias="If-None-Match", description="ETag that you have; 304 if it is still right")
+    ] = None,
+) -> Conditions:
+    return Conditions(response, if_match, if_none_match)
+
+
+async def _change_conditions(response: Response, if_match: Match = None) -> ChangeConditions:
+    return ChangeConditions(response, if_match)
+
+
+def etag_of(identifier: str, revision: int | str, view: BaseModel | None = None) -> str:
+    """Build the ETag of one representation of a resource revision.
+
+    Progress and the place in the queue, say, are part of ``view`` and not of the ``revision``, so that If-Match does
+    not refuse a change because of them.
+    """
+    if view is None:
+        return f'"{identifier}-{revision}"'
+    shown = hashlib.blake2s(view.model_dump_json().encode(), digest_size=6)
+    return f'"{identifier}-{revision}-{shown.hexdigest()}"'
+
+
+def etag_of_file(path: Path, file: int | None = None, *, kind: str | None = None) -> str:
+    """Name a version of a file by its time and size; of the one that is open as ``file``, if that is given.
+
+    Parameters
+    ----------
+    kind
+        Media type of the representation that is made of it, where there are several.
+    """
+    found = path.stat() if file is None else os.stat(file)
+    form = f"-{kind.rpartition('/')[2]}" if kind else ""
+    return f'"{path.stem}-{found.st_mtime_ns:x}-{found.st_size:x}{form}"'
+
+
+ConditionsNeeded: TypeAlias = Annotated[Conditions, Depends(_conditions)]
+ChangeConditionsNeeded: TypeAlias = Annotated[ChangeConditions, Depends(_change_conditions)]

@@ -1,0 +1,167 @@
+"""Query parameters of volume reads: slice, slab, pyramid level, dtype and intensity window."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Any, Final, Literal, TypeAlias
+
+import numpy as np
+from fastapi import Query
+from numpy.typing import NDArray
+from pydantic import BaseModel, Field
+
+from steradian.api.http.array_response import NPY, RAW, ArrayView, Source
+from steradian.core.exceptions import InvalidInput
+from steradian.reconstructions.volumes.grid import Lattice
+
+
+class AxisView(BaseModel):
+    """Coordinates along an axis: value i is at origin + i · spacing."""
+
+    name: Literal["x", "y", "z"]
+    origin_m: float = Field(description="Centre of the first voxel (m)")
+    spacing_m: float = Field(description="Distance of voxels (m)")
+    size: int = Field(description="Number of voxels")
+
+
+class VoxelsView(ArrayView):
+    """A part of a volume or projection with its axes."""
+
+    axes: list[AxisView] = Field(description="Of those that are left, in the order of the values")
+    level: int = Field(description="Each voxel is of 2^level voxels along each axis")
+    window: list[float] | None = Field(description="The values that are 0 and 255; null of numbers as they are")
+
+
+VOXELS: Final[dict[str, Any]] = {
+    "model": VoxelsView,
+    "content": {kind: {"schema": {"type": "string", "format": "binary"}} for kind in (NPY, RAW)},
+}
+"""Formats of voxels in the document."""
+
+Part: TypeAlias = Annotated[
+    str | None,
+    Query(
+        max_length=100,
+        description="x, y and z, numpy syntax; the axes of the answer. Indices of the full volume at every level",
+        examples=["10:20,::2,5"],
+    ),
+]
+Slab: TypeAlias = Annotated[
+    str | None,
+    Query(max_length=40, description="Voxels along the axis, numpy syntax; else all of them", examples=["100:140"]),
+]
+Level: TypeAlias = Annotated[
+    int | None, Query(ge=0, le=16, description="How many times halved along each axis; 0 is full resolution")
+]
+MaxSize: TypeAlias = Annotated[
+    int | None,
+    Query(ge=1, le=2**20, description="Most values along each axis; the finest level that has no more", examples=[512]),
+]
+DataType: TypeAlias = Annotated[
+    Literal["float32", "uint8"] | None, Query(description="Type of the values, else as stored; uint8 goes by window")
+]
+WindowText: TypeAlias = Annotated[
+    str | None,
+    Query(
+        max_length=80,
+        description="LEAST,GREATEST value, 0 and 255 of uint8; else from 0 to the volume's maximum (X-Window tells)",
+        examples=["0,1.5"],
+    ),
+]
+
+
+FARTHEST = float(np.finfo(np.float32).max / 2)
+"""Largest magnitude of a window's ends, whose differences from values are float32 numbers."""
+NEAREST = float(255 / np.finfo(np.float32).max)
+"""Distance of the ends, below which what is multiplied is none."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """Display window: values that map to 0 and 255."""
+
+    least: float
+    greatest: float
+
+    @classmethod
+    def parse(cls, text: str) -> Window:
+        """Read two numbers.
+
+        Raises
+        ------
+        InvalidInput
+            When they are none, or the second is not the greater.
+        """
+        try:
+            least, greatest = map(float, text.split(","))
+        except ValueError:
+            least = greatest = math.nan
+        if not (math.isfinite(least) and math.isfinite(greatest) and least < greatest):
+            raise InvalidInput("window", text, "LEAST,GREATEST: two finite numbers, the second one greater")
+        if max(-least, greatest) > FARTHEST or greatest - least < NEAREST:
+            allowed = f"ends from {-FARTHEST:.2g} to {FARTHEST:.2g} and at least {NEAREST:.2g} apart (float32)"
+            raise InvalidInput("window", text, allowed)
+        return cls(least, greatest)
+
+    def apply(self, values: NDArray[Any]) -> NDArray[np.uint8]:
+        """Return values as rounded uint8, clipped to the window; NaN becomes 0."""
+        share = (values - values.dtype.type(self.least)) * values.dtype.type(255 / (self.greatest - self.least))
+        shown: NDArray[np.uint8] = np.rint(np.clip(np.nan_to_num(share, copy=False), 0, 255)).astype(np.uint8)
+        return shown
+
+
+class Converted:
+    """Values of another type: float32, or uint8 by a window."""
+
+    def __init__(self, source: Source, window: Window | None) -> None:
+        self._source, self._window, self.shape = source, window, source.shape
+        self.dtype: np.dtype[Any] = np.dtype("<f4" if window is None else "u1")
+
+    def pieces(self, index: tuple[slice | int, ...]) -> Iterator[NDArray[Any]]:
+        """Convert piece by piece."""
+        for piece in self._source.pieces(index):
+            yield piece.astype(self.dtype, copy=False) if self._window is None else self._window.apply(piece)
+
+
+def converted(source: Source, dtype: str | None, window: Window | None) -> Source:
+    """Return values of the type that was asked for, as they are if none was."""
+    return source if dtype is None else Converted(source, window)
+
+
+def halvings(shape: tuple[int, ...], max_size: int | None) -> int:
+    """Return the pyramid level at which no side is longer than ``max_size``."""
+    level = 0
+    while max_size is not None and any(-(-side // 2**level) > max_size for side in shape):
+        level += 1
+    return level
+
+
+def brightest(image: NDArray[Any], times: int) -> NDArray[Any]:
+    """Make a projection coarser: the brightest of ``times`` × ``times`` pixels, fewer at the far edges."""
+    for axis, side in enumerate(image.shape):
+        image = np.maximum.reduceat(image, np.arange(0, side, times), axis=axis)
+    return image
+
+
+def headers_of(lattice: Lattice, level: int, window: Window | None) -> dict[str, str]:
+    """Return the headers that describe axes (m), level and window of a response."""
+
+    def told(line: tuple[float, ...]) -> str:
+        return ",".join(f"{value:.12g}" for value in line)
+
+    about = {
+        "X-Axes": ",".join(lattice.names),
+        "X-Origin": told(lattice.origin),
+        "X-Spacing": told(lattice.spacing),
+        "X-Level": str(level),
+    }
+    return about if window is None else about | {"X-Window": f"{window.least:.9g},{window.greatest:.9g}"}
+
+
+def json_of(lattice: Lattice, level: int, window: Window | None) -> dict[str, Any]:
+    """Return the same description as a part of :class:`VoxelsView`."""
+    lines = zip(lattice.names, lattice.origin, lattice.spacing, lattice.shape, strict=True)
+    axes = [{"name": name, "origin_m": at, "spacing_m": step, "size": size} for name, at, step, size in lines]
+    return {"axes": axes, "level": level, "window": window and [window.least, window.greatest]}

@@ -1,0 +1,137 @@
+"""Responses for volume slices, slabs and projections."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from fastapi import Response
+from numpy.typing import NDArray
+
+from steradian.api.http.array_response import NPY, Selection, Whole, respond
+from steradian.api.http.conditional import Conditions, etag_of_file
+from steradian.api.http.volume_params import Window, brightest, converted, halvings, headers_of, json_of
+from steradian.core.exceptions import InvalidInput, NotFound
+from steradian.reconstructions.volumes.grid import in_coarser
+from steradian.reconstructions.volumes.reader import StoredVolume, stored_volume
+from steradian.storage.blobs.interface import Arrays, result_name
+from steradian.storage.data_dir.job_directory import PROJECTIONS, VOLUME
+
+
+@dataclass(frozen=True)
+class ProjectionWish:
+    """Query parameters of a projection."""
+
+    axis: Literal["x", "y", "z", "depth"]
+    slab: str | None
+    max_size: int | None
+    dtype: str | None
+    window: str | None
+
+
+@dataclass(frozen=True)
+class VolumeWish:
+    """Query parameters of a volume."""
+
+    slice: str | None
+    level: int | None
+    max_size: int | None
+    dtype: str | None
+    window: str | None
+
+
+def projection_as_numbers(
+    arrays: Arrays, identifier: str, kind: str, conditions: Conditions, wish: ProjectionWish
+) -> Response:
+    """Return a stored projection of the whole volume, or compute that of a slab.
+
+    Raises
+    ------
+    NotFound
+        When there is neither volume nor revision.
+    InvalidInput
+        When the wish fits no projection.
+    """
+    etag, stored = _stored(arrays, identifier, kind)
+    conditions.tag(etag, vary="Accept")
+    lattice, along = stored.lattice, "z" if wish.axis == "depth" else wish.axis
+    if wish.axis == "depth":
+        image: NDArray[Any] = stored.depths(_slab(wish.slab, stored.size(along)))
+    elif wish.slab is not None:
+        image = stored.slab(along, _slab(wish.slab, stored.size(along)))
+    else:
+        image = stored.projection(along)
+    lattice = lattice.without(along)
+    level = halvings(image.shape, wish.max_size)
+    window = _window(wish, stored)
+    source = converted(Whole(brightest(image, 2**level)), wish.dtype, window)
+    coarse = lattice.coarser(2**level)
+    return respond(
+        source,
+        Selection.parse(None, source.shape),
+        kind,
+        limit=image.nbytes,
+        headers=headers_of(coarse, level, window) | {"ETag": etag, "Vary": "Accept"},
+        more=json_of(coarse, level, window),
+        field="max_size",
+    )
+
+
+def volume_as_numbers(
+    arrays: Arrays, identifier: str, kind: str, conditions: Conditions, wish: VolumeWish, limit: int
+) -> Response:
+    """Answer with a part of the volume, of the level that was asked for or is fine enough.
+
+    Raises
+    ------
+    InvalidInput
+        When the wish fits no part, or the part is too large.
+    """
+    etag, stored = _stored(arrays, identifier, kind)
+    conditions.tag(etag, vary="Accept")
+    whole = Selection.parse(wish.slice, stored.lattice.shape)
+    if wish.level is not None and wish.level > stored.levels:
+        raise InvalidInput("level", wish.level, f"0 to {stored.levels}, which this volume has")
+    level, selection = wish.level or 0, _coarser(whole, wish.level or 0)
+    while level < stored.levels and wish.max_size is not None and max(selection.shape, default=0) > wish.max_size:
+        level += 1
+        selection = _coarser(whole, level)
+    lattice = stored.lattice.coarser(2**level)
+    window = _window(wish, stored)
+    source = converted(stored.at(level), wish.dtype, window)
+    headers = headers_of(lattice.part(selection.index), level, window) | {"ETag": etag, "Vary": "Accept"}
+    if kind == NPY:
+        headers["Content-Disposition"] = f'attachment; filename="{identifier}.npy"'
+    more = json_of(lattice.part(selection.index), level, window)
+    return respond(source, selection, kind, limit=limit, headers=headers, more=more)
+
+
+def _stored(arrays: Arrays, identifier: str, kind: str) -> tuple[str, StoredVolume]:
+    """Open the volume, or the newest revision's projections, with the ETag read beforehand."""
+    for name in (VOLUME, PROJECTIONS, VOLUME):  # these are removed when that is whole
+        with suppress(FileNotFoundError, NotFound):
+            path = arrays.open(result_name(identifier, name))
+            return etag_of_file(path, kind=kind), stored_volume(path, etag_of_file(path))
+    raise NotFound("volume of", identifier)
+
+
+def _coarser(whole: Selection, level: int) -> Selection:
+    return Selection.of(in_coarser(whole.index, 2**level, "slice"))
+
+
+def _slab(text: str | None, size: int) -> range:
+    """Read a slab along an axis of a number of voxels."""
+    at = Selection.parse(text, (size,), "slab").index[0]
+    chosen = range(at, at + 1) if isinstance(at, int) else range(*at.indices(size))
+    if not chosen:
+        raise InvalidInput("slab", text, f"at least one of the {size} voxels along the axis")
+    return chosen
+
+
+def _window(wish: ProjectionWish | VolumeWish, stored: StoredVolume) -> Window | None:
+    if wish.dtype == "uint8":
+        return Window.parse(wish.window) if wish.window else Window(0.0, max(0.0, stored.brightest()) or 1.0)
+    if wish.window is not None:
+        raise InvalidInput("window", wish.window, "nothing without dtype=uint8, whose ends it states")
+    return None

@@ -1,0 +1,1 @@
+"""ASGI middleware: authentication, cross-origin requests, response cache and validators."""

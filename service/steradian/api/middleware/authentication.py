@@ -1,0 +1,300 @@
+"""Authentication middleware and the table of scopes per route.
+
+No handler takes a scope, a principal or a key as a parameter: the principal is put into the request's scope by
+:class:`Authenticate`, and :class:`GuardedRoute` compares it with the table.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+from collections.abc import Callable, Coroutine
+from contextlib import suppress
+from typing import Any, Final, Protocol
+from urllib.parse import parse_qs, urlsplit
+
+from fastapi import Request, Response
+from fastapi.routing import APIRoute
+from starlette.concurrency import run_in_threadpool
+from starlette.datastructures import Headers
+from starlette.exceptions import HTTPException
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from steradian.api.background.peers import Elsewhere, principal_of
+from steradian.api.errors.handlers import NO_DATABASE, database_problem, problem
+from steradian.api.http.json_body import JsonRequest
+from steradian.api.http.proxy_detection import is_forwarded, stranger
+from steradian.api.http.session_cookie import check_page, secret_in
+from steradian.api.middleware.cors import is_read_of
+from steradian.api.middleware.stop_authorization import bearer_of_ticket, is_stop
+from steradian.api.params.filters import refuse_unknown
+from steradian.core.settings import Settings
+from steradian.security.keys import Forbidden, KeyStore, Principal, Unauthorized
+from steradian.security.keys import Scope as Need
+from steradian.security.rates import Rate, TooOften
+from steradian.security.sessions import SeenSession, SessionStore
+from steradian.security.stop_tickets import StopTickets
+
+V1: Final = "/api/v1"
+ANYONE: Final = None
+"""Any authenticated caller, whatever the scopes of the key."""
+
+SCOPES: Final[dict[tuple[str, str], Need | None]] = {
+    ("GET", V1): Need.READ,
+    ("GET", f"{V1}/storage"): Need.READ,
+    ("GET", f"{V1}/"): Need.READ,
+    ("POST", f"{V1}/masks"): Need.PLAN,
+    ("POST", f"{V1}/masks/preview"): Need.PLAN,
+    ("GET", f"{V1}/masks"): Need.READ,
+    ("GET", f"{V1}/masks/{{mask_id}}"): Need.READ,
+    ("DELETE", f"{V1}/masks/{{mask_id}}"): Need.PLAN,
+    ("GET", f"{V1}/masks/{{mask_id}}/points"): Need.READ,
+    ("GET", f"{V1}/masks/{{mask_id}}/picture"): Need.READ,
+    ("POST", f"{V1}/plans"): Need.PLAN,
+    ("POST", f"{V1}/plans/preview"): Need.PLAN,
+    ("POST", f"{V1}/designs/preview"): Need.PLAN,
+    ("POST", f"{V1}/designs/point-spread"): Need.PLAN,
+    ("GET", f"{V1}/plans"): Need.READ,
+    ("GET", f"{V1}/plans/{{plan_id}}"): Need.READ,
+    ("DELETE", f"{V1}/plans/{{plan_id}}"): Need.PLAN,
+    ("GET", f"{V1}/scanners"): Need.READ,
+    ("GET", f"{V1}/scanners/{{scanner_id}}"): Need.READ,
+    ("DELETE", f"{V1}/scanners/{{scanner_id}}"): Need.ADMIN,
+    ("PUT", f"{V1}/scanners/{{scanner_id}}/lease"): Need.OPERATE,
+    ("DELETE", f"{V1}/scanners/{{scanner_id}}/lease"): Need.OPERATE,
+    ("POST", f"{V1}/scanners/{{scanner_id}}/emergency-stop"): ANYONE,
+    ("POST", f"{V1}/emergency-stop"): ANYONE,
+    ("GET", f"{V1}/emergency-stop"): ANYONE,
+    ("DELETE", f"{V1}/scanners/{{scanner_id}}/emergency-stop"): Need.OPERATE,
+    ("POST", f"{V1}/scanners/{{scanner_id}}/clear-fault"): Need.OPERATE,
+    ("POST", f"{V1}/scans"): Need.OPERATE,
+    ("GET", f"{V1}/scans"): Need.READ,
+    ("GET", f"{V1}/scans/{{scan_id}}"): Need.READ,
+    ("DELETE", f"{V1}/scans/{{scan_id}}"): Need.OPERATE,
+    ("PATCH", f"{V1}/scans/{{scan_id}}"): Need.OPERATE,
+    ("PUT", f"{V1}/scans/{{scan_id}}/desired-state"): Need.OPERATE,
+    ("GET", f"{V1}/scans/{{scan_id}}/file"): Need.READ,
+    ("GET", f"{V1}/scans/{{scan_id}}/shots"): Need.READ,
+    ("GET", f"{V1}/scans/{{scan_id}}/signals"): Need.READ,
+    ("GET", f"{V1}/scans/{{scan_id}}/alines"): Need.READ,
+    ("GET", f"{V1}/scans/{{scan_id}}/alines/latest"): Need.READ,
+    ("GET", f"{V1}/scans/{{scan_id}}/coverage"): Need.READ,
+    ("POST", f"{V1}/reconstructions"): Need.RECONSTRUCT,
+    ("GET", f"{V1}/reconstructions"): Need.READ,
+    ("GET", f"{V1}/reconstructions/{{reconstruction_id}}"): Need.READ,
+    ("DELETE", f"{V1}/reconstructions/{{reconstruction_id}}"): Need.RECONSTRUCT,
+    ("PATCH", f"{V1}/reconstructions/{{reconstruction_id}}"): Need.RECONSTRUCT,
+    ("PUT", f"{V1}/reconstructions/{{reconstruction_id}}/desired-state"): Need.RECONSTRUCT,
+    ("GET", f"{V1}/reconstructions/{{reconstruction_id}}/attempts"): Need.READ,
+    ("GET", f"{V1}/reconstructions/{{reconstruction_id}}/log"): Need.READ,
+    ("GET", f"{V1}/reconstructions/{{reconstruction_id}}/mip"): Need.READ,
+    ("GET", f"{V1}/reconstructions/{{reconstruction_id}}/volume"): Need.READ,
+    ("GET", f"{V1}/reconstructions/{{reconstruction_id}}/volume.ome.zarr/{{path}}"): Need.READ,
+    ("POST", f"{V1}/batches"): Need.RECONSTRUCT,
+    ("GET", f"{V1}/batches"): Need.READ,
+    ("GET", f"{V1}/batches/{{batch_id}}"): Need.READ,
+    ("DELETE", f"{V1}/batches/{{batch_id}}"): Need.RECONSTRUCT,
+    ("PUT", f"{V1}/batches/{{batch_id}}/desired-state"): Need.RECONSTRUCT,
+    ("POST", f"{V1}/reconstructions/{{reconstruction_id}}/quality"): Need.RECONSTRUCT,
+    ("GET", f"{V1}/reconstructions/{{reconstruction_id}}/quality"): Need.READ,
+    ("GET", f"{V1}/reconstructions/{{reconstruction_id}}/revision"): Need.READ,
+    ("POST", f"{V1}/uploads"): Need.RECONSTRUCT,
+    ("GET", f"{V1}/uploads/{{upload_id}}"): Need.READ,
+    ("POST", f"{V1}/uploads/{{upload_id}}/preview"): Need.RECONSTRUCT,
+    ("PATCH", f"{V1}/uploads/{{upload_id}}"): Need.RECONSTRUCT,
+    ("DELETE", f"{V1}/uploads/{{upload_id}}"): Need.RECONSTRUCT,
+    ("POST", f"{V1}/jobs"): Need.RECONSTRUCT,
+    ("GET", f"{V1}/jobs"): Need.READ,
+    ("GET", f"{V1}/jobs/{{job_id}}"): Need.READ,
+    ("DELETE", f"{V1}/jobs/{{job_id}}"): Need.RECONSTRUCT,
+    ("PATCH", f"{V1}/jobs/{{job_id}}"): Need.RECONSTRUCT,
+    ("PUT", f"{V1}/jobs/{{job_id}}/desired-state"): Need.RECONSTRUCT,
+    ("GET", f"{V1}/jobs/{{job_id}}/attempts"): Need.READ,
+    ("GET", f"{V1}/jobs/{{job_id}}/log"): Need.READ,
+    ("GET", f"{V1}/jobs/{{job_id}}/files/{{name}}"): Need.READ,
+    ("POST", f"{V1}/session"): ANYONE,
+    ("GET", f"{V1}/session"): ANYONE,
+    ("DELETE", f"{V1}/session"): ANYONE,
+    ("POST", f"{V1}/tickets"): Need.READ,
+    ("GET", f"{V1}/events"): Need.READ,
+    ("GET", "/metrics"): Need.READ,
+}
+"""What a key must allow for each route."""
+
+GUARDED: Final = (V1, "/metrics")
+"""Paths below which nothing is answered without a key; the rest (health, documentation, pages) holds no data."""
+UNSAFE: Final = frozenset({"POST", "PUT", "PATCH", "DELETE"})
+LOCAL: Final = Principal("local", frozenset({Need.ADMIN}))
+AT_ONCE: Final = 10.0
+"""Seconds' worth of requests that may come at once."""
+CHANGE: Final = 5.0
+"""What a request that changes something costs of a key's rate; one that reads costs 1."""
+
+
+class _Keeper(Protocol):
+    settings: Settings
+    keys: KeyStore
+    sessions: SessionStore
+    stop_tickets: StopTickets
+
+
+class Authenticate:
+    """Authentication middleware.
+
+    Identifies the caller and rejects missing or invalid credentials before the body is read.
+
+    Without keys only this machine can connect, but others could use it to: a proxy on it, or a page in its browser.
+    What was forwarded needs a key, and so does what a process of another user asks, but for the emergency stop;
+    requests that are addressed to another host's name, and those that a page of another origin makes by itself, are
+    refused.
+    """
+
+    def __init__(self, app: ASGIApp, keeper: _Keeper) -> None:
+        self.app, self._settings = app, keeper.settings
+        self._keys, self._sessions, self._tickets = keeper.keys, keeper.sessions, keeper.stop_tickets
+        per_second, failed = keeper.settings.requests_per_second, keeper.settings.failed_keys_per_minute
+        self._asked, self._failed = Rate(per_second, AT_ONCE * per_second), Rate(failed / 60, failed)
+        self._hosts = {name.strip() for name in keeper.settings.allowed_hosts.split(",") if name.strip()}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve."""
+        if scope["type"] == "http":
+            try:
+                scope["state"]["principal"] = principal = await self._principal(scope)
+                counts = not (is_stop(scope) or scope["state"].get("forwarded"))
+                if principal is not None and principal is not LOCAL and counts:
+                    self._asked.take(principal.name, CHANGE if scope["method"] in UNSAFE else 1.0)
+            except Unauthorized as error:
+                headers = {"WWW-Authenticate": 'Bearer realm="steradian"', "Connection": "close"}
+                answer = problem(scope, error.code, str(error), headers=headers)
+                return await answer(scope, receive, send)
+            except TooOften as error:
+                headers = {"Retry-After": str(error.retry_after)}
+                answer = problem(scope, error.code, str(error), headers=headers)
+                return await answer(scope, receive, send)
+            except Forbidden as error:
+                answer = problem(scope, error.code, str(error))
+                return await answer(scope, receive, send)
+            except NO_DATABASE as error:
+                answer = await database_problem(Request(scope), error)
+                return await answer(scope, receive, send)
+        return await self.app(scope, receive, send)
+
+    async def _principal(self, scope: Scope) -> Principal | None:
+        headers, path = Headers(scope=scope), scope["path"]
+        given = headers.get("authorization", "")
+        if not any(path == root or path.startswith(f"{root}/") for root in GUARDED):
+            return None
+        if (asking := principal_of(headers, self._settings.node_secret)) is not None:
+            scope["state"]["forwarded"] = True
+            return asking
+        if (bearer := bearer_of_ticket(scope, self._keys, self._sessions, self._tickets)) is not None:
+            return bearer
+        if given:
+            kind, _, key = given.partition(" ")
+            if kind.lower() != "bearer":
+                raise Unauthorized("send the key as Authorization: Bearer …")
+            if is_stop(scope) and (known := self._keys.recall(key.strip())) is not None:
+                return known
+            return await self._prove(scope, self._keys.check, key.strip())
+        if path == f"{V1}/events" and (ticket := parse_qs(scope["query_string"].decode("latin-1")).get("ticket")):
+            scope["state"]["ticket"] = ticket[0]
+            return await self._prove(scope, self._keys.see_ticket, ticket[0])
+        if (secret := secret_in(headers)) and (seen := await self._recognise(scope, secret)):
+            check_page(seen, headers, changes=scope["method"] in UNSAFE)
+            scope["state"]["session"] = seen
+            return seen.principal
+        if self._settings.needs_key:
+            raise Unauthorized("a key is needed: Authorization: Bearer …")
+        if is_forwarded(scope):
+            raise Unauthorized("the request came through a proxy, so a key is needed: Authorization: Bearer …")
+        if not is_stop(scope) and (why := stranger(scope)) is not None:
+            raise Unauthorized(f"{why}, so a key is needed: Authorization: Bearer …")
+        self._check_origin(scope, headers)
+        return LOCAL
+
+    async def _prove(self, scope: Scope, check: Callable[[str], Principal], secret: str) -> Principal:
+        """Return the owner of a key or ticket; an address with too many failed attempts may use known keys only."""
+        address = (scope.get("client") or ("",))[0]
+        if self._failed.is_spent(address) and not (is_stop(scope) and scope["method"] == "POST"):
+            if (known := self._keys.recall(secret)) is not None:
+                return known
+            raise TooOften(60 / self._settings.failed_keys_per_minute)
+        try:
+            return await run_in_threadpool(check, secret)
+        except Unauthorized:
+            with suppress(TooOften):
+                self._failed.take(address)
+            raise
+
+    async def _recognise(self, scope: Scope, secret: str) -> SeenSession | None:
+        """Return the owner of a session; ``None`` when it has ended, so that the request is handled as anonymous."""
+        with suppress(Unauthorized):
+            if is_stop(scope):
+                with suppress(Unauthorized):
+                    return self._sessions.recall(secret)
+            return await run_in_threadpool(self._sessions.check, secret)
+        return None
+
+    def _check_origin(self, scope: Scope, headers: Headers) -> None:
+        method = scope["method"]
+        hosts = headers.getlist("host")
+        host = hosts[0] if len(hosts) == 1 else ""
+        name = _name(f"//{host}")
+        if not (_is_loopback(name) or name in self._hosts):
+            raise Forbidden(f"this service is not addressed as {host!r} without a key")
+        origin = headers.get("origin")
+        if method in UNSAFE and origin is not None and origin.partition("://")[2] != host:
+            raise Forbidden(f"a page of {origin!r} may not change anything here without a key")
+        if is_read_of(scope, headers, self._settings.origins):
+            return
+        followed = method not in UNSAFE and headers.get("sec-fetch-mode") == "navigate"
+        if headers.get("sec-fetch-site", "none") not in {"same-origin", "none"} and not followed:
+            raise Forbidden("a page of another origin may do nothing here without a key")
+
+
+def _name(address: str) -> str:
+    """Return the host's name in an address; empty when it is none."""
+    try:
+        parts = urlsplit(address)
+        _ = parts.port
+        return parts.hostname or "" if parts.username is None else ""
+    except ValueError:
+        return ""
+
+
+def _is_loopback(name: str) -> bool:
+    try:
+        return name == "localhost" or ipaddress.ip_address(name).is_loopback
+    except ValueError:
+        return False
+
+
+class GuardedRoute(APIRoute):
+    """APIRoute that checks the scope before the body is read."""
+
+    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
+        """Wrap the framework's handler."""
+        handle = super().get_route_handler()
+
+        async def guarded(request: Request) -> Response:
+            need = SCOPES[request.method, self.path_format]
+            principal: Principal | None = request.state.principal
+            if principal is None:
+                raise Unauthorized("a key is needed")
+            if need is not None and not principal.may(need):
+                raise Forbidden(f"this needs a key with the scope {need}")
+            refuse_unknown(request, self.dependant)
+            checked = JsonRequest(request.scope, request.receive)
+            try:
+                answer = await handle(checked)
+            except HTTPException:
+                if checked.refusal is not None:
+                    raise checked.refusal from None
+                raise
+            except Elsewhere as error:
+                return await request.app.state.services.nodes.forward(checked, error.scanner_id)  # type: ignore[no-any-return]
+            if applied := getattr(request.state, "preference_applied", None):
+                answer.headers["Preference-Applied"] = applied
+            return answer
+
+        return guarded

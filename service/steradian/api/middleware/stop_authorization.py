@@ -1,0 +1,57 @@
+"""Authorisation of emergency stops, without the database where possible."""
+
+from __future__ import annotations
+
+import re
+from contextlib import suppress
+from typing import Final
+
+from starlette.datastructures import Headers
+from starlette.types import Scope
+
+from steradian.api.http.session_cookie import check_page, secret_in
+from steradian.security.keys import Forbidden, KeyStore, Principal, Unauthorized
+from steradian.security.sessions import SessionStore
+from steradian.security.stop_tickets import StopTickets
+
+_V1: Final = "/api/v1"
+STOP_TICKET: Final = "X-Stop-Ticket"
+"""Header with which a page presses the stop after its session has ended; see :mod:`steradian.security.stop_tickets`."""
+EMERGENCY_STOP: Final = re.compile(rf"{_V1}/(?:scanners/[^/]+/)?emergency-stop")
+"""The paths of the stop, which are answered while the database is not: keys are known from the last look at it."""
+
+
+def is_stop(scope: Scope) -> bool:
+    """Whether a request presses the stop, or asks whether its caller may."""
+    method, path = scope["method"], scope["path"]
+    if method in {"GET", "HEAD"}:
+        return bool(path == f"{_V1}/emergency-stop")
+    return bool(method == "POST" and EMERGENCY_STOP.fullmatch(path))
+
+
+def bearer_of_ticket(scope: Scope, keys: KeyStore, sessions: SessionStore, tickets: StopTickets) -> Principal | None:
+    """Return the owner of a stop ticket; ``None`` if the request needs the usual credentials.
+
+    A key or session that is valid by the last look at the database comes first, as the press is then recorded without
+    mention of the ticket. A valid ticket comes before the database, which may not answer.
+    """
+    headers = Headers(scope=scope)
+    ticket = headers.get(STOP_TICKET)
+    if ticket is None or not is_stop(scope):
+        return None
+    if (known := _remembered(headers, keys, sessions, changes=scope["method"] == "POST")) is not None:
+        return known
+    with suppress(Unauthorized):
+        return tickets.check(ticket)
+    return None
+
+
+def _remembered(headers: Headers, keys: KeyStore, sessions: SessionStore, *, changes: bool) -> Principal | None:
+    with suppress(Unauthorized, Forbidden):
+        if given := headers.get("authorization", ""):
+            return keys.recall(given.partition(" ")[2].strip())
+        if secret := secret_in(headers):
+            seen = sessions.recall(secret)
+            check_page(seen, headers, changes=changes)
+            return seen.principal
+    return None

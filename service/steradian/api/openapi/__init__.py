@@ -1,0 +1,1 @@
+"""The OpenAPI document: post-processing, links and the documentation page."""

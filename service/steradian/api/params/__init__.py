@@ -1,0 +1,1 @@
+"""Path and query parameters, and FastAPI dependencies."""

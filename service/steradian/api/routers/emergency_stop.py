@@ -1,0 +1,47 @@
+"""``POST /emergency-stop``: press the stop of every scanner."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Annotated
+
+from fastapi import APIRouter, Body, Request
+from pydantic import BaseModel, Field
+
+from steradian.api.middleware.authentication import V1, GuardedRoute
+from steradian.api.params.dependencies import ServicesNeeded, Who
+from steradian.api.routers.scanners import StopRequest, press_one
+from steradian.api.schemas.resources import Listing
+from steradian.api.schemas.scanners import EmergencyAnswer
+
+router = APIRouter(prefix=V1, tags=["scanners"], route_class=GuardedRoute)
+
+
+class StopRight(BaseModel):
+    """That the caller may press the emergency stop."""
+
+    by: str = Field(description="The name under which a press would be recorded", examples=["key bench (0123456789ab)"])
+
+
+@router.get("/emergency-stop", summary="Whether you may press the emergency stop")
+async def read_emergency_stops(who: Who) -> StopRight:
+    """Return the name under which a press of this caller would be recorded, without pressing.
+
+    It is let in exactly as a press is: by a key, a session or a stop ticket, without the database. A page asks this
+    again and again, so that it offers the stop only while a press would be taken.
+    """
+    return StopRight(by=who.name)
+
+
+@router.post("/emergency-stop", status_code=202, summary="Stop every scanner now")
+async def press_emergency_stops(
+    services: ServicesNeeded, request: Request, who: Who, wanted: Annotated[StopRequest | None, Body()] = None
+) -> Listing[EmergencyAnswer]:
+    """Press the stop of all scanners that there are; any authenticated caller may, and none need be known by name.
+
+    It needs no database. The answer names each scanner; none in it means that the service knows none: whoever sees a
+    laser uses its hardware switch.
+    """
+    reason = wanted.reason if wanted else None
+    presses = (press_one(services, request, who, name, reason) for name in services.nodes.scanners)
+    return Listing(items=await asyncio.gather(*presses))

@@ -1,0 +1,98 @@
+"""``/healthz`` and ``/readyz``: liveness and readiness probes."""
+
+from __future__ import annotations
+
+import shutil
+import time
+
+from fastapi import APIRouter, Response
+from pydantic import BaseModel, Field
+from sqlalchemy.exc import SQLAlchemyError
+
+from steradian import __version__
+from steradian.api.params.dependencies import ServicesNeeded
+from steradian.api.services import Services
+from steradian.core.exceptions import InvalidInput
+from steradian.runtime.heartbeat import is_alive
+from steradian.storage.maintenance.binding import check
+from steradian.storage.maintenance.permissions import unwritable_part
+
+router = APIRouter(tags=["health"])
+MIN_FREE_BYTES = 100 * 2**20
+"""Below this much free space nothing can be measured or reconstructed."""
+
+
+class Health(BaseModel):
+    """The process answers."""
+
+    status: str = "ok"
+    version: str = __version__
+
+
+class Readiness(BaseModel):
+    """Readiness checks by name."""
+
+    ready: bool
+    checks: dict[str, bool]
+    reasons: dict[str, str] = Field(default_factory=dict, description="Of failed checks that have more to say, what")
+
+
+@router.get("/healthz", summary="Whether the process answers")
+async def read_health() -> Health:
+    """Answer, touching nothing."""
+    return Health()
+
+
+@router.get(
+    "/readyz",
+    summary="Whether work can be taken",
+    responses={503: {"model": Readiness, "description": "Something that work needs is missing"}},
+)
+def read_readiness(services: ServicesNeeded, response: Response) -> Readiness:
+    """Check database, store, folder, queue and processes; a scanner that is unplugged does not make it unready."""
+    closed = unwritable_part(services.data)
+    checks = _checks(services, time.time()) | {"folder": closed is None}
+    ready = all(checks.values())
+    response.status_code = 200 if ready else 503
+    return Readiness(ready=ready, checks=checks, reasons={} if closed is None else {"folder": closed})
+
+
+def _checks(services: Services, now: float) -> dict[str, bool]:
+    settings = services.settings
+    processes = ["acquisition"] if settings.has_scanner else []
+    processes += [settings.executor(slot) for slot in range(settings.workers)] if settings.has_scanner else []
+    return {
+        "database": _answers(services),
+        "store": _is_mounted(services) and services.arrays.answers(),
+        "disk": _has_room(services),
+        "queue": services.queue_is_open,
+        **{name: is_alive(services.data.heartbeat(name), now) for name in processes},
+    }
+
+
+def _has_room(services: Services) -> bool:
+    try:
+        return shutil.disk_usage(services.data.root).free > MIN_FREE_BYTES
+    except OSError:  # the folder is gone, or its host
+        return False
+
+
+def _is_mounted(services: Services) -> bool:
+    """Whether the data folder is there; where nothing is mounted lies an empty one."""
+    if services.settings.role != "service":
+        return True
+    try:
+        check(services.database, services.data)  # with a store, too: what is measured lies there at first
+    except InvalidInput:
+        return False
+    except SQLAlchemyError:
+        pass  # the database's own check says so
+    return True
+
+
+def _answers(services: Services) -> bool:
+    try:
+        services.database.check()
+    except SQLAlchemyError:
+        return False
+    return True

@@ -1,0 +1,93 @@
+"""``/reconstructions/{id}/quality``: how much an image is like others."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter, Response
+from fastapi.concurrency import run_in_threadpool
+from pydantic import BaseModel, ConfigDict, Field
+
+from steradian.api.http.urls import link
+from steradian.api.middleware.authentication import V1, GuardedRoute
+from steradian.api.params.dependencies import OptionalKey, ServicesNeeded, Wait, Who
+from steradian.api.params.path import RECONSTRUCTION_ID
+from steradian.api.routers.jobs import queue_job
+from steradian.api.schemas.jobs import JobView
+from steradian.api.schemas.resources import BASE, Listing
+from steradian.core.validation import Value
+from steradian.jobs.requests import Identifier, QualityRequest
+from steradian.storage.repositories import filters
+from steradian.storage.states import ReconstructionState
+
+router = APIRouter(prefix=f"{V1}/reconstructions", tags=["reconstructions"], route_class=GuardedRoute)
+MOST = 200
+
+
+class Reference(Value):
+    """Reconstruction to compare with."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"reference_id": "r01jz0000000000000000000001"}]})
+
+    reference_id: Identifier = Field(description="Identifier of a reconstruction of the same voxels")
+    diameter: float | None = QualityRequest.model_fields["diameter"]  # type: ignore[assignment]
+    threshold: float = QualityRequest.model_fields["threshold"]  # type: ignore[assignment]
+
+
+class QualityView(BaseModel):
+    """One comparison."""
+
+    reference_id: str
+    diameter: float | None = Field(description="Of the disc that counted (m)")
+    threshold: float
+    state: ReconstructionState
+    figures: dict[str, float | None] | None = Field(
+        description="Correlations, sharpness and error, when it is done", examples=[{"volume_correlation": 0.48}]
+    )
+    links: dict[str, str] = Field(examples=[{"job": f"{BASE}/jobs/…"}])
+
+
+@router.post(
+    "/{reconstruction_id}/quality",
+    status_code=202,
+    summary="Compare a reconstruction with another one",
+    response_model=JobView,
+    responses={201: {"model": JobView, "description": "It was over within the time waited for"}},
+)
+async def create_reconstruction_quality(
+    services: ServicesNeeded,
+    who: Who,
+    reconstruction_id: RECONSTRUCTION_ID,
+    wanted: Reference,
+    key: OptionalKey,
+    wait: Wait,
+) -> Response:
+    """Queue a comparison; the answer is its job."""
+    await run_in_threadpool(services.reconstructions.get, reconstruction_id)
+    request = QualityRequest.create(reconstruction_id=reconstruction_id, **wanted.model_dump())
+    return await queue_job(services, who, request, key, wait)
+
+
+@router.get("/{reconstruction_id}/quality", summary="What a reconstruction was compared with")
+def list_reconstruction_quality(services: ServicesNeeded, reconstruction_id: RECONSTRUCTION_ID) -> Listing[QualityView]:
+    """List the comparisons of a reconstruction, newest first."""
+    services.reconstructions.get(reconstruction_id)
+    page = services.ledger.page(MOST, None, filters.jobs(kind="quality", reconstruction_id=reconstruction_id))
+    return Listing(
+        items=[
+            QualityView(
+                **{name: row.payload[name] for name in ("reference_id", "diameter", "threshold")},
+                state=row.state,
+                figures=_figures(row.result),
+                links={
+                    "job": link(f"/jobs/{row.id}"),
+                    "reference": link(f"/reconstructions/{row.payload['reference_id']}"),
+                },
+            )
+            for row in page.rows
+        ]
+    )
+
+
+def _figures(result: dict[str, Any] | None) -> dict[str, float | None] | None:
+    return None if result is None else result.get("figures")

@@ -1,0 +1,230 @@
+"""``/reconstructions/{id}/…``: projections, volume slices, Zarr hierarchy, revisions and log."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Query, Request, Response
+from fastapi import Path as Path_
+from pydantic import BaseModel, Field
+from starlette.concurrency import run_in_threadpool
+
+from steradian.api.background.peers import Elsewhere
+from steradian.api.errors.handlers import NotReady
+from steradian.api.http.array_response import JSON, NPY, PICTURE, PNG, RAW, negotiate
+from steradian.api.http.conditional import ConditionsNeeded, etag_of_file
+from steradian.api.http.file_response import find
+from steradian.api.http.volume_params import VOXELS, DataType, Level, MaxSize, Part, Slab, WindowText
+from steradian.api.http.volume_response import ProjectionWish, VolumeWish, projection_as_numbers, volume_as_numbers
+from steradian.api.middleware.authentication import V1, GuardedRoute
+from steradian.api.params.dependencies import ServicesNeeded, Wait
+from steradian.api.params.path import RECONSTRUCTION_ID
+from steradian.api.routers.jobs import log_of
+from steradian.api.routers.reconstructions import look
+from steradian.api.schemas.reports import ImageView
+from steradian.api.services import Services
+from steradian.core.exceptions import Conflict, InvalidInput, NotFound
+from steradian.jobs.model import JobStatus
+from steradian.jobs.registry import LIVE
+from steradian.reconstructions.volumes.reader import stored_volume
+from steradian.reconstructions.volumes.zarr_view import member
+from steradian.storage.blobs.interface import result_name
+from steradian.storage.data_dir.job_directory import REVISION, VOLUME
+from steradian.storage.states import ReconstructionState
+
+router = APIRouter(prefix=f"{V1}/reconstructions", tags=["reconstructions"], route_class=GuardedRoute)
+
+
+class RevisionView(BaseModel):
+    """An image of a scan that is being followed."""
+
+    number: int
+    points: int = Field(description="A-lines the image is made of")
+    planned: int
+    final: bool = Field(description="Whether it is the full reconstruction of the scan that is over")
+    coverage: dict[str, float] = Field(
+        description="Share of the points, and of the aperture's area, and the largest gap", examples=[{"points": 0.5}]
+    )
+    quality: dict[str, float | None] = Field(
+        description="Correlation with the revision before, sharpness, maximum", examples=[{"sharpness": 0.1}]
+    )
+    image: ImageView = Field(description="Its shape and spacing")
+    seconds: dict[str, float] = Field(description="What it cost", examples=[{"total": 0.2}])
+
+
+@router.get(
+    "/{reconstruction_id}/mip",
+    summary="A maximum-intensity projection as PNG or numbers",
+    response_class=Response,
+    responses={200: {**VOXELS, "content": PICTURE | VOXELS["content"]}},
+)
+async def read_reconstruction_mip(
+    services: ServicesNeeded,
+    request: Request,
+    reconstruction_id: RECONSTRUCTION_ID,
+    wait: Wait,
+    conditions: ConditionsNeeded,
+    axis: Annotated[
+        Literal["x", "y", "z", "depth"],
+        Query(description="Along which axis; depth: along z, coloured by depth, or as numbers the depth in metres"),
+    ] = "z",
+    slab: Slab = None,
+    max_size: MaxSize = None,
+    dtype: DataType = None,
+    window: WindowText = None,
+) -> Response:
+    """Show the projection along an axis, the newest revision's while one is followed.
+
+    A picture has scales in millimetres. Numbers are of all depths, along z of a scan that is followed of those below
+    the near field, as its picture; each is the brightest of those that it covers.
+    """
+    kind = negotiate(request, (PNG, NPY, RAW, JSON))
+    if not await run_in_threadpool(_is_followed, services, reconstruction_id):
+        await _succeeded(services, reconstruction_id, wait)
+    if kind != PNG:
+        wish = ProjectionWish(axis, slab, max_size, dtype, window)
+        return await run_in_threadpool(
+            projection_as_numbers, services.arrays, reconstruction_id, kind, conditions, wish
+        )
+    for name, given in {"slab": slab, "max_size": max_size, "dtype": dtype, "window": window}.items():
+        if given is not None:
+            raise InvalidInput(name, given, f"nothing for a picture; numbers come with Accept: {RAW}, {NPY} or {JSON}")
+
+    def read() -> Response:
+        name = result_name(reconstruction_id, f"mip-{axis}.png")
+        path = find(services.arrays, name, f"MIP along {axis} of", reconstruction_id)
+        with path.open("rb") as file:  # one version of it, though the next revision may replace it now
+            etag = etag_of_file(path, file.fileno())
+            conditions.tag(etag, vary="Accept")
+            return Response(file.read(), media_type=PNG, headers={"ETag": etag, "Vary": "Accept"})
+
+    return await run_in_threadpool(read)
+
+
+@router.get(
+    "/{reconstruction_id}/revision",
+    summary="How good the newest revision is while a scan is followed",
+)
+async def read_reconstruction_revision(
+    services: ServicesNeeded, response: Response, reconstruction_id: RECONSTRUCTION_ID, conditions: ConditionsNeeded
+) -> RevisionView:
+    """Show number, coverage and quality of the image that /mip shows; the last one is the full reconstruction."""
+    await run_in_threadpool(services.reconstructions.get, reconstruction_id)
+    name = result_name(reconstruction_id, REVISION)
+    if not await run_in_threadpool(services.arrays.stat, name):
+        job = await run_in_threadpool(services.ledger.status, reconstruction_id)
+        if job.kind == LIVE and not job.is_over:
+            await run_in_threadpool(_send_on, services, job)
+            raise NotReady(f"reconstruction {reconstruction_id} is {job.state} and has no revision yet", retry_after=2)
+        raise NotFound("revision of", reconstruction_id)
+
+    def read() -> RevisionView:
+        path = find(services.arrays, name, "revision of", reconstruction_id)
+        with path.open("rb") as file:
+            conditions.tag(etag_of_file(path, file.fileno()))
+            return RevisionView.model_validate_json(file.read())
+
+    return await run_in_threadpool(read)
+
+
+@router.get(
+    "/{reconstruction_id}/volume",
+    summary="The volume, or a slice of it, at full resolution or coarser",
+    response_class=Response,
+    responses={200: VOXELS},
+)
+async def read_reconstruction_volume(
+    services: ServicesNeeded,
+    request: Request,
+    reconstruction_id: RECONSTRUCTION_ID,
+    wait: Wait,
+    conditions: ConditionsNeeded,
+    slice: Part = None,
+    level: Level = None,
+    max_size: MaxSize = None,
+    dtype: DataType = None,
+    window: WindowText = None,
+) -> Response:
+    """Download the values, float32 [x, y, z], as npy, raw bytes or JSON; headers contain shape, type and axes."""
+    kind = negotiate(request, (NPY, RAW, JSON))
+    await _succeeded(services, reconstruction_id, wait)
+    limit = services.settings.max_volume_bytes
+
+    def read() -> Response:
+        find(services.arrays, result_name(reconstruction_id, VOLUME), "volume of", reconstruction_id)
+        wish = VolumeWish(slice, level, max_size, dtype, window)
+        return volume_as_numbers(services.arrays, reconstruction_id, kind, conditions, wish, limit)
+
+    return await run_in_threadpool(read)
+
+
+@router.get(
+    "/{reconstruction_id}/volume.ome.zarr/{path:path}",
+    summary="The volume as OME-Zarr, for programs that open one by its address",
+    response_class=Response,
+    responses={200: {"content": {RAW: {"schema": {"type": "string", "format": "binary"}}}}},
+)
+async def read_reconstruction_zarr(
+    services: ServicesNeeded,
+    reconstruction_id: RECONSTRUCTION_ID,
+    path: Annotated[
+        str, Path_(max_length=60, description="Member of the hierarchy: metadata or a chunk", examples=["0/c/0/0/0"])
+    ],
+    wait: Wait,
+    conditions: ConditionsNeeded,
+) -> Response:
+    """Give zarr.json of the group, LEVEL/zarr.json, or a chunk LEVEL/c/Z/Y/X (version 0.5; axes z, y, x; float32)."""
+    await _succeeded(services, reconstruction_id, wait)
+
+    def read() -> Response:
+        file = find(services.arrays, result_name(reconstruction_id, VOLUME), "volume of", reconstruction_id)
+        etag = etag_of_file(file)
+        conditions.tag(etag)
+        found = member(stored_volume(file, etag), path)
+        if found is None:
+            raise NotFound(f"member of the hierarchy of {reconstruction_id}", path)
+        return Response(found, media_type=RAW, headers={"ETag": etag})
+
+    return await run_in_threadpool(read)
+
+
+@router.get(
+    "/{reconstruction_id}/log",
+    summary="What the job wrote while it ran",
+    deprecated=True,
+    response_class=Response,
+    responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
+)
+def read_reconstruction_log(services: ServicesNeeded, reconstruction_id: RECONSTRUCTION_ID) -> Response:
+    """Show the same as GET /jobs/{id}/log, which is the address for every kind of job."""
+    services.reconstructions.get(reconstruction_id)
+    return log_of(services, reconstruction_id)
+
+
+async def _succeeded(services: Services, identifier: str, wait: Wait) -> None:
+    """Reject a request for the result of a job that has none, with the reason."""
+    _, job = await look(services, identifier, wait)
+    if job.state is ReconstructionState.SUCCEEDED:
+        return
+    if not job.is_over:
+        raise NotReady(f"reconstruction {identifier} is {job.state}; its result can be had when it has succeeded")
+    why = f": {job.error or ''}" if job.error_code else ""
+    raise Conflict(f"reconstruction {identifier} has {job.state} and left no result{why}")
+
+
+def _is_followed(services: Services, identifier: str) -> bool:
+    """Whether there are pictures of a job that is not over."""
+    job = services.ledger.status(identifier)
+    if job.kind != LIVE or job.is_over:
+        return False
+    if services.arrays.stat(result_name(identifier, REVISION)) is not None:
+        return True
+    _send_on(services, job)
+    return False
+
+
+def _send_on(services: Services, job: JobStatus) -> None:
+    """Forward requests for a live reconstruction to its scanner's node."""
+    scanner_id = services.scans.get(job.payload["scan_id"]).scanner_id
+    if scanner_id is not None and services.nodes.follows(scanner_id):
+        raise Elsewhere(scanner_id)

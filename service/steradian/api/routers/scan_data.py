@@ -1,0 +1,285 @@
+"""``/scans/{id}/…``: A-lines, shots, coverage and the scan file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any, Final, Self
+
+import h5py
+import numpy as np
+from fastapi import APIRouter, Query, Request, Response
+from numpy.typing import NDArray
+from pydantic import BaseModel, Field
+from starlette.concurrency import run_in_threadpool
+
+from steradian.api.background.peers import Elsewhere
+from steradian.api.errors.handlers import NotReady
+from steradian.api.http.array_response import (
+    ARRAY_ANSWER,
+    JSON,
+    NPY,
+    RAW,
+    ArrayView,
+    Dataset,
+    Selection,
+    Whole,
+    negotiate,
+    respond,
+)
+from steradian.api.http.conditional import ConditionsNeeded, etag_of_file
+from steradian.api.http.file_response import RANGED, RangedFile, find
+from steradian.api.middleware.authentication import V1, GuardedRoute
+from steradian.api.params.dependencies import ServicesNeeded, Wait
+from steradian.api.params.path import SCAN_ID
+from steradian.api.routers.scans import is_settled
+from steradian.api.services import Services
+from steradian.core.exceptions import DamagedFile, NotFound, SteradianError
+from steradian.core.json_encoding import nulls, plain
+from steradian.scans.file import schema
+from steradian.scans.file.corruption import BROKEN
+from steradian.scans.file.latest import newest_row
+from steradian.scans.file.locking import open_to_read
+from steradian.scans.file.rows import RowTable
+from steradian.storage.blobs.interface import scan_name
+
+_FLAGS: Final = {"saturated": 1, "mistuned": 2, "misfired": 4, "partial": 8}
+router = APIRouter(prefix=f"{V1}/scans", tags=["scans"], route_class=GuardedRoute)
+
+Points = Annotated[
+    str | None,
+    Query(max_length=60, description="Points of the mask, frame after frame, numpy syntax", examples=["0:100"]),
+]
+Slice = Annotated[
+    str | None,
+    Query(max_length=60, description="Points and samples (axes of the answer), numpy syntax", examples=["0:10,::2"]),
+]
+Since = Annotated[
+    str | None,
+    Query(
+        max_length=60,
+        description="The next of an earlier answer: only what has changed since; all, where that is not known any more",
+        examples=["6f1d0c2a.7"],
+    ),
+]
+
+
+class FlagsView(BaseModel):
+    """Stored A-lines with each of the scanner's quality flags; one may have several."""
+
+    saturated: int
+    mistuned: int
+    misfired: int
+    partial: int = Field(description="Averaged over fewer shots than planned")
+
+    @classmethod
+    def of(cls, quality: NDArray[np.uint32]) -> Self:
+        """Count the flags of stored A-lines."""
+        return cls(**{name: int((quality & bit != 0).sum()) for name, bit in _FLAGS.items()})
+
+
+class CoverageView(BaseModel):
+    """Share of the mask's points that are measured."""
+
+    points: int = Field(description="A-lines that the scan is to have, of all frames")
+    frames: int
+    stored: int
+    missing: int
+    flagged: int = Field(description="Stored A-lines with a quality flag")
+    flags: FlagsView
+    fired: int = Field(description="Shots that the scanner fired")
+    area_fraction: float = Field(description="Share of the aperture that the stored points stand for, over all frames")
+
+    @classmethod
+    def of(cls, file: h5py.File, stored: NDArray[np.bool_], quality: NDArray[np.uint32]) -> Self:
+        """Count the stored A-lines of an open scan file."""
+        weights, good = file["mask/weights"][:], quality[stored]
+        frames = stored.reshape(-1, len(weights))
+        return cls(
+            points=stored.size,
+            frames=len(frames),
+            stored=len(good),
+            missing=stored.size - len(good),
+            flagged=int((good != 0).sum()),
+            flags=FlagsView.of(good),
+            fired=int(file["fired"][()]),
+            area_fraction=float((frames @ weights).sum() / (len(frames) * weights.sum())),
+        )
+
+
+class ShotsView(BaseModel):
+    """Each point's shot, in the order of the mask, frame after frame."""
+
+    points: list[int] = Field(description="Indices into the mask")
+    frames: list[int] = Field(description="Which frame, from 0: how often, or at which excitation wavelength")
+    stored: list[bool] = Field(description="Whether the A-line is in the file")
+    shot: list[int] = Field(description="Number of the laser shot, from 1")
+    fire_time: list[float | None] = Field(description="s, on the scanner's clock")
+    energy: list[float | None] = Field(description="Pulse energy, the scanner's unit")
+    quality: list[int] = Field(description="Flags of the scanner; 0 is good")
+    averages: list[int] = Field(description="Shots really averaged")
+    time_zero: list[float | None] = Field(description="s from the laser pulse to the first sample")
+    level: list[float | None] = Field(description="DC level of the interferometer in V")
+    gain: list[float | None] = Field(description="Gain of the receiver in dB over its usual one")
+    coverage: CoverageView = Field(description="Counts of all points, also where only some are listed")
+    newest: int | None = Field(description="The A-line stored last, as a place in the array of A-lines; null: none")
+    next: str = Field(description="Send it as since, and only what has changed after this answer is listed")
+
+
+class LatestView(ArrayView):
+    """The A-line that was stored last."""
+
+    row: int = Field(description="Its place in the array of A-lines: point of the mask, frame after frame")
+    point: int = Field(description="Index into the mask")
+    frame: int
+    shot: int = Field(description="Number of the laser shot")
+    quality: int = Field(description="Flags of the scanner; 0 is good")
+    time_zero: float | None = Field(description="s from the laser pulse to the first sample")
+    sampling_interval: float = Field(description="s")
+    scale: float | None = Field(description="Pressure unit of the scanner that a count stands for")
+
+
+@router.get(
+    "/{scan_id}/file",
+    summary="The A-lines as HDF5",
+    response_class=RangedFile,
+    openapi_extra=RANGED,
+    responses={
+        200: {"content": {"application/x-hdf5": {"schema": {"type": "string", "format": "binary"}}}},
+    },
+)
+async def read_scan_file(
+    services: ServicesNeeded, scan_id: SCAN_ID, wait: Wait, conditions: ConditionsNeeded
+) -> RangedFile:
+    """Download the scan file, also in ranges."""
+    row = await wait.until(lambda: services.scans.get(scan_id), is_settled)
+    if not is_settled(row):
+        raise NotReady(f"scan {scan_id} is {row.state}; its file can be had when it is over")
+    path = await run_in_threadpool(file_of, services, scan_id)
+    etag = etag_of_file(path)
+    conditions.tag(etag)
+    return RangedFile(path, media_type="application/x-hdf5", filename=f"{scan_id}.h5", headers={"ETag": etag})
+
+
+@router.get("/{scan_id}/shots", summary="What became of each shot")
+def read_scan_shots(
+    services: ServicesNeeded, scan_id: SCAN_ID, points: Points = None, since: Since = None
+) -> ShotsView:
+    """Show status, shot number, time, energy and quality of each point, also while the scan runs.
+
+    Who follows a scan sends ``next`` of each answer as ``since`` of the next request and is told only what has changed,
+    A-lines that were measured again or do not count any more among it.
+    """
+    with opened(services, scan_id) as file:
+        marks = np.stack([file["alines/crc32c"][:], file["alines/status"][:]], axis=1)
+        newest = newest_row(file)
+        columns, mask = RowTable.of_file(file).columns, len(file["mask/weights"])
+        coverage = CoverageView.of(file, columns["status"] == schema.STORED, columns["quality"])
+    count = len(columns["status"])
+    chosen = Selection.parse(points, (count,), "points").index[0]
+    wanted = np.zeros(count, bool)
+    wanted[chosen] = True
+    changed, following = services.shot_looks.compare(scan_id, marks, since)
+    rows = np.flatnonzero(wanted & changed)
+    told = {name: values[rows] for name, values in columns.items()}
+    return ShotsView(
+        points=(rows % mask).tolist(),
+        frames=(rows // mask).tolist(),
+        stored=(told["status"] == schema.STORED).tolist(),
+        shot=told["shot"].tolist(),
+        fire_time=nulls(told["fire_time_s"]),
+        energy=nulls(told["energy"]),
+        quality=told["quality"].tolist(),
+        averages=told["averages"].tolist(),
+        time_zero=nulls(told["time_zero_s"]),
+        level=nulls(told["dc_v"]),
+        gain=nulls(told["gain_db"]),
+        coverage=coverage,
+        newest=newest,
+        next=following,
+    )
+
+
+@router.get(
+    "/{scan_id}/alines",
+    summary="A-lines as an array",
+    response_class=Response,
+    responses={200: ARRAY_ANSWER},
+)
+def read_scan_alines(
+    services: ServicesNeeded, request: Request, scan_id: SCAN_ID, conditions: ConditionsNeeded, slice: Slice = None
+) -> Response:
+    """Read A-lines (points, samples) in digitiser counts, also while the scan runs; an ETag comes when it is over."""
+    kind = negotiate(request, (NPY, RAW, JSON))
+    path = file_of(services, scan_id)
+    headers = {"X-Axes": "point,time", "Vary": "Accept"}
+    if is_settled(services.scans.get(scan_id)):
+        headers["ETag"] = etag_of_file(path, kind=kind)
+        conditions.tag(headers["ETag"], vary="Accept")
+    alines = Dataset(path, "alines/samples")
+    selection = Selection.parse(slice, alines.shape)
+    return respond(alines, selection, kind, limit=services.settings.max_volume_bytes, headers=headers)
+
+
+@router.get(
+    "/{scan_id}/alines/latest",
+    summary="The A-line stored last",
+    response_class=Response,
+    responses={200: {**ARRAY_ANSWER, "model": LatestView}},
+)
+def read_scan_latest_aline(
+    services: ServicesNeeded, request: Request, scan_id: SCAN_ID, conditions: ConditionsNeeded
+) -> Response:
+    """Read the newest A-line in digitiser counts; headers or JSON fields give its index and its time axis in s."""
+    kind = negotiate(request, (NPY, RAW, JSON))
+    with opened(services, scan_id) as file:
+        row = newest_row(file)
+        if row is None:
+            raise NotReady(f"scan {scan_id} has no A-line yet")
+        one = RowTable.of_file(file, slice(row, row + 1)).columns
+        interval, mask = float(file["plan"].attrs["sampling_interval_s"]), len(file["mask/weights"])
+        samples = Whole(file["alines/samples"][row])
+    zero, scale = float(one["time_zero_s"][0]), float(one["scale"][0])
+    more: dict[str, Any] = {"row": row, "point": row % mask, "frame": row // mask, "shot": int(one["shot"][0])}
+    more |= {"quality": int(one["quality"][0]), "time_zero": zero, "sampling_interval": interval, "scale": scale}
+    etag = f'"{scan_id}-{row}-{one["crc32c"][0]:08x}-{kind.rpartition("/")[2]}"'
+    conditions.tag(etag, vary="Accept")
+    headers = {"ETag": etag, "Vary": "Accept", "X-Axes": "time", "X-Row": str(row), "X-Scale": f"{scale:.9g}"}
+    headers |= {"X-Origin": f"{zero:.9g}", "X-Spacing": f"{interval:.9g}"}
+    limit = services.settings.max_volume_bytes
+    return respond(samples, Selection.parse(None, samples.shape), kind, limit=limit, headers=headers, more=plain(more))
+
+
+@router.get("/{scan_id}/coverage", summary="How much of the mask is measured")
+def read_scan_coverage(services: ServicesNeeded, scan_id: SCAN_ID) -> CoverageView:
+    """Count points and the area they stand for, also while the scan runs."""
+    with opened(services, scan_id) as file:  # two columns of twelve: this is asked for again and again
+        status, quality = file["alines/status"][:], file["alines/quality"][:]
+        return CoverageView.of(file, status == schema.STORED, quality)
+
+
+def file_of(services: Services, scan_id: str) -> Path:
+    """Find the file; one that is not kept yet its scanner's node has."""
+    scan = services.scans.get(scan_id)
+    try:
+        return find(services.arrays, scan_name(scan_id), "file of scan", scan_id)
+    except NotFound:
+        if scan.scanner_id is None or not services.nodes.is_elsewhere(scan.scanner_id):
+            raise
+        raise Elsewhere(scan.scanner_id) from None
+
+
+@contextmanager
+def opened(services: Services, scan_id: str) -> Iterator[h5py.File]:
+    """Open a scan's file to read; errors name the scan."""
+    path = file_of(services, scan_id)
+    try:
+        with open_to_read(path) as file:
+            yield file
+    except SteradianError:
+        raise
+    except FileNotFoundError:  # deleted since
+        raise NotFound("file of scan", scan_id) from None
+    except (OSError, *BROKEN) as error:
+        raise DamagedFile(f"the file of scan {scan_id} cannot be read: {error}") from error

@@ -1,0 +1,52 @@
+"""``/storage``: disk usage of the data folder and reserved bytes."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter
+from pydantic import BaseModel, Field
+from starlette.concurrency import run_in_threadpool
+
+from steradian.api.middleware.authentication import V1, GuardedRoute
+from steradian.api.params.dependencies import ServicesNeeded
+from steradian.api.services import Services
+from steradian.core.exceptions import StoreUnavailable
+
+router = APIRouter(prefix=f"{V1}/storage", tags=["service"], route_class=GuardedRoute)
+
+
+class StorageView(BaseModel):
+    """The data folder and the disk under it."""
+
+    used_bytes: dict[str, int] = Field(
+        description="What the folder holds, by what it is for",
+        examples=[{"scans": 52000000, "reconstructions": 210000000}],
+    )
+    quota_bytes: int | None = Field(description="What the folder may hold; null: as much as the disk")
+    free_bytes: int = Field(description="Free on the disk")
+    reserve_bytes: int = Field(description="Stay free, for the database, logs and scans under way")
+    promised_bytes: int = Field(description="What scans, jobs and uploads that wait or are under way will write")
+    available_bytes: int = Field(description="What the next upload or job may take")
+
+
+@router.get("", summary="What the data folder holds, and what may still come")
+async def read_storage(services: ServicesNeeded) -> StorageView:
+    """Return the bytes used by all files; concurrent requests share one count."""
+    try:
+        used = await services.usage.ask(None)
+        return await run_in_threadpool(_view, services, used)
+    except OSError as error:
+        raise StoreUnavailable(f"the data folder is away: {error.strerror}") from error
+
+
+def _view(services: Services, used: dict[str, int]) -> StorageView:
+    disk = services.disk
+    with services.database.read() as session:
+        waiting = services.promised(session) + services.arrivals.awaited
+    return StorageView(
+        used_bytes=used,
+        quota_bytes=disk.quota,
+        free_bytes=disk.free,
+        reserve_bytes=disk.reserve,
+        promised_bytes=waiting,
+        available_bytes=max(0, disk.available(sum(used.values())) - waiting),
+    )

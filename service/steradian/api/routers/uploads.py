@@ -1,0 +1,270 @@
+"""``/uploads``: staged files for import, inspected only in a sandboxed process."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated, Any, BinaryIO, Self, TypeAlias
+
+from fastapi import APIRouter, Header, Request, Response
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+from starlette.concurrency import run_in_threadpool
+
+from steradian.api.http.array_response import JSON
+from steradian.api.http.resumable_uploads import Part
+from steradian.api.http.urls import link
+from steradian.api.middleware.authentication import V1, GuardedRoute
+from steradian.api.params.dependencies import ServicesNeeded
+from steradian.api.params.path import UPLOAD_ID
+from steradian.api.services import Services
+from steradian.core.exceptions import InvalidInput, NotFound
+from steradian.core.validation import Value
+from steradian.jobs.requests import Identifier, check_described
+from steradian.storage.blobs.interface import upload_name
+from steradian.storage.repositories import deletion
+from steradian.storage.repositories.base import new_id
+
+router = APIRouter(prefix=f"{V1}/uploads", tags=["jobs"], route_class=GuardedRoute)
+_BINARY = {
+    "application/octet-stream": {"schema": {"type": "string", "format": "binary", "minLength": 1}, "examples": {}}
+}
+
+
+_PIECES = {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}, "examples": {}}}
+TUS, TUS_VERSION = "Tus-Resumable", "1.0.0"
+Length: TypeAlias = Annotated[
+    int | None, Header(alias="Upload-Length", ge=1, description="Bytes of a file that is sent by PATCH", examples=[100])
+]
+Offset: TypeAlias = Annotated[
+    int, Header(alias="Upload-Offset", ge=0, description="Bytes that have come; the body goes on there", examples=[0])
+]
+
+
+class UploadPreviewRequest(Value):
+    """Description that accompanies a file, as in a job of kind ``import``."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"description": {"sampling_interval": 8e-9}}]})
+
+    description: dict[str, Any] | None = Field(
+        default=None, description="What the file itself does not say: sampling_interval, positions, sound_speed, …"
+    )
+    companion_id: Identifier | None = Field(
+        default=None, description="Identifier of an upload with the positions (csv, npy) or of k-Wave's input file"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        check_described(self.description)
+        return self
+
+
+class MissingView(BaseModel):
+    """Field that must be supplied before the file can be imported."""
+
+    field: str = Field(description="Of the description")
+    allowed: str
+
+
+class UploadPreviewView(BaseModel):
+    """Preview of an import of a file."""
+
+    model_config = ConfigDict(from_attributes=True)
+
+    format: str
+    points: int = Field(description="Sensors")
+    frames: int
+    samples: int = Field(description="Of an A-line")
+    dtype: str = Field(description="Type of the samples as NumPy writes it")
+    sampling_interval: float | None = Field(description="Seconds; null: not stated")
+    time_zero: float = Field(description="From the pulse to the first sample (s)")
+    sound_speed: float | None = Field(description="m/s; null: not stated")
+    aperture: float | None = Field(description="Side of the square around the sensors (m); null: where is not stated")
+    depth: float | None = Field(description="Distance of the point of interest (m); null: not stated")
+    positions: list[list[float]] | None = Field(description="x, y of the sensors (m), a few thousand at most")
+    rows: list[int] = Field(description="Which A-lines are shown")
+    traces: list[list[float]] = Field(description="Their first samples; 0 for what is no finite number")
+    missing: list[MissingView] = Field(description="What must be said before the file can be imported")
+    notes: list[str] = Field(description="What was decided or assumed where the file does not say")
+
+
+class UploadView(BaseModel):
+    """A file that waits to be imported."""
+
+    id: str
+    bytes: int = Field(description="That have come")
+    length: int | None = Field(default=None, description="Of the whole file, where the rest has still to come (bytes)")
+    sha256: str | None = Field(default=None, description="Of the whole file, when it has just come")
+    links: dict[str, str] = Field(examples=[{"self": "/api/v1/…"}])
+
+
+@router.post(
+    "",
+    status_code=201,
+    summary="Send a file to be imported",
+    openapi_extra={"requestBody": {"required": True, "content": _BINARY}},
+)
+async def create_upload(
+    services: ServicesNeeded, request: Request, response: Response, length: Length = None
+) -> UploadView:
+    """Keep the body as a file: IPASC, k-Wave or MATLAB HDF5, npy, npz, CSV, .sgl, or a scan of this program.
+
+    Then POST /jobs with kind ``import``. A file that nobody imports is deleted after a day. With Upload-Length the body
+    is empty, and the bytes follow by PATCH; what broke off is gone on with where HEAD says that it ends (tus 1.0).
+    """
+    identifier = new_id("u")
+    here = link(f"/uploads/{identifier}")
+    response.headers["Location"] = here
+    draft = services.data.uploads / f"{identifier}.part"
+    digest, size = hashlib.sha256(), 0
+    require = await run_in_threadpool(_room, services, lambda: size)
+    if length is not None:
+        await run_in_threadpool(_begin, services, identifier, length, require)
+        response.headers.update(_progress(0, length))
+        return UploadView(id=identifier, bytes=0, length=length, links={"self": here})
+
+    def keep(file: BinaryIO, piece: bytes) -> None:
+        take(len(piece))
+        digest.update(piece)
+        file.write(piece)
+
+    try:
+        with services.arrivals.upload(int(request.headers.get("content-length", 0)), require) as take:
+            with await run_in_threadpool(draft.open, "wb") as file:
+                async for piece in request.stream():
+                    await run_in_threadpool(keep, file, piece)
+                    size += len(piece)
+                if not size:
+                    raise InvalidInput("body", "empty", "the bytes of a file")
+                await run_in_threadpool(_sync, file)
+            await run_in_threadpool(services.arrays.keep, upload_name(identifier), draft)
+    finally:
+        await run_in_threadpool(draft.unlink, missing_ok=True)
+    return UploadView(id=identifier, bytes=size, sha256=digest.hexdigest(), links={"self": here})
+
+
+@router.get("/{upload_id}", summary="One upload")
+def read_upload(services: ServicesNeeded, response: Response, upload_id: UPLOAD_ID) -> UploadView:
+    """Return whether an upload exists, and its size; Upload-Offset is the number of received bytes."""
+    about: dict[str, Any] = {"id": upload_id, "links": {"self": link(f"/uploads/{upload_id}")}}
+    found = services.arrays.stat(upload_name(upload_id)) if _is_name(upload_id) else None
+    if found is not None:
+        response.headers.update(_progress(found.size, found.size))
+        return UploadView(bytes=found.size, **about)
+    part = Part.find(services.data.uploads, upload_id)
+    come = part.offset
+    response.headers.update(_progress(come, part.length))
+    return UploadView(bytes=come, length=part.length, **about)
+
+
+@router.patch(
+    "/{upload_id}",
+    status_code=204,
+    summary="Send more of an upload",
+    openapi_extra={"requestBody": {"required": True, "content": _PIECES}},
+)
+async def append_upload(services: ServicesNeeded, request: Request, upload_id: UPLOAD_ID, offset: Offset) -> Response:
+    """Append the body to an upload created with Upload-Length; bytes received before an interruption are kept.
+
+    With the last byte it is a whole upload; Repr-Digest then has its SHA-256. Nothing comes for a day: it is deleted.
+    """
+    part = await run_in_threadpool(Part.find, services.data.uploads, upload_id)
+    size = offset
+    require = await run_in_threadpool(_room, services, lambda: size)
+
+    def keep(file: BinaryIO, piece: bytes) -> None:
+        if size + len(piece) > part.length:
+            raise InvalidInput("body", f"more than {part.length - offset} bytes", f"the rest of {part.length} bytes")
+        take(len(piece))
+        file.write(piece)
+        file.flush()
+
+    with services.arrivals.upload(int(request.headers.get("content-length", 0)), require, kept=True) as take:
+        with part.open(offset) as file:
+            async for piece in request.stream():
+                await run_in_threadpool(keep, file, piece)
+                size += len(piece)
+            if size == part.length:
+                digest = await run_in_threadpool(part.digest)
+                await run_in_threadpool(services.arrays.keep, upload_name(upload_id), part.path)
+                await run_in_threadpool(part.path.unlink, missing_ok=True)
+                told = {"Repr-Digest": f"sha-256=:{base64.b64encode(digest).decode()}:"}
+                return Response(status_code=204, headers=_progress(size, part.length) | told)
+    return Response(status_code=204, headers=_progress(size, part.length))
+
+
+@router.post("/{upload_id}/preview", summary="What would be understood of an upload", response_model=UploadPreviewView)
+async def preview_upload(services: ServicesNeeded, upload_id: UPLOAD_ID, wanted: UploadPreviewRequest) -> Response:
+    """Look into a file as an import would, in a process that is shut in; nothing is made of it."""
+    names = [upload_id, *([wanted.companion_id] if wanted.companion_id else [])]
+    for name in names:
+        if not _is_name(name) or await run_in_threadpool(services.arrays.stat, upload_name(name)) is None:
+            raise NotFound("upload", name)
+    paths = [await run_in_threadpool(services.arrays.open, upload_name(name)) for name in names]
+    return Response(await services.workshop.work(_look, wanted.description, *paths), media_type=JSON)
+
+
+@router.delete("/{upload_id}", status_code=204, summary="Forget an upload")
+def delete_upload(services: ServicesNeeded, upload_id: UPLOAD_ID) -> Response:
+    """Delete the file; nothing happens when there is none. One that an import has still to read stays."""
+    with suppress(NotFound):
+        deletion.delete_upload(services.database, services.arrays, upload_id)
+    with suppress(NotFound):
+        Part.find(services.data.uploads, upload_id).path.unlink(missing_ok=True)
+    return Response(status_code=204)
+
+
+def _look(description: dict[str, Any] | None, *uploads: Path) -> bytes:
+    from steradian.scans.importing.guarded import look_guarded
+    from steradian.scans.importing.uploaded import laid_out
+
+    with tempfile.TemporaryDirectory(prefix="steradian-look-") as name:
+        source, said = laid_out(Path(name), description, *uploads)
+        try:
+            found = look_guarded(source, Path(name), description=said)
+        except InvalidInput as error:
+            raise InvalidInput(f"description.{error.field}", error.value, error.allowed) from error
+    return UploadPreviewView.model_validate(found, from_attributes=True).model_dump_json().encode()
+
+
+def _room(services: Services, come: Callable[[], int]) -> Callable[[int], None]:
+    """Read the disk's free space; return a function that rejects uploads which do not fit beside concurrent ones."""
+    measured, taken = services.measure(), _promised(services)
+
+    def require(count: int) -> None:
+        what = f"the upload, of which {come() / 1e6:.1f} MB have come," if come() else "the upload"
+        used = measured.used + services.arrivals.came - measured.came
+        services.disk.require(count, what, taken + services.arrivals.awaited, used)
+
+    return require
+
+
+def _begin(services: Services, identifier: str, length: int, require: Callable[[int], None]) -> None:
+    largest = services.settings.max_import_bytes
+    if length > largest:
+        raise InvalidInput("Upload-Length", length, f"1 to {largest} (bytes)")
+    require(length)
+    Part.begin(services.data.uploads, identifier, length)
+
+
+def _progress(come: int, length: int) -> dict[str, str]:
+    return {"Upload-Offset": str(come), "Upload-Length": str(length), TUS: TUS_VERSION}
+
+
+def _promised(services: Services) -> int:
+    with services.database.read() as session:
+        return services.promised(session)
+
+
+def _is_name(upload_id: str) -> bool:
+    return upload_id.isascii() and upload_id.isalnum()
+
+
+def _sync(file: BinaryIO) -> None:
+    """Flush received bytes to disk."""
+    file.flush()
+    os.fsync(file.fileno())

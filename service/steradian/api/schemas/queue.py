@@ -1,0 +1,46 @@
+"""Queue position and requirements of a waiting job."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from datetime import datetime
+from typing import Self
+
+from pydantic import BaseModel, Field
+
+from steradian.jobs.model import Requirements
+from steradian.jobs.queue.estimates import Forecast
+
+
+class RequirementsView(BaseModel):
+    """Requirements of a job on its worker."""
+
+    memory: int = Field(description="Bytes; of a volume whose size is known, what its values alone take")
+    cores: int = Field(description="Threads that the worker's jobs may use")
+    gpu: bool
+
+    @classmethod
+    def of(cls, wanted: Requirements) -> Self:
+        """Show them."""
+        return cls(**asdict(wanted))
+
+
+class QueueView(BaseModel):
+    """Queue position of a job that has not ended."""
+
+    position: int | None = Field(
+        description="1: the next that begins; null when it runs, or waits for its scan or for another worker"
+    )
+    expected_end: datetime | None = Field(
+        description="From what such jobs took lately; null when that cannot be said: too few were done, no worker is"
+        " at work, or one takes longer than it should"
+    )
+    awaited: str | None = Field(
+        description="The worker that it waits for; null where one that is present can do it, or none is at all",
+        examples=["a worker with a GPU; present: 16000000000 bytes of memory, 8 cores, no GPU"],
+    )
+
+    @classmethod
+    def of(cls, seen: Forecast | None) -> Self | None:
+        """Show a forecast."""
+        return None if seen is None else cls(**asdict(seen))

@@ -1,0 +1,1 @@
+"""Use cases that span several repositories: job admission, decommissioning of scanners."""

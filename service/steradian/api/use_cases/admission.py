@@ -1,0 +1,226 @@
+"""Pre-submission checks of job requests: referenced rows exist, sizes and memory fit."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from steradian.api.errors.handlers import NotReady
+from steradian.api.services import Services
+from steradian.core.exceptions import Conflict, InvalidInput, NotFound
+from steradian.imaging.geometry.depth_extent import Extent
+from steradian.jobs.requests import (
+    ExportRequest,
+    ImportRequest,
+    QualityRequest,
+    ReconstructionRequest,
+    SoundSpeedRequest,
+    WidthRequest,
+    WorkRequest,
+)
+from steradian.reconstructions.parameters import LARGE, ReconstructionParameters, default_modes
+from steradian.reconstructions.volumes.pyramid import stored_bytes
+from steradian.scans.frames import Frame
+from steradian.storage.blobs.interface import result_name, scan_name, upload_name
+from steradian.storage.capacity.quota import scan_bytes
+from steradian.storage.data_dir.job_directory import VOLUME
+from steradian.storage.db.tables import ScanRow
+from steradian.storage.states import SETTLED_SCAN_STATES, ReconstructionState
+
+
+class Cost(NamedTuple):
+    """Resource estimate of a job: upper bound of disk bytes, lower bound of memory bytes; 0 where unknown."""
+
+    disk: int
+    memory: int = 0
+
+
+def check_reconstruction(services: Services, wanted: ReconstructionRequest) -> ScanRow:
+    """Reject reconstructions that cannot succeed: a running scan without ``follow``, an empty scan, a volume too large.
+
+    Raises
+    ------
+    NotFound, NotReady, Conflict, InvalidInput
+        In that order.
+    """
+    scan = services.scans.get(wanted.scan_id)
+    if scan.state not in SETTLED_SCAN_STATES and not wanted.follow:
+        text = f"scan {scan.id} is {scan.state}; it can be reconstructed when it is over, or followed"
+        raise NotReady(text)
+    if scan.state in SETTLED_SCAN_STATES:
+        _check_alines(services, scan)
+    check_parts(services, scan, wanted)
+    return scan
+
+
+def cost_of(services: Services, scan: ScanRow, wanted: ReconstructionRequest) -> Cost:
+    """Return the estimated bytes and work of a reconstruction.
+
+    It leaves its values, their coarser copies and three projections (float32); one that follows a scan holds the last
+    image beside the one that it writes.
+    """
+    *across, deep = _shape(services, scan, wanted.parameters)
+    disk = stored_bytes((*across, deep)) * (2 if wanted.follow else 1)
+    return Cost(disk, _least_memory((*across, deep // wanted.parameters.upsampling), wanted.parameters))
+
+
+def check_parts(services: Services, scan: ScanRow, wanted: ReconstructionRequest) -> None:
+    """Reject jobs whose inputs are missing or unsuitable; return the estimated resources of the others."""
+    _check_size(services, scan, wanted.parameters)
+    lights = frames_of(services.plans.get(scan.plan_id).parameters)
+    wanted.frames.pick([Frame(number, light, 0) for number, light in enumerate(lights)])
+    if wanted.through is not None:
+        aperture, mask_id = services.masks.get(scan.mask_id).aperture, wanted.through.mask_id
+        if abs(services.masks.get(mask_id).aperture - aperture) > 1e-6 * aperture:
+            raise InvalidInput("through.mask_id", mask_id, f"a mask of the scan's aperture, {aperture:g} m")
+
+
+def check_work(services: Services, wanted: WorkRequest) -> Cost:
+    """Reject other jobs that cannot succeed; return their estimated resources.
+
+    Raises
+    ------
+    NotFound, NotReady, Conflict, InvalidInput
+        In that order.
+    """
+    match wanted:
+        case SoundSpeedRequest():
+            _check_size(services, _measured(services, wanted.scan_id), wanted.parameters)
+        case QualityRequest():
+            _check_pair(services, wanted)
+        case WidthRequest():
+            _check_width(services, wanted)
+        case ExportRequest(scan_id=str(scan_id)):
+            scan, found = _measured(services, scan_id), services.arrays.stat(scan_name(scan_id))
+            return Cost(scan_bytes(services.plans.get(scan.plan_id)) if found is None else found.size)
+        case ExportRequest(reconstruction_id=str(reconstruction_id)):
+            return Cost(existing_volume(services, reconstruction_id, "reconstruction_id"))
+        case ImportRequest():
+            uploads = [wanted.upload_id] + ([] if wanted.companion_id is None else [wanted.companion_id])
+            return Cost(sum(_size(services, upload_name(identifier), "upload", identifier) for identifier in uploads))
+        case _:
+            raise AssertionError(f"no check of {wanted!r}")
+    return Cost(0)
+
+
+def frames_of(plan: dict[str, Any]) -> list[float]:
+    """Return the excitation wavelength of each frame in m, 0 where the laser stays as it stands."""
+    return [value for value in plan.get("excitation") or (0.0,) for _ in range(plan.get("frames", 1))]
+
+
+def existing_volume(services: Services, reconstruction_id: str, field: str) -> int:
+    """Return how many bytes the volume has that a reconstruction left.
+
+    Raises
+    ------
+    NotFound, NotReady, Conflict
+        When there is no such reconstruction, or no volume of it yet, or there will be none.
+    InvalidInput
+        When it is larger than a job may read.
+    """
+    services.reconstructions.get(reconstruction_id)
+    job = services.ledger.status(reconstruction_id)
+    if not job.is_over:
+        raise NotReady(f"{field} {reconstruction_id} is {job.state}; its volume can be used when it has succeeded")
+    if job.state is not ReconstructionState.SUCCEEDED:
+        raise Conflict(f"{field} {reconstruction_id} has {job.state} and left no volume")
+    size = _size(services, result_name(reconstruction_id, VOLUME), "volume of", reconstruction_id)
+    if size > 2 * services.settings.max_volume_bytes:
+        raise InvalidInput(field, reconstruction_id, f"a volume of at most {services.settings.max_volume_bytes} bytes")
+    return size
+
+
+def _size(services: Services, name: str, what: str, identifier: str) -> int:
+    found = services.arrays.stat(name)
+    if found is None:
+        raise NotFound(what, identifier)
+    return found.size
+
+
+def _check_alines(services: Services, scan: ScanRow) -> None:
+    """Refuse a scan without A-lines; raises :class:`Conflict`."""
+    is_there = services.nodes.is_elsewhere(scan.scanner_id) or services.arrays.stat(scan_name(scan.id)) is not None
+    if not is_there or not (scan.summary or {}).get("stored", scan.done):
+        raise Conflict(f"scan {scan.id} is {scan.state} and holds no A-lines")
+
+
+def _check_size(services: Services, scan: ScanRow, parameters: ReconstructionParameters) -> None:
+    """Refuse a volume that is too large; raises :class:`InvalidInput`."""
+    shape = _shape(services, scan, parameters)
+    size, limit = 4 * math.prod(shape), services.settings.max_volume_bytes
+    if size > limit:
+        field, value = "parameters.modes", str(shape[0] // parameters.upsampling)
+        if shape[-1] > parameters.upsampling * services.plans.get(scan.plan_id).parameters["samples"]:
+            field, value = "parameters.depth_range", str(parameters.depth_range)
+        raise InvalidInput(field, value, f"a volume of at most {limit} bytes, not {size}")
+    if size > LARGE and parameters.modes is None:
+        modes = shape[0] // parameters.upsampling
+        voxel = 1e6 * services.masks.get(scan.mask_id).aperture / modes
+        raise InvalidInput(
+            "parameters.modes",
+            "missing",
+            f"stated for a volume above 1 GB: {modes} (voxels of {voxel:.4g} µm) make {1e-9 * size:.3g} GB",
+        )
+
+
+def _shape(services: Services, scan: ScanRow, parameters: ReconstructionParameters) -> tuple[int, ...]:
+    """Return how many voxels an image has along each axis across, of which a line of sensors has one, and in depth."""
+    modes = parameters.modes or _default_modes(services, scan.mask_id)
+    across = 1 if services.masks.is_line(scan.mask_id) else 2
+    deep = _slices(services.plans.get(scan.plan_id).parameters, parameters)
+    return (*[modes * parameters.upsampling] * across, deep * parameters.upsampling)
+
+
+def _default_modes(services: Services, mask_id: str) -> int:
+    return default_modes(services.masks.default_modes(mask_id), services.masks.get(mask_id).aperture)
+
+
+def _slices(plan: dict[str, Any], parameters: ReconstructionParameters) -> int:
+    """Return how many slices an image has: one a sample, and more where the record begins later and they are wanted.
+
+    When a record begins only its file says; what is known here is the delay that is asked for, and the range.
+    """
+    samples: int = plan["samples"]
+    interval, speed = plan.get("sampling_interval"), parameters.sound_speed or plan.get("sound_speed")
+    if not interval or not speed:
+        return samples
+    if parameters.depth_range is None:
+        extent = Extent(samples, parameters.conditioning.delay / interval)
+        return max(samples, extent.end - extent.first)
+    first, last = parameters.depth_range
+    return samples if last is None else max(samples, math.ceil((last - (first or 0.0)) / (interval * speed)) + 1)
+
+
+def _least_memory(shape: tuple[int, ...], parameters: ReconstructionParameters) -> int:
+    """Return the bytes of the image alone (float32), where it is known beforehand how many voxels deep it becomes."""
+    is_whole = parameters.depth_range is None and parameters.depth_step is None and parameters.highest_frequency is None
+    return 4 * math.prod(shape) if is_whole else 0
+
+
+def _measured(services: Services, scan_id: str) -> ScanRow:
+    scan = services.scans.get(scan_id)
+    if scan.state not in SETTLED_SCAN_STATES:
+        raise NotReady(f"scan {scan_id} is {scan.state}; it can be used when it is over")
+    _check_alines(services, scan)
+    return scan
+
+
+def _check_width(services: Services, wanted: WidthRequest) -> None:
+    row = services.reconstructions.get(wanted.reconstruction_id)
+    if row.scan_id != wanted.scan_id:
+        raise InvalidInput("scan_id", wanted.scan_id, f"the reconstruction's, {row.scan_id}")
+    if services.ledger.status(wanted.reconstruction_id).kind == "what-if":
+        raise InvalidInput("reconstruction_id", wanted.reconstruction_id, "one of all A-lines, no what-if")
+    scan = _measured(services, wanted.scan_id)
+    if services.masks.is_line(scan.mask_id):
+        raise InvalidInput("reconstruction_id", wanted.reconstruction_id, "one of a plane of sensors, not of a line")
+    existing_volume(services, wanted.reconstruction_id, "reconstruction_id")
+
+
+def _check_pair(services: Services, wanted: QualityRequest) -> None:
+    shapes = []
+    for field, identifier in (("reconstruction_id", wanted.reconstruction_id), ("reference_id", wanted.reference_id)):
+        existing_volume(services, identifier, field)
+        shapes.append(list(services.ledger.status(identifier).result.get("shape", [])))
+    if all(shapes) and shapes[0] != shapes[1]:
+        raise InvalidInput("reference_id", f"{wanted.reference_id}, {shapes[1]} voxels", f"one of {shapes[0]} voxels")

@@ -1,0 +1,1 @@
+"""Foundation without domain knowledge: exceptions, validation, units, files, processes, settings."""

@@ -1,0 +1,12 @@
+"""The two callables by which long work reports and is stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+Progress: TypeAlias = Callable[[str, int, int], None]
+"""Called as ``progress(stage, done, total)``; ``stage`` is a short English phrase, counts are of its own unit."""
+
+IsCancelled: TypeAlias = Callable[[], bool]
+"""Asked between pieces of work; ``True`` makes the work raise :class:`steradian.core.exceptions.Cancelled`."""

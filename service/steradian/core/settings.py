@@ -1,0 +1,261 @@
+"""Deployment settings: one frozen object, read from ``STERADIAN_…`` variables or given in code."""
+
+from __future__ import annotations
+
+import os
+from ipaddress import ip_address
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from pydantic import Field, ValidationError
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from steradian.core.exceptions import InvalidInput
+from steradian.core.system_resources import cores
+from steradian.core.validation import invalid_input
+
+PREFIX = "STERADIAN_"
+FIRST_SCANNER = "scanner-0"
+"""What the scanner is called where there is one."""
+ROOT_PATH = r"^((/[A-Za-z0-9_~-][A-Za-z0-9._~-]*){1,8}/?)?$"
+"""A path below which a proxy serves: segments of letters, digits and ``._~-``, none of which begins with a dot."""
+_ORIGIN = r"https?://([A-Za-z0-9.-]{1,253}|\[[0-9A-Fa-f:.]{2,45}\])(:[0-9]{1,5})?"
+ORIGINS = rf"^ *({_ORIGIN}( *, *{_ORIGIN})* *)?$"
+"""Origins as browsers write them, without a path; neither ``*`` nor ``null`` is one."""
+OWN_PATHS = frozenset(
+    {"api", "data", "design", "docs", "healthz", "metrics", "openapi.json", "problems", "readyz", "reconstructions"}
+    | {"scans", "static", "volumes"}
+)
+"""First segments of the service's own addresses."""
+SECRETS = frozenset({f"{PREFIX}API_KEY", f"{PREFIX}NODE_SECRET"})
+"""Variables that only processes get which answer requests."""
+
+
+class Settings(BaseSettings):
+    """Settings of the service, its processes and its store."""
+
+    model_config = SettingsConfigDict(env_prefix=PREFIX, frozen=True, extra="forbid", allow_inf_nan=False)
+
+    data: Path = Field(description="Folder that holds everything the service keeps; made when missing")
+    host: str = Field(default="127.0.0.1", description="Address to listen on")
+    port: int = Field(default=8000, ge=0, le=65_535, description="Port to listen on; 0 takes a free one")
+    root_path: str = Field(
+        default="",
+        max_length=200,
+        pattern=ROOT_PATH,
+        description="Path below which a proxy serves this service, /steradian for example; none: X-Forwarded-Prefix's",
+    )
+    workers: int = Field(default=1, ge=0, le=64, description="Reconstructions at a time, a process each")
+    scanner: str = Field(
+        default="simulated",
+        min_length=1,
+        description="'simulated', a serial port such as /dev/ttyUSB0 or /dev/ttyUSB0?baud=921600, or socket://host:port",
+    )
+    scanner_id: str = Field(
+        default=FIRST_SCANNER,
+        pattern=r"^[a-z0-9][a-z0-9-]{0,39}$",
+        description="Name of this node's scanner; each scanner of a service needs its own",
+    )
+    scanner_watch: bool = Field(
+        default=True,
+        description="Whether the scanner's port is held and listened to between scans; if not, laser, shutter,"
+        " interlock and key are unknown between them",
+    )
+    simulator_speed: float = Field(
+        default=20.0, gt=0, le=10_000, description="How many times faster than real the simulated scanner runs"
+    )
+    resume_within: float = Field(
+        default=2.0,
+        ge=0,
+        le=10,
+        description="Seconds after an interruption within which the laser may come back by itself; 0: never (s)",
+    )
+    database_url: str | None = Field(
+        default=None,
+        repr=False,
+        pattern=r"^postgres(ql)?(\+psycopg)?://",
+        description="PostgreSQL database for metadata and queue, postgresql://…; none: SQLite files in the data folder",
+    )
+    store: str | None = Field(
+        default=None,
+        pattern=r"^s3://[a-z0-9][a-z0-9.-]{1,61}[a-z0-9](/[A-Za-z0-9._/-]*)?$",
+        description="S3-compatible store for scans and results, s3://bucket/prefix; none: the data folder",
+    )
+    store_endpoint: str | None = Field(
+        default=None, pattern=r"^https?://[^/@]+/?$", description="Address of a store that is not Amazon's, https://…"
+    )
+    store_cache_bytes: int = Field(
+        default=20 * 2**30, ge=2**20, description="Copies of the store's files on this machine (bytes)"
+    )
+    role: Literal["service", "api", "acquisition"] = Field(
+        default="service", description="What this node is: all of a service, one of its API nodes, or a scanner's node"
+    )
+    node_secret: str | None = Field(
+        default=None,
+        repr=False,
+        min_length=32,
+        pattern=r"^[!-~]+$",
+        description="What the nodes of one service prove themselves with (letters, digits, signs of ASCII)",
+    )
+    address: str | None = Field(
+        default=None,
+        pattern=r"^https?://[^/@]+$",
+        description="Where the other nodes reach this one, http://host:port; none: where it listens",
+    )
+    worker_name: str = Field(
+        default="worker",
+        pattern=r"^[A-Za-z0-9._-]{1,100}$",
+        description="Name of this host's workers; each host on one database needs its own",
+    )
+    worker_memory_bytes: int | None = Field(
+        default=None,
+        ge=2**20,
+        description="Memory that a worker here claims to have; none: the machine's or the container's (bytes)",
+    )
+    await_workers: bool = Field(
+        default=False,
+        description="Whether jobs are taken that no worker of the last hour can do: one that can is started for them",
+    )
+    drain_seconds: float = Field(
+        default=0.0, ge=0, le=86_400, description="How long a worker that is to end may finish its job (s)"
+    )
+    api_key: str | None = Field(
+        default=None, repr=False, min_length=20, description="A key with every scope (at least 20 characters)"
+    )
+    require_key: bool = Field(
+        default=False, description="Whether a key is needed on the loopback, too: for a machine with other users"
+    )
+    requests_per_second: float = Field(
+        default=100.0,
+        gt=0,
+        description="Requests a key may make in the long run; a change counts as 5 (1/s)",
+    )
+    failed_keys_per_minute: float = Field(
+        default=20.0, ge=1, description="Wrong keys after which an address is heard with a known one only (1/min)"
+    )
+    key_file: Path | None = Field(
+        default=None, description="File in which a first start writes an admin key, if there is no other"
+    )
+    allowed_hosts: str = Field(
+        default="", description="Names, beside the loopback's, by which a service without keys may be addressed"
+    )
+    cors_origins: str = Field(
+        default="",
+        pattern=ORIGINS,
+        description="Origins whose pages may read, https://viewer.example, separated by commas; none: no page",
+    )
+    page_scripts: Path | None = Field(
+        default=None, description="Folder with a laboratory's own scripts (.js), which every page runs; none: no such"
+    )
+    retention_days: float | None = Field(
+        default=None, gt=0, description="Days after which finished reconstructions are deleted; none: kept"
+    )
+    event_days: float = Field(default=7.0, gt=0, description="Days for which the event log can be replayed")
+    log_format: Literal["text", "json"] = "text"
+    log_level: Literal["DEBUG", "INFO", "WARNING", "ERROR"] = "INFO"
+    max_mask_points: int = Field(default=200_000, ge=1, description="Largest mask accepted over HTTP (points)")
+    max_upload_bytes: int = Field(default=64 * 2**20, ge=1024, description="Largest request body (bytes)")
+    max_import_bytes: int = Field(default=4 * 2**30, ge=1024, description="Largest file that can be imported (bytes)")
+    max_connections: int = Field(default=2000, ge=10, le=100_000, description="HTTP connections at a time")
+    client_timeout: float = Field(
+        default=20.0, gt=0, le=3600, description="Seconds for which a client may send nothing of a request it began (s)"
+    )
+    keep_alive: float = Field(
+        default=90.0,
+        gt=0,
+        le=3600,
+        description="Seconds for which an idle connection is kept, longer than proxies keep theirs (s)",
+    )
+    max_volume_bytes: int = Field(default=8 * 2**30, ge=2**20, description="Largest volume a job may make (bytes)")
+    disk_reserve_bytes: int = Field(
+        default=100 * 2**20, ge=0, description="Free space of the disk that uploads and jobs leave (bytes)"
+    )
+    quota_bytes: int | None = Field(
+        default=None, ge=1, description="Most bytes in the data folder when an upload or a job comes; none: the disk's"
+    )
+    job_timeout: float = Field(default=6 * 3600.0, gt=0, le=30 * 86_400, description="Longest a job may run (s)")
+
+    @classmethod
+    def create(cls, **fields: Any) -> Self:
+        """Read the environment, overridden by ``fields`` that are not ``None``.
+
+        Raises
+        ------
+        InvalidInput
+            Naming the setting and its allowed range.
+        """
+        try:
+            settings = cls(**{name: value for name, value in fields.items() if value is not None})
+        except ValidationError as error:
+            raise invalid_input(cls, error) from error
+        if settings.database_url is not None:  # one spelling for every library
+            url = "postgresql" + settings.database_url[settings.database_url.index("://") :]
+            settings = settings.model_copy(update={"database_url": url})
+        elif settings.store is not None:
+            allowed = "none without STERADIAN_DATABASE_URL: what is in a store, every host must know"
+            raise InvalidInput("store", settings.store, allowed)
+        if "?" in settings.scanner:
+            settings._check_baud()
+        if settings.root_path.split("/")[1:2] and settings.root_path.split("/")[1] in OWN_PATHS:
+            allowed = f"a path that begins with none of the service's own ({', '.join(sorted(OWN_PATHS))})"
+            raise InvalidInput("root_path", settings.root_path, allowed)
+        return settings
+
+    def _check_baud(self) -> None:
+        """Raise InvalidInput where the scanner's baud rate is none."""
+        from fabry_perot import PlanInvalid
+        from fabry_perot.host.address import split
+
+        try:
+            split(self.scanner)
+        except PlanInvalid as error:
+            raise InvalidInput("scanner", self.scanner, f"a port with {error.field} of {error.allowed}") from error
+
+    @property
+    def has_scanner(self) -> bool:
+        """Whether this node has a scanner, simulated or real."""
+        return self.role != "api"
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the scanner is the simulator that the service starts itself."""
+        return self.scanner == "simulated"
+
+    @property
+    def is_local(self) -> bool:
+        """Whether only this machine can reach the service."""
+        name = self.host.lower().removesuffix(".")
+        try:
+            return name == "localhost" or ip_address(name).is_loopback
+        except ValueError:
+            return False
+
+    @property
+    def needs_key(self) -> bool:
+        """Whether every request requires a key."""
+        return self.require_key or not self.is_local
+
+    @property
+    def origins(self) -> frozenset[str]:
+        """Origins of other sites whose pages may read, in lower case."""
+        return frozenset(name.strip().lower() for name in self.cors_origins.split(",") if name.strip())
+
+    @property
+    def follows(self) -> bool:
+        """Whether this node's workers only run live jobs of its scanner's scans."""
+        return self.role == "acquisition" and self.workers > 0
+
+    def executor(self, slot: int) -> str:
+        """Name of one worker."""
+        return f"{self.scanner_id if self.role == 'acquisition' else self.worker_name}-{slot}"
+
+    @property
+    def threads_per_job(self) -> int:
+        """Threads a reconstruction may use, so that all workers together fill the machine once."""
+        return max(1, cores() // max(1, self.workers))
+
+    def environment(self, *, keys: bool = True) -> dict[str, str]:
+        """Variables from which a child process reads these same settings; without ``keys`` no :data:`SECRETS`."""
+        values = {PREFIX + name.upper(): str(v) for name, v in self.model_dump(mode="json", exclude_none=True).items()}
+        whole = os.environ | values
+        return whole if keys else {name: value for name, value in whole.items() if name not in SECRETS}

@@ -1,0 +1,75 @@
+"""Allowed ranges of physical quantities.
+
+They are wide, and yet no usual number in nanoseconds, hertz or millimetres a microsecond falls into one of them, and of
+lengths in millimetres or micrometres only those of at most 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from steradian.core.exceptions import InvalidInput
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """Numbers from ``low`` (excluded where ``above``) to ``high``, in ``unit``."""
+
+    low: float
+    high: float
+    unit: str
+    above: bool = False
+
+    @property
+    def limits(self) -> dict[str, float]:
+        """The same for a field of :class:`steradian.core.validation.Value`."""
+        return {"gt" if self.above else "ge": self.low, "le": self.high}
+
+    def __contains__(self, number: float) -> bool:
+        return bool((self.low < number if self.above else self.low <= number) and number <= self.high)
+
+    def __str__(self) -> str:
+        return f"{'>' if self.above else 'at least'} {self.low:g}, at most {self.high:g} ({self.unit})"
+
+    def check(self, field: str, value: object) -> float:
+        """Return ``value`` as a number.
+
+        Raises
+        ------
+        InvalidInput
+            If it is none, or out of range.
+        """
+        number = real(field, value, str(self))
+        if number not in self:
+            raise InvalidInput(field, value, str(self))
+        return number
+
+
+LENGTH = Range(0, 1, "m", above=True)
+"""Sides of apertures, distances between sensors, depths of points of interest."""
+SAMPLING_INTERVAL = Range(1e-10, 1e-5, "s")
+SOUND_SPEED = Range(300, 6000, "m/s")
+TIME_ZERO = Range(-5e-4, 5e-4, "s")
+"""From the laser pulse to the first sample: sound from three quarters of a metre of water needs no longer."""
+
+
+def real(field: str, value: Any, allowed: str) -> float:
+    """Return ``value`` as a finite number.
+
+    Raises
+    ------
+    InvalidInput
+        If it is a text, even of a number, or anything else but one finite number.
+    """
+    try:
+        if isinstance(value, str | bytes) or np.ndim(value):
+            raise TypeError
+        number = float(value)
+    except (TypeError, ValueError):
+        raise InvalidInput(field, repr(value), allowed) from None
+    if not np.isfinite(number):
+        raise InvalidInput(field, value, allowed)
+    return number

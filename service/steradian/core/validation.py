@@ -1,0 +1,188 @@
+"""Frozen, validated values: the base class :class:`Value` on top of pydantic.
+
+A person reads "depth is -1; allowed: > 0, at most 1 (m)", not a library's error dump, so a failed validation is
+turned into :class:`~steradian.core.exceptions.InvalidInput` with the field's own limits and unit.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Callable
+from typing import Annotated, Any, Literal, Self
+
+import annotated_types
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    PlainSerializer,
+    ValidationError,
+    WithJsonSchema,
+)
+from pydantic.fields import FieldInfo
+from pydantic_core import CoreSchema, PydanticKnownError, core_schema
+
+from steradian.core.exceptions import InvalidInput
+
+
+def _no_boolean(kind: Literal["int", "float"]) -> Callable[[object], object]:
+    def check(value: object) -> object:
+        if isinstance(value, bool | np.bool_):
+            raise PydanticKnownError("int_type" if kind == "int" else "float_type")
+        return value
+
+    return check
+
+
+_CHECKS = {"int": _no_boolean("int"), "float": _no_boolean("float")}
+
+
+def _refuse_booleans(schema: Any) -> None:
+    """Put a check before each number in a schema that has none yet."""
+    for key, part in list(schema.items() if isinstance(schema, dict) else enumerate(schema)):
+        if key in {"metadata", "serialization"} or not isinstance(part, dict | list):
+            continue
+        kind = part.get("type") if isinstance(part, dict) else None
+        if kind in _CHECKS:
+            schema[key] = core_schema.no_info_before_validator_function(_CHECKS[kind], part)  # type: ignore[arg-type]
+        elif kind != "function-before" or part["function"]["function"] not in _CHECKS.values():  # type: ignore[call-overload]
+            _refuse_booleans(part)
+
+
+_SECRETS = re.compile(r"(?<=://)[^/]*(?=@)|(?<=\?).*")
+"""Where an address may hold a name, password or token."""
+
+
+class Value(BaseModel):
+    """A frozen value; :meth:`create` raises ``InvalidInput`` where plain pydantic raises ``ValidationError``.
+
+    No boolean counts as a number, in whatever field: ``true`` is no aperture of 1 m.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True, allow_inf_nan=False)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Restrict numeric fields to numbers, without strings or booleans."""
+        schema = handler(source)
+        _refuse_booleans(handler.resolve_ref_schema(schema))
+        return schema
+
+    @classmethod
+    def create(cls, **fields: Any) -> Self:
+        """Validate ``fields`` into a value.
+
+        Raises
+        ------
+        InvalidInput
+            For the first field that is missing, unknown or out of range.
+        """
+        try:
+            return cls(**fields)
+        except ValidationError as error:
+            raise invalid_input(cls, error) from error
+
+    def replace(self, **changes: Any) -> Self:
+        """Return a validated copy with some fields changed (``model_copy`` would keep a stale identifier)."""
+        return self.create(**{name: getattr(self, name) for name in type(self).model_fields} | changes)
+
+
+def invalid_input(model: type[BaseModel], error: ValidationError) -> InvalidInput:
+    """Turn the first finding of a pydantic error into an ``InvalidInput`` that names field, value and range."""
+    first = error.errors(include_url=False)[0]
+    path = [str(part) for part in first["loc"]]
+    field = ".".join(path) or model.__name__
+    info = model.model_fields.get(path[0]) if path else None
+    cause = first.get("ctx", {}).get("error")
+    if isinstance(cause, InvalidInput):
+        return cause
+    if first["type"] == "missing":
+        return InvalidInput(field, "missing", allowed_range(info) if info else "a value")
+    if first["type"] == "extra_forbidden":
+        return InvalidInput(field, first["input"], f"no such field; known: {', '.join(model.model_fields)}")
+    said = allowed_range(info) if info is not None and len(path) == 1 else ""
+    value = first["input"]
+    if info is not None and not info.repr:
+        value = "…"
+    elif isinstance(value, str):
+        value = _SECRETS.sub("…", value)
+    return InvalidInput(field, value, said or str(cause or first["msg"]))
+
+
+def allowed_range(info: FieldInfo) -> str:
+    """Say a field's limits in words, for example ``"> 0, at most 1 (m)"``; empty when it has none."""
+    words = []
+    for limit in info.metadata:
+        match limit:
+            case annotated_types.Gt(gt=bound):
+                words.append(f"> {bound:g}")
+            case annotated_types.Ge(ge=bound):
+                words.append(f"at least {bound:g}")
+            case annotated_types.Lt(lt=bound):
+                words.append(f"< {bound:g}")
+            case annotated_types.Le(le=bound):
+                words.append(f"at most {bound:g}")
+            case _:
+                pass
+    if not words:
+        return ""
+    extra = info.json_schema_extra
+    unit = extra.get("unit") if isinstance(extra, dict) else None
+    return ", ".join(words) + (f" ({unit})" if unit else "")
+
+
+def quantity(unit: str, description: str, **limits: Any) -> Any:
+    """Declare a field with a unit, which errors and the HTTP schema then state."""
+    return Field(description=f"{description} ({unit})", json_schema_extra={"unit": unit}, **limits)
+
+
+def _as_float64(value: object) -> NDArray[np.float64]:
+    try:
+        array = np.array(value, dtype=np.float64, order="C")
+        if not {bool, np.bool_}.isdisjoint(map(type, np.array(value, dtype=object).flat)):
+            raise ValueError("a boolean is no number")
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"not an array of numbers: {error}") from None
+    if not array.ndim:
+        raise ValueError("not an array of numbers but one")
+    return array
+
+
+def _frozen_finite(value: NDArray[np.float64]) -> NDArray[np.float64]:
+    if not np.isfinite(value).all():
+        raise ValueError(f"finite numbers only; the first other is at {np.argwhere(~np.isfinite(value))[0].tolist()}")
+    value.setflags(write=False)
+    return value
+
+
+FloatArray = Annotated[
+    # NDArray has a name of its own from NumPy 2.5 on, which would change the schema.
+    np.ndarray[Any, np.dtype[np.float64]],
+    BeforeValidator(_as_float64),
+    AfterValidator(_frozen_finite),
+    PlainSerializer(lambda array: array.tolist(), return_type=list, when_used="json"),
+    WithJsonSchema(
+        {"type": "array", "items": {"anyOf": [{"type": "number"}, {"type": "array", "items": {"type": "number"}}]}}
+    ),
+]
+"""A read-only, finite float64 array; nested lists in JSON."""
+
+
+def content_hash(prefix: str, parameters: object, *arrays: NDArray[Any]) -> str:
+    """Identify immutable content: ``prefix`` and 24 hexadecimal digits of its SHA-256.
+
+    The parameters enter as JSON with sorted keys, the arrays as little-endian bytes, so the same content has the
+    same identifier on every machine.
+    """
+    digest = hashlib.sha256(json.dumps(parameters, sort_keys=True, separators=(",", ":")).encode())
+    for array in arrays:
+        digest.update(str(array.shape).encode())
+        digest.update(np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<")).tobytes())
+    return prefix + digest.hexdigest()[:24]

@@ -1,0 +1,1 @@
+"""Compute resources: memory limit and thread pool."""

@@ -1,0 +1,1 @@
+"""Geometry of sensors and images: cells, areas, outlines, periods and depths."""

@@ -1,0 +1,212 @@
+"""Validated geometry of one reconstruction: sensors, periods, modes and depths."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steradian.core.exceptions import InvalidInput
+from steradian.core.units import real
+from steradian.imaging import validation as checks
+from steradian.imaging.geometry.depth_extent import Extent
+from steradian.imaging.geometry.sensor_areas import sensor_areas
+from steradian.imaging.parameters import Parameters
+from steradian.imaging.transforms.sizes import fast_multiple, fast_record
+from steradian.imaging.validation import Sensors
+from steradian.imaging.volume import Axes
+
+LEAST_CYCLES = 2
+"""Of the highest frequency in a record."""
+
+
+@dataclass(frozen=True, slots=True)
+class Geometry:
+    """Everything the formula needs except the traces. Lengths in metres, times in seconds.
+
+    Parameters
+    ----------
+    positions
+        Shape (M, d−1).
+    weights
+        h_m, shape (M,); :attr:`sensed_area` is their sum.
+    aperture, modes
+        As asked for, one number a lateral axis.
+    period, padded_modes
+        X and N of the formula: ``aperture`` and ``modes`` with the lateral padding.
+    samples, record
+        Samples a trace has, and N_t of the formula: with the padding in time, with as many as lie between the pulse and
+        the first sample (the image's period c·N_t·dt then holds all depths that the record tells of, and none folds
+        back), and a few more where a large prime factor would make the transform slow.
+    sampling_interval, sound_speed, time_zero
+        dt, c, and the time of the first sample after the laser pulse.
+    highest_frequency
+        End of the band in Hz that is used; None: all up to the Nyquist frequency.
+    depth_points
+        Points N_z that the period c·N_t·dt along the depth is divided into: N_t, or fewer where they hold the band.
+    depth
+        First depth index and one past the last; index n is the depth n·Δz below the film.
+    upsampling
+        Image points per mode.
+    """
+
+    positions: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    aperture: tuple[float, ...]
+    modes: tuple[int, ...]
+    period: tuple[float, ...]
+    padded_modes: tuple[int, ...]
+    samples: int
+    record: int
+    sampling_interval: float
+    sound_speed: float
+    time_zero: float
+    highest_frequency: float | None
+    depth_points: int
+    depth: tuple[int, int]
+    upsampling: int
+
+    @property
+    def sensed_area(self) -> float:
+        """Σ h_m in m² (m in 2-D): the area that the sensors stand for."""
+        return float(self.weights.sum())
+
+    @property
+    def depth_step(self) -> float:
+        """Δz in metres: c·dt, times N_t/N_z."""
+        return self.sound_speed * self.sampling_interval * self.record / self.depth_points
+
+    @property
+    def band(self) -> float:
+        """Bound of κ, in cycles a record."""
+        nyquist = 0.5 * self.record
+        if self.highest_frequency is None:
+            return nyquist
+        return min(nyquist, self.highest_frequency * self.sampling_interval * self.record)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the image, [x, (y,) z]."""
+        return (*(n * self.upsampling for n in self.modes), self.depth[1] - self.depth[0])
+
+    @property
+    def spacing(self) -> tuple[float, ...]:
+        """Voxel size in metres, in the order of :attr:`shape`."""
+        return (*(X / n / self.upsampling for X, n in zip(self.aperture, self.modes, strict=True)), self.depth_step)
+
+    def axes(self) -> Axes:
+        """Coordinates of the voxels: lateral index i is (i/upsampling − N//2)·X/N, depth index n is n·Δz."""
+        lateral = [
+            (np.arange(n * self.upsampling, dtype=np.float64) / self.upsampling - n // 2) * (X / n)
+            for X, n in zip(self.aperture, self.modes, strict=True)
+        ]
+        depth = np.arange(*self.depth, dtype=np.float64) * self.depth_step
+        return Axes(lateral[0], lateral[1] if len(lateral) == 2 else None, depth)
+
+    def places(self) -> NDArray[np.float64]:
+        """Sensor positions in periods from the first point of the padded image, in [0, 1), shape (M, d−1)."""
+        period, count = np.array(self.period), np.array(self.padded_modes)
+        places = (self.positions + (count // 2) * period / count) / period
+        return np.asarray(places - np.floor(places))
+
+
+def _weights(
+    weights: ArrayLike | Literal["voronoi"] | None, x: NDArray[np.float64], period: tuple[float, ...]
+) -> NDArray[np.float64]:
+    count = len(x)
+    if weights is None or isinstance(weights, str):
+        if weights not in (None, "voronoi"):
+            raise InvalidInput("weights", weights, "an array, None or 'voronoi' (the areas of the sensors' cells)")
+        return sensor_areas(x, period)
+    h = checks.numbers("weights", weights, f"one weight a sensor, shape ({count},)")
+    return checks.areas(h, x, period)
+
+
+def slices(
+    depth_range: tuple[float, float] | None, extent: Extent, record: int, points: int, fine: float
+) -> tuple[int, int]:
+    """Return the first index and one past the last of ``points`` in a period of ``record`` steps of ``fine`` metres.
+
+    Without a range: from the film, or where the record is late from c·t₀, to the last sample's depth c·(t₀ + N_t·dt).
+    """
+    if depth_range is None:
+        return -(-extent.first * points // record), -(-extent.end * points // record)
+    low, high = checks.depths(depth_range, (record + extent.end - extent.samples - extent.ahead) * fine)
+    step = fine * record / points
+    first, last = int(np.ceil(low / step - 1e-6)), min(points, int(np.floor(high / step + 1e-6)) + 1)
+    if last <= first:
+        raise InvalidInput("depth_range", depth_range, f"a range with at least one slice (step {step:.4g} m)")
+    return first, last
+
+
+def band_end(value: object, record: int, interval: float) -> float | None:
+    """Check the highest frequency that is used, in Hz."""
+    if value is None:
+        return None
+    least = LEAST_CYCLES / (record * interval)
+    allowed = f"a frequency from {least:.4g} Hz, {LEAST_CYCLES} cycles a record, or None"
+    if isinstance(value, str):
+        allowed += '; "signal" is for reconstruct(), which has the A-lines'
+    frequency = real("highest_frequency", value, allowed)
+    if frequency < least:
+        raise InvalidInput("highest_frequency", value, allowed)
+    return frequency
+
+
+def _depth_points(highest: float | None, depth_step: float | None, record: int, interval: float, speed: float) -> int:
+    points = record
+    if highest is not None:
+        points = min(record, fast_multiple(2 * np.ceil(min(highest * interval * record, record))))
+    if depth_step is None:
+        return points
+    length = record * interval * speed
+    allowed = f"{length / record:.4g} (c·dt) to {length:.4g} m, or None"
+    step = real("depth_step", depth_step, allowed)
+    if not length / record * (1 - 1e-6) <= step <= length:
+        raise InvalidInput("depth_step", depth_step, allowed)
+    return max(points, min(record, int(np.ceil(length / step - 1e-6))))
+
+
+def geometry(positions: ArrayLike | Sensors, samples: int, chosen: Parameters) -> Geometry:
+    """Validate and complete the geometry of sensors (M, d−1) with ``samples`` samples per A-line.
+
+    Raises
+    ------
+    InvalidInput
+        Naming the parameter and what is allowed.
+    """
+    positions, weights, aperture = checks.of_mask(positions, chosen.weights, chosen.aperture)
+    x = checks.places(positions)
+    axes = x.shape[1]
+    period = checks.apertures(aperture, axes)
+    number = tuple(checks.whole("modes", n, 2) for n in checks.per_axis("modes", chosen.modes, axes))
+    samples = checks.whole("samples", samples, 4, checks.MOST_SAMPLES)
+    interval, speed = chosen.sampling_interval, chosen.sound_speed
+    extent = 2 * np.abs(x).max(axis=0)
+    if not chosen.wrap and any(e > X * (1 + checks.ROUNDING) for e, X in zip(extent, period, strict=True)):
+        needed = ", ".join(f"{e:.6g}" for e in extent)
+        raise InvalidInput("aperture", aperture, f"at least the sensors' extent about 0 ({needed} m), or wrap=True")
+    padded = tuple(int(np.ceil(n * (chosen.lateral_padding or 1.0) - 1e-9)) for n in number)
+    extent = Extent.of(samples, interval, chosen.time_zero)
+    record = fast_record(int(np.ceil(samples * chosen.time_padding - 1e-9)) + extent.ahead)
+    highest = band_end(chosen.highest_frequency, record, interval)
+    points = _depth_points(highest, chosen.depth_step, record, interval, speed)
+    return Geometry(
+        positions=x,
+        weights=_weights(weights, x, period),
+        aperture=period,
+        modes=number,
+        period=tuple(X * p / n for X, p, n in zip(period, padded, number, strict=True)),
+        padded_modes=padded,
+        samples=samples,
+        record=record,
+        sampling_interval=interval,
+        sound_speed=speed,
+        time_zero=chosen.time_zero,
+        highest_frequency=highest,
+        depth_points=points,
+        depth=slices(chosen.depth_range, extent, record, points, interval * speed),
+        upsampling=chosen.upsampling,
+    )

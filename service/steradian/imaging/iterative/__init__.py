@@ -1,0 +1,1 @@
+"""Iterative reconstruction: ISTA, FISTA, total variation and their stopping rules."""

@@ -1,0 +1,61 @@
+"""Base class of the iterative solvers: counters, stopping rules and progress."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from steradian.core.exceptions import Cancelled
+from steradian.core.progress import IsCancelled, Progress
+from steradian.imaging.iterative_options import Iterative
+from steradian.imaging.operators import ForwardOperator
+from steradian.imaging.volume import RealArray
+
+Stopped = Literal["discrepancy", "change", "misfit", "iterations"]
+
+
+class Iterations:
+    """One run.
+
+    Parameters
+    ----------
+    model
+        A.
+    measured
+        g, the A-lines.
+    options
+        Regulariser and stopping rule.
+    noise
+        Norm of the noise in ``measured``.
+    progress, cancelled
+        See :mod:`steradian.core.progress`.
+    """
+
+    def __init__(
+        self,
+        model: ForwardOperator,
+        measured: RealArray,
+        options: Iterative,
+        noise: float,
+        progress: Progress | None,
+        cancelled: IsCancelled | None,
+    ) -> None:
+        self._model, self._data, self._options, self._noise = model, measured, options, noise
+        self._progress, self._cancelled = progress, cancelled
+        self.residuals: list[float] = []
+        self.products = self.done = 0
+        self.stopped: Stopped = "iterations"
+
+    def run(self) -> RealArray:
+        """Return the image."""
+        raise NotImplementedError
+
+    def _forward(self, image: RealArray) -> RealArray:
+        self.products += 1
+        return self._model.forward(image, cancelled=self._cancelled)
+
+    def _look(self) -> None:
+        if self._progress is not None:
+            misfit = f", misfit {100 * self.residuals[-1]:.1f} %" if self.done else ""
+            self._progress(f"iterations{misfit}", self.done, self._options.iterations)
+        if self._cancelled is not None and self._cancelled():
+            raise Cancelled("cancelled during: iterations")

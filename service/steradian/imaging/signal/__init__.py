@@ -1,0 +1,1 @@
+"""Signal processing of A-lines: bandwidth, decimation, conditioning."""

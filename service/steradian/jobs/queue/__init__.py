@@ -1,0 +1,1 @@
+"""Job queue: client, ledger, fair queueing, estimates and the DBOS engine."""

@@ -1,0 +1,234 @@
+"""Client side of the job queue: submit, cancel, reprioritise, reconcile."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from typing import Final
+
+from dbos import DBOSClient, WorkflowSerializationFormat
+from sqlalchemy import select, text
+from sqlalchemy.orm import Session
+from ulid import ULID
+
+from steradian.core.exceptions import NotFound, Superseded
+from steradian.core.progress import Progress
+from steradian.core.settings import Settings
+from steradian.jobs.model import Died, JobRequest, JobStatus, QueueUnavailable, requirements_of
+from steradian.jobs.queue.dbos import APPLICATION, APPLICATION_VERSION, QUEUE, WORKFLOW, engine_table, prepare, queue_at
+from steradian.jobs.queue.fair_queueing import place
+from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.queue.matching import Capabilities, own_scanner, workers
+from steradian.jobs.worker.runner import POLL
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.database import Database, metadata_url
+from steradian.storage.db.tables import JobRow, ScannerRow
+from steradian.storage.repositories.base import utc_now
+from steradian.storage.repositories.scanners import PRESENT
+from steradian.storage.states import ReconstructionState, is_terminal
+
+WAITING: Final = frozenset({"ENQUEUED", "DELAYED"})
+WAITING_OR_RUNNING: Final = WAITING | {"PENDING"}
+"""The engine's states of jobs that are not over."""
+
+_log = logging.getLogger(__name__)
+_R = ReconstructionState
+
+
+class JobQueue:
+    """The client's side of the queue; may be used from many threads.
+
+    Parameters
+    ----------
+    settings
+        Whose database or data directory holds the queue; both are made when missing.
+
+    Raises
+    ------
+    QueueUnavailable
+        When the queue's database cannot be opened.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self._data = DataDirectory(settings.data)
+        try:
+            url = prepare(settings)
+            self._database = Database(metadata_url(settings))
+            self._client = DBOSClient(system_database_url=url, application_name=APPLICATION)
+        except Exception as error:
+            raise QueueUnavailable(f"the job queue cannot be opened: {error}") from error
+        self.ledger = JobLedger(self._database)
+        self._doubted: frozenset[str] = frozenset()
+
+    def submit(self, request: JobRequest) -> str:
+        """Queue a job and return its identifier; one that is queued already is left as it is."""
+        with self._database.write() as session:
+            self.add(session, request)
+        return request.id
+
+    def add(self, session: Session, request: JobRequest) -> JobRow:
+        """Note a job and queue it in the present transaction: both happen or neither does."""
+        row = self.ledger.add(session, request)
+        self._enqueue(session, row)
+        return row
+
+    def _enqueue(self, session: Session, row: JobRow) -> None:
+        """Hand a job to the engine; doing it twice does it once, and one that follows a scan waits."""
+        if is_terminal(row.state) or self.ledger.waits_for_scan(session, row):
+            return
+        self._client.enqueue_in_transaction(
+            session,
+            {
+                "workflow_name": WORKFLOW,
+                "queue_name": self._queue_of(session, row),
+                "workflow_id": row.id,
+                "app_version": APPLICATION_VERSION,
+                "priority": place(row),
+                "serialization_type": WorkflowSerializationFormat.PORTABLE,
+            },
+            row.id,
+        )
+
+    def _queue_of(self, session: Session, row: JobRow) -> str:
+        """Return the queue of a job.
+
+        Jobs that follow a scan prefer the node of its file, if a worker there can run them.
+        """
+        scanner = own_scanner(session, row.kind, row.scan_id)
+        if scanner is None or _is_too_much(row, scanner, workers(session, utc_now())):
+            return QUEUE
+        return queue_at(scanner)
+
+    def status(self, job_id: str) -> JobStatus:
+        """Return the status of a job; raises :class:`NotFound`."""
+        return self.ledger.status(job_id)
+
+    def cancel(self, job_id: str, who: str = "local", reason: str | None = None) -> JobStatus:
+        """Cancel a job that waits or runs; its process is killed. Cancelling it again changes nothing.
+
+        Raises
+        ------
+        NotFound
+            When there is no such job.
+        Conflict
+            When it is over.
+        """
+        before = self.ledger.get(job_id)
+        self.ledger.want_cancelled(job_id, who, reason)
+        self._client.cancel_workflow(job_id)
+        if before.state is _R.QUEUED:
+            self.ledger.cancelled(job_id, who)
+        return self.status(job_id)
+
+    def set_priority(self, job_id: str, priority: int, revision: int | None = None, who: str = "local") -> JobStatus:
+        """Move a waiting job in the queue; see :meth:`JobLedger.set_priority`."""
+        move = text(
+            f"UPDATE {engine_table(self._database)} SET priority = :place"  # noqa: S608 - one of two names
+            " WHERE workflow_uuid = :job AND status IN ('ENQUEUED', 'DELAYED')"
+        )
+        with self._database.write() as session:
+            row = self.ledger.set_priority(session, job_id, priority, revision, who)
+            session.execute(move, {"job": job_id, "place": place(row)})
+        return self.status(job_id)
+
+    def wait(
+        self,
+        job_id: str,
+        *,
+        progress: Progress | None = None,
+        timeout: float | None = None,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], object] = time.sleep,
+    ) -> JobStatus:
+        """Wait until a job has ended or ``timeout`` seconds have passed, and return its status."""
+        deadline = None if timeout is None else clock() + timeout
+        while True:
+            status = self.status(job_id)
+            if progress is not None and status.stage is not None:
+                progress(status.stage, status.done, status.total)
+            if status.is_over or (deadline is not None and clock() >= deadline):
+                return status
+            sleep(POLL / 2)
+
+    def reconcile(self) -> None:
+        """Reconcile jobs with the engine after crashes, a full disk or an upgrade; call it about once a second.
+
+        A disagreement counts when it is seen twice in a row: a single one may be an operation under way. What waits
+        and is unknown to the engine, because it followed a scan that waited too, for example, it is given at once.
+        """
+        rows = {row.id: row for row in self.ledger.unfinished()}
+        found = (
+            self._client.list_workflows(workflow_ids=list(rows), load_input=False, load_output=False) if rows else []
+        )
+        states = {job.workflow_id: job.status for job in found}
+        self._leave_to_others([(rows[job.workflow_id], job.queue_name) for job in found if job.status in WAITING])
+        doubted = {row.id for row in rows.values() if _disagree(row.state, states.get(row.id))}
+        unknown = {row.id for row in rows.values() if row.state is _R.QUEUED and row.id not in states}
+        for job_id in unknown | (doubted & self._doubted):
+            self._settle(rows[job_id], states.get(job_id))
+        self._doubted = frozenset(doubted)
+
+    def _leave_to_others(self, waiting: Sequence[tuple[JobRow, str | None]]) -> None:
+        """Move jobs from a scanner's queue to the common queue if its workers are gone or cannot run them.
+
+        Parameters
+        ----------
+        waiting
+            Jobs and their queues.
+        """
+        if not (elsewhere := [(row, queue) for row, queue in waiting if queue != QUEUE]):
+            return
+        move = text(
+            f"UPDATE {engine_table(self._database)} SET queue_name = :everybody"  # noqa: S608 - one of two names
+            " WHERE workflow_uuid = :job AND queue_name = :queue AND status IN ('ENQUEUED', 'DELAYED')"
+        )
+        with self._database.write() as session:
+            scanners = session.scalars(select(ScannerRow.id).where(ScannerRow.follows, PRESENT))
+            worked, known = {queue_at(scanner): scanner for scanner in scanners}, workers(session, utc_now())
+            for row, queue in elsewhere:
+                scanner = worked.get(queue or "")
+                if scanner is None or _is_too_much(row, scanner, known):
+                    session.execute(move, {"everybody": QUEUE, "job": row.id, "queue": queue})
+                    _log.warning("job %s is anybody's: no worker on its scanner's node can do it", row.id)
+
+    def forget(self, job_ids: Sequence[str]) -> None:
+        """Delete ended jobs from the engine."""
+        if job_ids:
+            self._client.delete_workflows(list(job_ids))
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._client.destroy()
+        self._database.close()
+
+    def _settle(self, row: JobRow, engine_state: str | None) -> None:
+        with suppress(Superseded, NotFound):  # it may have been deleted since it was looked at
+            if row.state is _R.CANCELLING:
+                if engine_state in WAITING_OR_RUNNING:
+                    self._client.cancel_workflow(row.id)
+                if not self._data.job(row.id).is_running:
+                    self.ledger.cancelled(row.id, "service")
+                return
+            if engine_state is not None:
+                died = Died(f"its worker could not go on; the queue's engine calls it {engine_state}")
+                self.ledger.settle(row.id, row.fence, died, "service")
+                self.forget([row.id])
+            with self._database.write() as session:
+                self._enqueue(session, self.ledger.reread(session, row.id))
+
+
+def new_job_id() -> str:
+    """Make an identifier for a job that belongs to no resource."""
+    return f"j{str(ULID()).lower()}"
+
+
+def _disagree(state: ReconstructionState, engine_state: str | None) -> bool:
+    return state is _R.CANCELLING or engine_state not in WAITING_OR_RUNNING
+
+
+def _is_too_much(row: JobRow, scanner_id: str, known: Mapping[str, Capabilities]) -> bool:
+    """Whether a scanner's own workers are there and none of them can do it."""
+    own = [has for has in known.values() if has.scanner_id == scanner_id]
+    return bool(own) and not any(has.meet(requirements_of(row)) for has in own)

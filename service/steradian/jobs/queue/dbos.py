@@ -1,0 +1,71 @@
+"""DBOS configuration: database URL, queue names, migrations.
+
+:mod:`steradian.jobs.queue.client` is the client's side, :mod:`steradian.jobs.worker.main` a worker's; nothing else
+knows it. The engine decides who runs a job and when; how a job stands is written in the ledger, which everybody reads.
+"""
+
+from __future__ import annotations
+
+import logging
+from typing import Final
+
+from dbos import DBOS
+from sqlalchemy import make_url
+
+from steradian.core.settings import Settings
+from steradian.jobs.queue.fair_queueing import renumber
+from steradian.jobs.worker.readiness import ENGINE, engine_version
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.advisory_locks import TIMEOUTS
+from steradian.storage.db.database import Database, metadata_url
+from steradian.storage.db.sqlite_compat import with_subseconds
+from steradian.storage.deployment_binding import bind
+
+APPLICATION: Final = "steradian"
+APPLICATION_VERSION: Final = "1"
+"""Constant, or the engine leaves jobs of another build alone."""
+QUEUE: Final = "jobs"
+"""Everybody's queue. Beside it, each scanner whose node has workers has one for the images that grow with its scans."""
+WORKFLOW: Final = "job"
+
+
+def queue_url(settings: Settings) -> str:
+    """Return the URL of the queue's database, beside the metadata."""
+    if settings.database_url is None:
+        return with_subseconds(metadata_url(settings))
+    timeouts = {name: str(value) for name, value in TIMEOUTS.items()}
+    return make_url(settings.database_url).update_query_dict(timeouts).render_as_string(hide_password=False)
+
+
+def prepare(settings: Settings) -> str:
+    """Bring the tables of ledger and engine to the newest version and return the engine's URL; workers never do this.
+
+    Raises
+    ------
+    InvalidInput
+        When the database belongs to another data folder or store.
+    """
+    DataDirectory(settings.data).create()
+    logging.getLogger("dbos").setLevel(logging.WARNING)
+    database = Database(metadata_url(settings))
+    try:
+        database.migrate()
+        bind(settings, database)
+        with database.migrating():
+            DBOS.migrate(queue_url(settings))
+        with database.write() as session:
+            renumber(session, engine_table(database))
+            database.note(session, ENGINE, engine_version())
+    finally:
+        database.close()
+    return queue_url(settings)
+
+
+def engine_table(database: Database) -> str:
+    """Name the engine's table of jobs."""
+    return "workflow_status" if database.is_file else "dbos.workflow_status"
+
+
+def queue_at(scanner_id: str) -> str:
+    """Name the queue of a scanner's own workers."""
+    return f"{QUEUE}-{scanner_id}"

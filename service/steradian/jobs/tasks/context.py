@@ -1,0 +1,56 @@
+"""Execution context of a job: data directory, working folder, plan cache, progress callback."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from steradian.core.exceptions import NotFound, StoreUnavailable
+from steradian.core.progress import Progress
+from steradian.storage.blobs.interface import Arrays, Folder, scan_name
+from steradian.storage.data_dir.layout import DataDirectory
+
+if TYPE_CHECKING:
+    from steradian.reconstructions.pipeline.plan_cache import KeptPlans
+
+
+@dataclass(frozen=True)
+class Work:
+    """Context in which a job runs: its folder, progress and stores.
+
+    Attributes
+    ----------
+    data, folder
+        The data directory, and the job's own folder in it, which has the job's name.
+    principal
+        Who asked for the job.
+    plans
+        Plans of earlier jobs of this process.
+    arrays
+        Where what it needs is kept.
+    """
+
+    data: DataDirectory
+    folder: Path
+    principal: str
+    plans: KeptPlans
+    progress: Progress
+    arrays: Arrays
+
+    def scan(self, scan_id: str) -> Path:
+        """Find the file of a scan.
+
+        Raises
+        ------
+        NotFound
+            When there is none.
+        StoreUnavailable
+            When it is to come: its acquisition still has it, on another host.
+        """
+        try:
+            return self.arrays.open(scan_name(scan_id))
+        except NotFound as error:
+            if isinstance(self.arrays, Folder):
+                raise
+            raise StoreUnavailable(f"the A-lines of scan {scan_id} are not in the store yet") from error

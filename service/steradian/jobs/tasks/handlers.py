@@ -1,0 +1,284 @@
+"""Handlers of the job kinds, run in the worker's subprocess."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import shutil
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from steradian.core.atomic_files import draft, sweep_older, sync_folder
+from steradian.core.exceptions import Conflict, InvalidInput
+from steradian.core.json_encoding import plain
+from steradian.jobs import requests
+from steradian.jobs.tasks.context import Work
+from steradian.storage.blobs.interface import Folder, result_name, scan_name, upload_name
+from steradian.storage.capacity.quota import imported_scan_id
+from steradian.storage.data_dir.job_directory import VOLUME
+
+if TYPE_CHECKING:
+    from steradian.reconstructions.live.revision import Revision
+    from steradian.reconstructions.studies.what_if import Made
+    from steradian.scans.recording import Recording
+    from steradian.storage.db.database import Database
+
+_log = logging.getLogger(__name__)
+REFERENCES_KEPT = 86_400.0
+"""Seconds for which the image of all A-lines is kept for other jobs."""
+PATIENCE = 600.0
+"""Seconds for which a job waits for the image that another one makes."""
+
+
+def reconstruct(work: Work, job: requests.ReconstructionRequest) -> dict[str, Any]:
+    """Reconstruct a recording."""
+    from steradian.reconstructions.pipeline.run import reconstruct_scan
+    from steradian.reconstructions.warmup import compiling_beside
+
+    how: dict[str, Any] = {"frame": job.frames, "plans": work.plans, "progress": work.progress}
+    with compiling_beside():
+        return asdict(reconstruct_scan(work.scan(job.scan_id), work.folder, job.parameters, **how))
+
+
+def follow(work: Work, job: requests.ReconstructionRequest) -> dict[str, Any]:
+    """Reconstruct a scan while it runs, and in full when it is over."""
+    from sqlalchemy.exc import SQLAlchemyError
+
+    from steradian.reconstructions.live.follow import follow_scan
+    from steradian.storage.repositories.reconstructions import ReconstructionRepository
+    from steradian.storage.repositories.scans import ScanRepository
+    from steradian.storage.states import SETTLED_SCAN_STATES
+
+    with _database() as database:
+        scans, here = ScanRepository(database), work.data.scan_file(job.scan_id)
+        scan = work.folder / here.name  # the job's own name for it, as several may follow it on a host
+        scan.unlink(missing_ok=True)
+        scan.symlink_to(here)
+        made = ReconstructionRepository(database)
+
+        def is_over() -> bool:
+            if scans.get(job.scan_id).state not in SETTLED_SCAN_STATES:
+                return False
+            if not scan.exists() and not isinstance(work.arrays, Folder):  # it was measured on another host
+                kept = work.scan(job.scan_id)
+                scan.unlink()
+                scan.symlink_to(kept)
+            return True
+
+        def tell(revision: Revision) -> None:
+            told = {name: getattr(revision, name) for name in ("number", "points", "planned", "final")}
+            try:
+                made.tell_revision(work.folder.name, job.scan_id, told)
+            except SQLAlchemyError as error:  # the image is there all the same
+                _log.warning("revision %d is not in the log of events: %s", revision.number, error)
+
+        how: dict[str, Any] = {"interval": job.interval, "progress": work.progress, "revised": tell}
+        try:
+            report = follow_scan(scan, work.folder, job.parameters, is_over=is_over, **how)
+        finally:
+            scan.unlink()
+    return asdict(report)
+
+
+def look_through(work: Work, job: requests.ReconstructionRequest) -> dict[str, Any]:
+    """Reconstruct a scan through another mask, and compare with the image of all A-lines."""
+    from steradian.reconstructions.pipeline.run import Report, write_reconstruction
+    from steradian.reconstructions.shots import even_out
+    from steradian.reconstructions.studies.what_if import Made, through, what_if
+    from steradian.reconstructions.volumes.file import read_volume
+    from steradian.scans.opening import open_recording
+    from steradian.storage.repositories.masks import MaskRepository
+
+    if job.through is None:
+        raise InvalidInput("through", None, "the mask to look through")
+    with _database() as database:
+        mask = MaskRepository(database).load(job.through.mask_id)
+    scan = work.scan(job.scan_id)
+    recording, uneven = even_out(open_recording(scan), job.parameters.shots, progress=work.progress)
+    sparse, _ = through(recording, mask, job.through.points)
+    report = write_reconstruction(
+        sparse,
+        work.folder,
+        job.parameters,
+        Report(shots=uneven),
+        plans=work.plans,
+        progress=work.progress,
+    )
+    figures = what_if(
+        scan,
+        mask,
+        work.folder,
+        job.parameters,
+        points=job.through.points,
+        full=_image_of_all(work, job, recording),
+        image=Made(read_volume(work.folder / "volume.h5"), report.seconds["reconstruct"]),
+        progress=work.progress,
+    )
+    return asdict(report) | {"what_if": asdict(figures), "files": _left(work.folder)}
+
+
+def _image_of_all(work: Work, job: requests.ReconstructionRequest, recording: Recording) -> Made:
+    """Return the image of all A-lines; a sweep's first job makes it, the others wait for it and read it."""
+    import filelock
+
+    from steradian import __version__
+    from steradian.reconstructions.studies.what_if import Made, make
+    from steradian.reconstructions.volumes.file import read_volume, write_volume
+
+    state = work.scan(job.scan_id).stat()
+    made_of = [__version__, job.scan_id, state.st_size, state.st_mtime_ns, job.parameters.model_dump_json()]
+    path = work.data.reference(f"{job.scan_id}-{hashlib.sha256(json.dumps(made_of).encode()).hexdigest()[:24]}")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    took = path.with_suffix(".json")
+    try:
+        with filelock.FileLock(path.with_suffix(".lock"), timeout=PATIENCE):
+            if path.is_file() and took.is_file():
+                path.touch()
+                return Made(read_volume(path), json.loads(took.read_text()))
+            sweep_older(path.parent, time.time() - REFERENCES_KEPT)  # where no service looks through the folder
+            image = make(recording, job.parameters, progress=work.progress)
+            with draft(took) as file:
+                file.write_text(json.dumps(image.seconds))
+            write_volume(path, image.volume, parameters={}, provenance=recording.provenance, centre=recording.centre)
+            return image
+    except filelock.Timeout:  # who makes it is cut off
+        return make(recording, job.parameters, progress=work.progress)
+
+
+def scan_speeds(work: Work, job: requests.SoundSpeedRequest) -> dict[str, Any]:
+    """Find the speed of sound of a scan."""
+    from steradian.reconstructions.studies.sound_speed import scan_sound_speed
+
+    curve = scan_sound_speed(
+        work.scan(job.scan_id),
+        work.folder,
+        job.parameters,
+        first=job.first,
+        last=job.last,
+        steps=job.steps,
+        progress=work.progress,
+    )
+    return asdict(curve) | {"files": _left(work.folder)}
+
+
+def compare_volumes(work: Work, job: requests.QualityRequest) -> dict[str, Any]:
+    """Compare a volume with a reference."""
+    from steradian.quality import compare
+    from steradian.reconstructions.volumes.file import read_volume
+
+    images = []
+    for number, identifier in enumerate((job.reconstruction_id, job.reference_id)):
+        work.progress("reading", number, 2)
+        images.append(read_volume(work.arrays.open(result_name(identifier, VOLUME))))
+    work.progress("comparing", 0, 1)
+    figures = compare(images[0], images[1], diameter=job.diameter, threshold=job.threshold)
+    whole = plain(figures)
+    with draft(work.folder / "quality.json") as file:
+        file.write_text(json.dumps(whole, indent=2) + "\n")
+    return {"figures": whole, "files": ["quality.json"]}
+
+
+def measure_object(work: Work, job: requests.WidthRequest) -> dict[str, Any]:
+    """Measure the width of an object in a volume, and correct it for the point spread."""
+    from steradian.reconstructions.studies.width import measure_width
+    from steradian.reconstructions.volumes.file import read_parameters, read_volume
+    from steradian.scans.opening import open_recording
+
+    file = work.arrays.open(result_name(job.reconstruction_id, VOLUME))
+    found = measure_width(
+        read_volume(file),
+        open_recording(work.scan(job.scan_id), job.frames),
+        job.start,
+        job.end,
+        parameters=read_parameters(file),
+        progress=work.progress,
+    )
+    whole = {"width": plain(asdict(found))}
+    with draft(work.folder / "width.json") as beside:
+        beside.write_text(json.dumps(whole, indent=2) + "\n")
+    return whole | {"files": ["width.json"]}
+
+
+def export(work: Work, job: requests.ExportRequest) -> dict[str, Any]:
+    """Write a volume or scan in another format; a format that is a folder is packed into a zip archive."""
+    wanted = work.folder / f"{job.reconstruction_id or job.scan_id}{requests.SUFFIXES[job.format]}"
+    if job.scan_id is not None:
+        from steradian.scans.exporting import export_scan
+
+        notes: list[str] = []
+        made = export_scan(
+            work.scan(job.scan_id),
+            wanted,
+            format=job.format,  # type: ignore[arg-type]
+            frame=job.frame,
+            notes=notes,
+            progress=work.progress,
+        )
+        return {"files": [made.name], "bytes": made.stat().st_size, "notes": notes}
+    from steradian.reconstructions.exporting import export_volume
+
+    volume = work.arrays.open(result_name(job.reconstruction_id or "", VOLUME))
+    made = export_volume(volume, wanted, format=job.format, progress=work.progress)  # type: ignore[arg-type]
+    if made.is_dir():
+        work.progress("packing", 0, 1)
+        packed = made.with_name(f"{made.name}.zip")
+        with draft(packed, keep_ending=True) as beside:
+            shutil.make_archive(str(beside.with_suffix("")), "zip", made.parent, made.name)
+        shutil.rmtree(made)
+        made = packed
+    return {"files": [made.name], "bytes": made.stat().st_size}
+
+
+def import_recording(work: Work, job: requests.ImportRequest) -> dict[str, Any]:
+    """Make a scan of an upload."""
+    from steradian.reconstructions.plan_reader import read_imported
+    from steradian.scans.importing.guarded import import_guarded
+    from steradian.scans.importing.uploaded import laid_out
+    from steradian.storage.repositories.imports import register_import
+
+    uploads = [upload_name(name) for name in (job.upload_id, job.companion_id) if name is not None]
+    scan_id = imported_scan_id(work.folder.name)
+    if work.arrays.stat(scan_name(scan_id)) is None:  # else an earlier attempt got that far
+        if not all(work.arrays.stat(upload) for upload in uploads):
+            raise Conflict("an upload is gone; send the file again")
+        source, description = laid_out(work.folder, job.description, *map(work.arrays.open, uploads))
+        with draft(scan := work.data.scan_file(scan_id)) as file:
+            import_guarded(source, file, description=description, progress=work.progress)
+        sync_folder(scan.parent)
+        work.arrays.keep(scan_name(scan_id), scan)
+    said = read_imported(work.scan(scan_id))
+    about: dict[str, Any] = {"labels": job.labels, "who": work.principal}
+    with _database() as database:
+        register_import(database, said.plan, scan_id, simulated=said.simulated, summary=said.summary, **about)
+    for upload in uploads:
+        work.arrays.delete(upload)
+    return {
+        "scan_id": scan_id,
+        "plan_id": said.plan.id,
+        "mask_id": said.plan.mask.id,
+        **said.summary,
+        "notes": said.notes,
+    }
+
+
+@contextmanager
+def _database() -> Iterator[Database]:
+    from steradian.core.settings import Settings
+    from steradian.storage.db.database import Database, metadata_url
+
+    database = Database(metadata_url(Settings.create()))
+    try:
+        yield database
+    finally:
+        database.close()
+
+
+def _left(folder: Path) -> list[str]:
+    """Name the files of results in a job's folder."""
+    kinds = {".json", ".png", ".h5", ".csv", ".npy"}
+    return sorted(path.name for path in folder.iterdir() if path.suffix in kinds and path.is_file())

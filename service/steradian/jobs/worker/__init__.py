@@ -1,0 +1,1 @@
+"""Worker processes: polling, execution in child processes, results, failover."""

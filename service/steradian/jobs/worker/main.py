@@ -1,0 +1,151 @@
+"""Worker process: claims jobs one at a time and runs each in a subprocess."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final
+
+from dbos import DBOS, DBOSConfig, WorkflowSerializationFormat
+from dbos import error as engine_errors
+from dbos._dbos import _get_dbos_instance
+from dbos._sys_db import SystemDatabase
+from sqlalchemy import ColumnElement, column, select
+
+from steradian.core.settings import Settings
+from steradian.jobs.queue.dbos import APPLICATION, APPLICATION_VERSION, QUEUE, WORKFLOW, queue_at, queue_url
+from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.queue.matching import Capabilities, Notice, unmet
+from steradian.jobs.worker.failover import claim, watch_others
+from steradian.jobs.worker.memory_tuning import keep_libraries
+from steradian.jobs.worker.polling import hurried
+from steradian.jobs.worker.readiness import join
+from steradian.jobs.worker.results import JobKeeper
+from steradian.jobs.worker.runner import POLL, JobRunner
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.change_detector import Changes
+from steradian.storage.db.database import Database, metadata_url
+from steradian.storage.db.tables import JobRow
+
+QUEUE_POLL: Final = 0.1
+"""Seconds between looks at the queue of a worker that has nothing to do."""
+PUT_BACK_PATIENCE: Final = 7.0
+"""Seconds that a worker which is asked to end has to put its job back; the supervisor kills it after eight."""
+
+_log = logging.getLogger(__name__)
+
+
+def run_worker(
+    settings: Settings, slot: int, commands: Mapping[str, Sequence[str]], has: Capabilities | None = None
+) -> None:
+    """Run a worker until SIGTERM or SIGINT: take jobs one at a time and run each in a child process.
+
+    Parameters
+    ----------
+    slot
+        Number of this worker, from 0; no two running workers of one name may share it.
+    commands
+        The program that runs each kind of job.
+    has
+        What it has: jobs that require more are left to others; ``None``: this machine's memory and no GPU.
+
+    Raises
+    ------
+    Conflict
+        When another worker of that name and number runs, or the database is of another version.
+    InvalidInput
+        When the data folder is not the database's.
+    """
+    name = settings.executor(slot)
+    join(settings)
+    url = queue_url(settings)
+    lock = claim(settings.database_url, name) if settings.database_url else None
+    database = Database(metadata_url(settings))
+    runner = JobRunner(settings, JobLedger(database), commands, name)
+    if slot == 0:
+        JobKeeper(settings, database).tidy(JobLedger(database), DataDirectory(settings.data))
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: runner.stopping.set())
+    config: DBOSConfig = {
+        "name": APPLICATION,
+        "system_database_url": url,
+        "application_version": APPLICATION_VERSION,
+        "executor_id": name,
+        "log_level": "WARNING",
+        "use_listen_notify": False,
+        "run_migrations": False,
+    }
+    has = has or Capabilities.of_this_machine(settings, None)
+    Notice(database, name, has).put_up()
+    SystemDatabase._claim_gate = _gate(has)  # type: ignore[method-assign]  # private, so the minor version is pinned
+    DBOS(config=config)
+    logging.getLogger("dbos").addFilter(_is_no_cancellation)
+    _register(runner)
+    queue = queue_at(settings.scanner_id) if settings.follows else QUEUE
+    DBOS.listen_queues([queue])
+    DBOS.launch()
+    DBOS.register_queue(queue, worker_concurrency=1, polling_interval_sec=QUEUE_POLL)
+    for event in _get_dbos_instance().background_thread_stop_events:  # private, so the minor version is pinned
+        event.wait = hurried(event, runner, Changes(database), QUEUE_POLL)  # type: ignore[assignment, method-assign]
+    if lock is not None:
+        # Until the process ends, not until it is asked to: others would take over the job that it may still finish.
+        watch = (lock, threading.Event(), _pending_executors, lambda gone: _recover([gone]))
+        threading.Thread(target=watch_others, args=watch, daemon=True).start()
+    elif slot == 0:
+        _adopt_orphans(settings)
+    keep_libraries()
+    _log.info("%s waits for jobs; it has %s", name, has)
+    while not runner.stopping.wait(POLL):
+        pass  # a signal that another thread received is handled when this one wakes
+    if not runner.idle.wait(settings.drain_seconds + PUT_BACK_PATIENCE):
+        _log.error("%s could not put its job back in time; the next start of a worker does", name)
+    logging.shutdown()
+    os._exit(0)  # whatever the engine's threads do
+
+
+def _gate(has: Capabilities) -> Callable[..., list[ColumnElement[bool]]]:
+    """Make the conditions of a claim that the engine adds to its own: jobs that this worker cannot do are passed over.
+
+    They stay where they are in the queue, and the next that it can do is taken.
+    """
+    too_much = select(JobRow.id).where(JobRow.id == column("workflow_uuid"), unmet(has)).exists()
+    return lambda *_: [~too_much]
+
+
+def _register(runner: JobRunner) -> None:
+    """Register the workflow and its single step with the engine."""
+
+    @DBOS.step(name="attempts", preemptible=True)
+    async def attempts(job_id: str) -> str:
+        return await runner.run(job_id)
+
+    # Starts are counted in the ledger, so the engine's own limit is only a backstop.
+    @DBOS.workflow(name=WORKFLOW, max_recovery_attempts=1000, serialization_type=WorkflowSerializationFormat.PORTABLE)
+    async def workflow(job_id: str) -> str:
+        return await attempts(job_id)
+
+
+def _adopt_orphans(settings: Settings) -> None:
+    """Requeue the jobs of workers that no longer exist, because fewer are started than before."""
+    present = {settings.executor(slot) for slot in range(max(1, settings.workers))}
+    if gone := _pending_executors() - present:
+        _recover(sorted(gone))
+
+
+def _recover(executors: list[str]) -> None:
+    DBOS._recover_pending_workflows(executors)  # private, so the engine's minor version is pinned
+
+
+def _pending_executors() -> set[str]:
+    pending = DBOS.list_workflows(status="PENDING", load_input=False, load_output=False)
+    return {job.executor_id for job in pending if job.executor_id}
+
+
+def _is_no_cancellation(record: logging.LogRecord) -> bool:
+    """Drop the engine's report, with traceback, of a job that a person cancelled."""
+    cancelled = (engine_errors.DBOSAwaitedWorkflowCancelledError, engine_errors.DBOSWorkflowCancelledError)
+    error = record.exc_info[1] if record.exc_info else None
+    return not isinstance(error, cancelled) and "was cancelled" not in record.getMessage()

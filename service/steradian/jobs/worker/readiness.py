@@ -1,0 +1,75 @@
+"""Wait until the service has migrated the database, and verify versions and data folder.
+
+Workers never change tables: a service may be running whose code is another one.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from importlib.metadata import version
+from typing import Final
+
+from sqlalchemy.exc import SQLAlchemyError
+
+from steradian.core.exceptions import Conflict, StoreUnavailable
+from steradian.core.settings import Settings
+from steradian.storage import deployment_binding as belonging
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.database import Database, known_revisions, metadata_url
+
+ENGINE: Final = "queue-engine"
+"""Under which name the database says which version of the queue's engine made its tables."""
+ASK_EVERY, TELL_EVERY = 0.5, 30.0
+"""Seconds between looks at a database that is not ready, and between words about it."""
+_log = logging.getLogger(__name__)
+
+
+def engine_version() -> str:
+    """Return the version of the queue's engine."""
+    return version("dbos")
+
+
+def join(settings: Settings) -> None:
+    """Wait until a service of this version has prepared the database, and check that the folder is the same.
+
+    Raises
+    ------
+    Conflict
+        When a newer service made the database's tables.
+    InvalidInput
+        When the folder is not the one of the database.
+    """
+    told = float("-inf")
+    while (missing := _missing(settings)) is not None:
+        if time.monotonic() - told > TELL_EVERY:
+            told = time.monotonic()
+            _log.warning("waiting for the service: %s", missing)
+        time.sleep(ASK_EVERY)
+
+
+def _missing(settings: Settings) -> str | None:
+    """Return the unmet precondition of a worker; ``None`` when it is ready."""
+    if settings.database_url is None and not DataDirectory(settings.data).metadata_file.exists():
+        return f"there is no database in {settings.data}"
+    database = Database(metadata_url(settings))
+    try:
+        revision, known = database.revision(), known_revisions()
+        if revision is not None and revision not in known:
+            limit = f"this worker knows those up to {known[0]}"
+            raise Conflict(f"the database has version {revision}, {limit}; install the service's Steradian")
+        if revision != known[0]:
+            return f"the database has version {revision or 'none'}, this worker needs {known[0]}"
+        if not belonging.check(settings, database):
+            return "no service has used this database with a data folder or store"
+        with database.read() as session:
+            engine = database.fact(session, ENGINE)
+        if engine != engine_version():
+            return f"its queue is of engine {engine or 'none'}, this worker's is {engine_version()}"
+    except SQLAlchemyError as error:
+        return f"the database does not answer ({error})"
+    except StoreUnavailable as error:
+        return str(error)
+    finally:
+        database.close()
+    return None

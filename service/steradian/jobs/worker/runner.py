@@ -1,0 +1,300 @@
+"""Run one job: attempts, progress, cancellation, requeueing."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import logging
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from functools import partial
+from typing import Any, Final, TypeVar
+
+from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError, SQLAlchemyError
+from sqlalchemy.exc import TimeoutError as NoConnection
+from sqlalchemy.orm.exc import StaleDataError
+
+from steradian.core.exceptions import NotFound, StoreUnavailable, Superseded
+from steradian.core.logging_config import mark, request_id
+from steradian.core.settings import Settings
+from steradian.core.stop_signals import StopEvent
+from steradian.jobs.model import Died, Failed, Interrupted, Outcome, Succeeded
+from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.registry import KINDS
+from steradian.jobs.worker.process import JobProcess
+from steradian.jobs.worker.results import JobKeeper
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.tables import JobRow
+from steradian.storage.maintenance.permissions import unwritable_job, unwritable_jobs
+from steradian.storage.states import ReconstructionState
+
+POLL: Final = 0.2
+"""Seconds between looks at a cancellation and between progress reports."""
+HURRY: Final = 0.5
+"""Seconds after a job's end for which the next one is looked for almost without a pause."""
+BACKOFF: Final = 0.5
+"""Seconds before the second start of a job whose process died; doubled for the third."""
+MAX_DOUBLINGS: Final = 6
+"""How often that is doubled after interruptions in a row."""
+TELL_EVERY: Final = 30.0
+"""Seconds between two complaints about a database that does not answer."""
+READ_ONLY: Final = "25006"
+"""What PostgreSQL says while it only reads, as one does that is about to take over from another (SQLSTATE)."""
+
+T = TypeVar("T")
+_R = ReconstructionState
+_log = logging.getLogger(__name__)
+
+
+class JobRunner:
+    """Runs one job at a time, each in the child process that is kept for its kind.
+
+    Parameters
+    ----------
+    commands
+        The program that runs each kind of job; kinds of the same program share its process.
+    worker
+        Name of this worker, for the history.
+    """
+
+    def __init__(
+        self, settings: Settings, ledger: JobLedger, commands: Mapping[str, Sequence[str]], worker: str
+    ) -> None:
+        self.stopping, self.idle, self.ended = StopEvent(), threading.Event(), threading.Event()
+        self.idle.set()
+        self._settings, self._ledger, self._worker = settings, ledger, worker
+        self._data, self._keeper = DataDirectory(settings.data), JobKeeper(settings, ledger.database)
+        self._identity = self._data.identity
+        threads = str(settings.threads_per_job)
+        limits = dict.fromkeys(("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"), threads)
+        environment = settings.environment(keys=False) | limits
+        processes = {tuple(command): JobProcess(command, environment) for command in commands.values()}
+        self._processes = {kind: processes[tuple(command)] for kind, command in commands.items()}
+        self._ended, self._asked_to_end = float("-inf"), float("inf")
+
+    @property
+    def is_hurried(self) -> bool:
+        """Whether a job has just ended and the next one is wanted at once."""
+        return self.idle.is_set() and time.monotonic() - self._ended < HURRY
+
+    async def run(self, job_id: str) -> str:
+        """Attempt a job until it is over, or another worker has it; returns its state then."""
+        self.idle.clear()
+        row, interruptions = None, 0
+        try:
+            while True:
+                if interruptions:
+                    await self._until_writable()
+                if self._folder_is_lost or self.stopping.is_set():
+                    await self._stand_still()
+                after = self._data.job(job_id).newest
+                row = await self._patiently(partial(self._ledger.start, job_id, self._worker, after))
+                request_id.set(row.request_id or "")  # of this task alone
+                if row.state is _R.RUNNING:
+                    row = await self._attempt(row)
+                if row.state is not _R.QUEUED:
+                    return row.state
+                interrupted = row.attempts[-1]["outcome"] == "interrupted"
+                interruptions = interruptions + 1 if interrupted else 0
+                await self._rest(BACKOFF * 2 ** (min(interruptions, MAX_DOUBLINGS) if interrupted else row.attempt - 1))
+        except Superseded as error:
+            _log.warning("%s; another worker has it", error)
+            return _R.RUNNING
+        except NotFound as error:
+            _log.warning("%s any more; what was done for it counts for nothing", error)
+            return _R.CANCELLED
+        except asyncio.CancelledError:
+            # The engine ends a cancelled step at any of its waits, perhaps before that was written down.
+            with suppress(Superseded, SQLAlchemyError):
+                self._ledger.cancelled(job_id, self._worker, None if row is None else row.fence)
+            raise
+        finally:
+            self._ended = time.monotonic()
+            self.idle.set()
+            self.ended.set()
+            gc.collect()  # what the job left, while the engine looks for the next
+
+    async def _attempt(self, row: JobRow) -> JobRow:
+        """Run one attempt of a job and record its outcome, also after an error."""
+        process = self._processes.get(row.kind)
+        if process is None:
+            return await self._settle(row, Failed("unknown-kind", f"no worker runs jobs of kind {row.kind!r}"))
+        job = asyncio.ensure_future(self._converse(process, row, progress := _Progress(self, row)))
+        try:
+            while not job.done():
+                await asyncio.wait({job}, timeout=POLL)
+                if job.done():
+                    break
+                if self._must_end:
+                    await _kill(job)
+                    await self._put_back(row, "the worker was asked to end")
+                await progress.pass_on()
+                if await self._is_unwanted(row):
+                    await _kill(job)
+                    return await self._cancelled(row)
+            outcome = job.result()
+            if not isinstance(outcome, Succeeded) and self._folder_is_lost:
+                await self._put_back(row, f"the data folder was gone: {outcome.message}")
+            return await self._settle(row, outcome)
+        finally:
+            await _kill(job)
+
+    @property
+    def _must_end(self) -> bool:
+        """Whether this worker was asked to end, and the time is up in which it may finish its job."""
+        if not self.stopping.is_set():
+            return False
+        self._asked_to_end = min(self._asked_to_end, time.monotonic())
+        return time.monotonic() - self._asked_to_end >= self._settings.drain_seconds
+
+    @property
+    def _folder_is_lost(self) -> bool:
+        """Whether nothing is mounted any more where the data folder was; this worker then ends.
+
+        The next one on this host waits for the folder; meanwhile those of other hosts have its jobs.
+        """
+        if self._data.identity == self._identity:
+            return False
+        if not self.stopping.is_set():
+            _log.error("the data folder %s is gone; is it mounted? This worker ends", self._data.root)
+            self.stopping.set()
+        return True
+
+    async def _put_back(self, row: JobRow, why: str) -> None:
+        await self._patiently(lambda: self._ledger.put_back(row.id, row.fence, self._worker, why))
+        await self._stand_still()
+
+    async def _converse(self, process: JobProcess, row: JobRow, progress: _Progress) -> Outcome:
+        folder = self._data.job(row.id)
+        about = {"kind": row.kind, "request": row.payload, "principal": row.history[0]["who"], "start": row.fence}
+        about |= {"job": str(folder.root), "data": str(self._data.root.absolute()), "store": bool(self._settings.store)}
+        timeout = min(row.timeout or self._settings.job_timeout, self._settings.job_timeout)
+        follows = KINDS[row.kind].follows if row.kind in KINDS and row.timeout is None else None
+        if (why := unwritable_jobs(self._data)) is not None:
+            return Interrupted(f"waits until its folder can be written: {why}")
+        if (why := unwritable_job(self._data, row.id)) is not None:
+            return Failed("folder-not-writable", f"its folder cannot be written: {why}")
+        try:
+            outcome = await process.run(about, log=folder.log, report=progress, timeout=timeout, follows=follows)
+            return self._keeper.announced(outcome)
+        except OSError as error:
+            return Interrupted(f"the job's process cannot be run: {error}")
+        except Exception as error:
+            _log.exception("job %s: its process cannot be understood", row.id)
+            return Died(f"its process cannot be understood: {error}")
+
+    async def _settle(self, row: JobRow, outcome: Outcome) -> JobRow:
+        if not isinstance(outcome, Succeeded):
+            _log.warning("job %s: %s", row.id, outcome.message)
+            self._note(row.id, outcome.message)
+        try:
+            await asyncio.to_thread(self._keeper.put_away, row.id, row.fence, self._data.job(row.id))
+            return await self._patiently(lambda: self._ledger.settle(row.id, row.fence, outcome, self._worker))
+        except StoreUnavailable as error:  # which had all of it a moment ago
+            return await self._settle(row, Interrupted(str(error)))
+        except DBAPIError as error:
+            if isinstance(outcome, Failed):
+                raise
+            return await self._settle(row, Failed("internal", f"the database refuses what it left: {error.orig}"))
+
+    async def _cancelled(self, row: JobRow) -> JobRow:
+        await asyncio.to_thread(self._keeper.put_away, row.id, row.fence, self._data.job(row.id))
+        return await self._patiently(lambda: self._ledger.cancelled(row.id, self._worker, row.fence))
+
+    def _note(self, job_id: str, text: str) -> None:
+        """Add a line of the worker's own to the job's log, if its disk takes it."""
+        path = self._data.job(job_id).log
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with path.open("a") as log:
+                log.write(f"{self._worker}: {text}{mark()}\n")
+        except OSError as error:
+            _log.warning("the log of job %s cannot be written: %s", job_id, error)
+
+    async def _is_unwanted(self, row: JobRow) -> bool:
+        """Whether cancellation was requested; raises :class:`Superseded` when there is a newer attempt."""
+        try:
+            state, fence = await asyncio.to_thread(self._ledger.standing, row.id)
+        except SQLAlchemyError:
+            return False  # asked again soon
+        if fence != row.fence:
+            raise Superseded(f"start {row.fence} of job {row.id} counts no more; start {fence} has begun")
+        return state in {_R.CANCELLING, _R.CANCELLED}
+
+    async def report(self, row: JobRow, stage: str, done: int, total: int) -> None:
+        """Pass progress on; one that is lost is replaced by the next."""
+        try:
+            await asyncio.to_thread(self._ledger.report, row.id, row.fence, stage, done, total)
+        except Superseded:
+            return  # as the next look says
+        except SQLAlchemyError as error:
+            _log.warning("progress of job %s is lost: %s", row.id, error)
+
+    async def _rest(self, seconds: float) -> None:
+        """Wait before the next attempt; a worker that is stopped meanwhile has no job to requeue."""
+        deadline = time.monotonic() + seconds
+        while (left := deadline - time.monotonic()) > 0:
+            if self.stopping.is_set():
+                await self._stand_still()
+            await asyncio.sleep(min(left, POLL))
+
+    async def _until_writable(self) -> None:
+        """Wait for the folder of jobs instead of starting one again and again; readiness says why meanwhile."""
+        while unwritable_jobs(self._data) is not None and not self._folder_is_lost:
+            await self._rest(BACKOFF)
+
+    async def _stand_still(self) -> None:
+        """Block until the worker's process ends, before the engine observes the end of this job."""
+        self.idle.set()
+        await asyncio.Event().wait()
+
+    async def _patiently(self, change: Callable[[], T]) -> T:
+        """Change the ledger, also when its database comes back only after a while; a full disk is waited for too.
+
+        What the database refuses, it would refuse again; that is raised.
+        """
+        told = float("-inf")
+        while True:
+            try:
+                return await asyncio.to_thread(change)
+            except SQLAlchemyError as error:
+                if not _may_pass(error):
+                    raise
+                if time.monotonic() - told > TELL_EVERY:
+                    told = time.monotonic()
+                    _log.warning("the database does not take what became of a job; trying again: %s", error)
+                await asyncio.sleep(0.5)
+
+
+def _may_pass(error: SQLAlchemyError) -> bool:
+    """Whether a database error is transient: unavailable, busy, full, read-only, or a concurrent change of a row."""
+    if isinstance(error, DBAPIError):
+        only_reads = getattr(error.orig, "sqlstate", None) == READ_ONLY
+        return only_reads or error.connection_invalidated or isinstance(error, OperationalError | InterfaceError)
+    return isinstance(error, NoConnection | StaleDataError)
+
+
+class _Progress:
+    """Passes on progress at most every :data:`POLL` seconds: at once, or the newest when its turn has come."""
+
+    def __init__(self, runner: JobRunner, row: JobRow) -> None:
+        self._runner, self._row, self._when = runner, row, float("-inf")
+        self._newest: tuple[str, int, int] | None = None
+
+    async def __call__(self, stage: str, done: int, total: int) -> None:
+        self._newest = (stage, done, total)
+        await self.pass_on()
+
+    async def pass_on(self) -> None:
+        """Report pending progress when the interval has passed."""
+        if self._newest is None or time.monotonic() - self._when < POLL:
+            return
+        self._when, newest, self._newest = time.monotonic(), self._newest, None
+        await self._runner.report(self._row, *newest)
+
+
+async def _kill(job: asyncio.Future[Any]) -> None:
+    job.cancel()
+    await asyncio.wait({job})

@@ -1,0 +1,64 @@
+"""Notebook display, plotting and saving of volumes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from steradian.drawing.inline import WIDTH, card, own_axes
+from steradian.drawing.page import colour_bar, dress
+from steradian.imaging import Display, Volume
+from steradian.reconstructions.exporting import export_volume, format_of
+from steradian.reconstructions.volumes.file import write_volume
+from steradian.reconstructions.volumes.images import PLANES, Axis, draw_mip, scale_of, span_of
+from steradian.reconstructions.volumes.projections import project
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def html(volume: Volume) -> str:
+    """Return a line and the projection along z, for a notebook."""
+    axis: Axis = "z" if volume.dimensions == 3 else "y"
+    return card(repr(volume), lambda path: draw_mip(volume, axis, path, Display(size=WIDTH)))
+
+
+def plot(volume: Volume, axis: Axis, axes: Axes | None) -> Axes:
+    """Draw a projection into a matplotlib plot; see :meth:`steradian.Volume.plot`."""
+    if volume.dimensions == 2:
+        axis = "y"
+    else:
+        volume.coordinates(axis)  # refuses any other
+    across, up = PLANES[axis]
+    display, image = Display(), project(volume)[axis]
+    lowest, highest, ending = scale_of(image, display)
+    (left, right), (first, last) = span_of(volume, across), span_of(volume, up)
+    ends = (first, last) if up == "y" else (last, first)  # depth points down
+    axes = own_axes(axes)
+    shown = axes.imshow(
+        image.T if up == "y" else image.T[::-1],
+        origin="lower",
+        extent=(left, right, *ends),
+        cmap=display.colour_map,
+        vmin=lowest,
+        vmax=highest,
+    )
+    colour_bar(axes, shown, "initial pressure (arb. u.)")
+    name = f"Maximum-intensity projection along {axis}" if volume.dimensions == 3 else "Image below the line"
+    title = f"{name}, {ending}" if ending else name
+    dress(axes, title=title, across=f"{across} (mm)", up=f"{up} (mm)" if up == "y" else "z, depth (mm)", equal=True)
+    return axes
+
+
+def save(volume: Volume, path: Path) -> None:
+    """Write a volume as its name's ending says; see :meth:`steradian.Volume.save`."""
+    wanted = format_of(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if wanted == "hdf5":
+        write_volume(path, volume, parameters={}, provenance={})
+        return
+    with TemporaryDirectory(prefix=".steradian-", dir=path.parent) as folder:
+        whole = Path(folder) / "volume.h5"
+        write_volume(whole, volume, parameters={}, provenance={})
+        export_volume(whole, path, format=wanted)

@@ -1,0 +1,1 @@
+"""Live reconstruction of a scan in progress."""

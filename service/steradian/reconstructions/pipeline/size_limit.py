@@ -1,0 +1,51 @@
+"""Size of an image before it is made, and the limit above which it is not made unasked."""
+
+from __future__ import annotations
+
+import math
+
+from steradian.core.exceptions import InvalidInput
+from steradian.reconstructions.parameters import LARGE, ReconstructionParameters
+from steradian.reconstructions.pipeline.resolve import depth_range_of, extent_of, modes_of, sound_speed_of
+from steradian.reconstructions.volumes.pyramid import stored_bytes
+from steradian.scans.recording import Recording
+
+
+class LargeVolume(InvalidInput):
+    """Volume that exceeds the size limit for unconfirmed output."""
+
+
+def expected_shape(recording: Recording, parameters: ReconstructionParameters) -> tuple[int, ...]:
+    """Return the voxels along each axis of an image, the depth last; fewer in depth where a band is left out."""
+    extent = extent_of(recording, parameters)
+    slice_ = recording.sampling_interval * sound_speed_of(recording, parameters)
+    wanted = depth_range_of(recording, parameters)
+    if wanted is None:
+        deep = extent.end - extent.first
+    else:
+        deep = max(1, math.floor(wanted[1] / slice_ + 1e-6) - math.ceil(wanted[0] / slice_ - 1e-6) + 1)
+    if parameters.depth_step is not None:
+        deep = math.ceil(deep * min(1.0, slice_ / parameters.depth_step))
+    across = parameters.upsampling * modes_of(recording, parameters)
+    return (*[across] * recording.positions.shape[1], deep)
+
+
+def require_agreed(recording: Recording, parameters: ReconstructionParameters) -> None:
+    """Reject a volume file above 1 GB without explicit agreement.
+
+    Raises
+    ------
+    LargeVolume
+        With its size, its voxels, and what makes it smaller.
+    """
+    shape = expected_shape(recording, parameters)
+    size = stored_bytes(shape)
+    if size > LARGE:
+        modes = modes_of(recording, parameters)
+        voxel = 1e6 * recording.aperture / (parameters.upsampling * modes)
+        raise LargeVolume(
+            "modes",
+            modes,
+            f"a volume file of at most 1 GB unasked, this one has {1e-9 * size:.3g} GB ({' × '.join(map(str, shape))} "
+            f"voxels of {voxel:.4g} µm over {1e3 * recording.aperture:.4g} mm); fewer modes, a depth range or consent",
+        )

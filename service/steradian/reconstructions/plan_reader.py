@@ -1,0 +1,54 @@
+"""Plan and mask stored in a scan file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from steradian.plans import ScanPlan
+from steradian.scans.file import schema
+from steradian.scans.file.corruption import reading
+from steradian.scans.file.locking import open_to_read
+from steradian.scans.file.origin import notes_of, read_origin
+from steradian.scans.importing.planned import read_plan
+
+
+@dataclass(frozen=True)
+class Imported:
+    """Plan of an imported scan.
+
+    Attributes
+    ----------
+    plan
+        With its mask.
+    simulated
+        Whether its A-lines are no measurement.
+    summary
+        ``points`` planned, ``stored`` A-lines and ``fired`` shots.
+    notes
+        What was decided or assumed when it was imported.
+    """
+
+    plan: ScanPlan
+    simulated: bool
+    summary: dict[str, Any]
+    notes: list[str]
+
+
+def read_imported(path: Path) -> Imported:
+    """Read the plan, with its mask, from a scan file.
+
+    Raises
+    ------
+    DamagedFile
+        When it cannot be read.
+    InvalidInput
+        When a value in it is out of range.
+    """
+    with reading(path.name, "scan"), open_to_read(path) as file:
+        stored = int((np.asarray(file["alines/status"]) == schema.STORED).sum())
+        summary = {"points": len(file["alines/status"]), "stored": stored, "fired": int(file["fired"][()])}
+        return Imported(read_plan(file), bool(file.attrs["simulated"]), summary, list(notes_of(read_origin(file))))

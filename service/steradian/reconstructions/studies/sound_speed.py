@@ -1,0 +1,240 @@
+"""The speed of sound of a recording: that of the least misfit, beside the sharpness of images over the speed.
+
+The speed found is that at which a compact, non-negative image fits the A-lines best (:mod:`.speed_fit`). The search
+begins at the sharpest image, whose speed alone is biased by the aperture and the object. Sensors on a line, and records
+too long for the forward model, have the speed of the sharpest image.
+
+Sharpness is the paper's Tenenbaum function of the z-projection (appendix B; Treeby et al. 2011 chose speeds with it),
+over the projection's mean square, so that the image's scale, which changes with the speed, does not count. The A-lines
+are thinned to the band that a coarse lateral grid carries: dozens of images then cost about as much as one full one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.core.exceptions import InvalidInput
+from steradian.core.progress import IsCancelled, Progress
+from steradian.core.units import SOUND_SPEED
+from steradian.reconstructions.parameters import ReconstructionParameters
+from steradian.reconstructions.pipeline.resolve import (
+    begins_at,
+    conditioned,
+    depth_range_of,
+    modes_of,
+    sound_speed_of,
+    weights_of,
+)
+from steradian.reconstructions.pipeline.run import write_json
+from steradian.reconstructions.shots import even_out
+from steradian.reconstructions.studies.sound_speed_figure import draw_curve
+from steradian.reconstructions.studies.sound_speed_fit import MOST_STEPS, SpeedFit
+from steradian.reconstructions.studies.sound_speed_images import Views
+from steradian.scans.frames import FrameChoice
+from steradian.scans.opening import FIRST, open_recording
+
+FINE = (-1.0, -0.5, 0.0, 0.5, 1.0)
+"""Speeds around the best of the first round, in its steps, through which a parabola is laid."""
+GROUPS = 6
+"""Groups of sensors, one left out at a time for the standard error (jackknife)."""
+BY_SHARPNESS = "the speed is that of the sharpest image, whose bias its error does not hold"
+
+
+@dataclass(frozen=True)
+class SoundSpeedCurve:
+    """Sharpness over the speed of sound.
+
+    Parameters
+    ----------
+    sound_speeds, sharpness
+        What was tried, rising, and the normalised sharpness there.
+    best
+        Speed of the least misfit in m/s; by sharpness, from a parabola through the sharpest.
+    standard_error
+        Of ``best`` in m/s (68 %): noise and the fit's limits; by sharpness, the scatter when groups of sensors are
+        left out, without the criterion's bias. None where it was not asked for or ``at_edge``.
+    at_edge
+        ``best`` is the first or last speed: the range should be moved.
+    notes
+        What was decided or assumed, and how the speed trades with a delay of the record.
+    """
+
+    sound_speeds: tuple[float, ...]
+    sharpness: tuple[float, ...]
+    best: float
+    standard_error: float | None
+    at_edge: bool
+    notes: tuple[str, ...] = ()
+
+
+def scan_sound_speed(
+    scan: Path,
+    output: Path,
+    parameters: ReconstructionParameters | None = None,
+    *,
+    first: float = 1380.0,
+    last: float = 1620.0,
+    steps: int = 25,
+    frame: int | FrameChoice = FIRST,
+    progress: Progress | None = None,
+    cancelled: IsCancelled | None = None,
+) -> SoundSpeedCurve:
+    """Find the speed of sound of a recording; write ``sound-speed.json`` and ``sound-speed.png`` into a folder.
+
+    Parameters
+    ----------
+    scan
+        A scan file or another known recording.
+    output
+        Folder for the results.
+    parameters
+        Conditioning, weights, depth range (at the recording's own speed) and tolerance of the images; their method is
+        always the direct one.
+    first, last, steps
+        Speeds of the first round, in m/s: ``steps`` of them, ends included.
+    frame
+        Which frame, or which frames' mean, of a scan that has several; by default the first, with a note.
+    progress, cancelled
+        Reported and asked after each image.
+
+    Raises
+    ------
+    NotFound, DamagedFile
+        When the recording cannot be read.
+    InvalidInput
+        When the range is impossible or a parameter does not fit the recording.
+    Cancelled
+        When ``cancelled`` said so.
+    """
+    chosen = parameters or ReconstructionParameters()
+    recording, _ = even_out(open_recording(scan, frame), chosen.shots, progress=progress, cancelled=cancelled)
+    known = chosen if chosen.sound_speed or recording.sound_speed else chosen.replace(sound_speed=(first + last) / 2)
+    depth, speed = depth_range_of(recording, known), sound_speed_of(recording, known)
+    curve = find_sound_speed(
+        conditioned(recording, chosen),
+        recording.positions,
+        np.linspace(*_checked(first, last, steps)),
+        sampling_interval=recording.sampling_interval,
+        aperture=recording.aperture,
+        modes=modes_of(recording, known),
+        weights=weights_of(recording, known),
+        depth_times=depth and (depth[0] / speed, depth[1] / speed),
+        time_zero=begins_at(recording, known),
+        progress=progress,
+        cancelled=cancelled,
+    )
+    curve = replace(curve, notes=(*recording.notes, *curve.notes))
+    output.mkdir(parents=True, exist_ok=True)
+    write_json(output / "sound-speed.json", curve)
+    draw_curve(curve, output / "sound-speed.png")
+    return curve
+
+
+def find_sound_speed(
+    traces: NDArray[Any],
+    positions: NDArray[np.float64],
+    sound_speeds: Sequence[float] | NDArray[np.float64],
+    *,
+    sampling_interval: float,
+    aperture: float,
+    modes: int | None = None,
+    weights: Any = None,
+    depth_times: tuple[float, float] | None = None,
+    time_zero: float = 0.0,
+    standard_error: bool = True,
+    criterion: Literal["misfit", "sharpness"] = "misfit",
+    progress: Progress | None = None,
+    cancelled: IsCancelled | None = None,
+) -> SoundSpeedCurve:
+    """Find the speed of sound of A-lines in memory.
+
+    Parameters
+    ----------
+    traces, positions, sampling_interval, aperture, weights, time_zero
+        As in :func:`steradian.imaging._reconstruct`.
+    sound_speeds
+        Speeds of the first round in m/s, rising evenly, at least 3.
+    modes
+        Most lateral modes; None: one each 120 µm.
+    depth_times
+        First and last depth as times of flight in s; None: all of the record.
+    standard_error
+        Give the standard error.
+    criterion
+        What the speed is found by; sensors on a line: always the sharpness.
+    progress, cancelled
+        Reported and asked after each image.
+
+    Raises
+    ------
+    InvalidInput
+        When the speeds are not at least 3, rising evenly, or another parameter is out of range.
+    Cancelled
+        When ``cancelled`` said so.
+    """
+    speeds = np.asarray(sound_speeds, np.float64)
+    gaps = np.diff(speeds)
+    if speeds.ndim != 1 or len(speeds) < 3 or not (gaps > 0).all() or not np.allclose(gaps, gaps[0], rtol=1e-6):
+        raise InvalidInput(
+            "sound_speeds", f"an array of shape {speeds.shape}", "at least 3 speeds, rising evenly (m/s)"
+        )
+    step = float(gaps[0])
+    fit, note = None, BY_SHARPNESS if criterion == "misfit" else None
+    views = Views(traces, positions, sampling_interval, aperture, modes, weights, depth_times, time_zero)
+    if criterion == "misfit" and np.ndim(positions) == 2:
+        ends = (float(speeds[0]), float(speeds[-1]))
+        try:
+            fit = SpeedFit(
+                traces, positions, sampling_interval, aperture, ends, depth_times, time_zero, views.tell
+            )  # fmt: skip
+        except InvalidInput as refusal:
+            note = f"{BY_SHARPNESS} ({refusal})"
+    groups = GROUPS if fit is None and standard_error and len(positions) >= 4 * GROUPS else 0
+    more = len(FINE) * (1 + groups) if fit is None else MOST_STEPS
+    views.report(progress, cancelled, len(speeds) + more)
+    curve = {float(speed): views.sharpness(float(speed)) for speed in speeds}
+    top = max(curve, key=lambda speed: curve[speed])
+    edge = top in (speeds[0], speeds[-1])
+    if fit is not None:
+        found = fit.find(float(speeds.mean()) if edge else top)
+        views.finish()
+        edge = found.speed in (speeds[0], speeds[-1])
+        error = found.standard_error if standard_error and not edge else None
+        higher = -1e-7 * found.speed_per_delay
+        trade = f"if the record begins 100 ns earlier than stated, the speed is {higher:.1f} m/s higher"
+        return SoundSpeedCurve(tuple(curve), tuple(curve.values()), found.speed, error, edge, (trade,))
+    notes = () if note is None else (note,)
+    if edge:
+        return SoundSpeedCurve(tuple(curve), tuple(curve.values()), top, None, True, notes)
+    near = [top + step * f for f in FINE]
+    curve |= {speed: views.sharpness(speed) for speed in near}
+    best, error = _vertex(near, [curve[speed] for speed in near]), None
+    if groups:
+        member = np.random.default_rng(0).permutation(len(positions)) % groups
+        others = [_vertex(near, [views.sharpness(speed, member != g) for speed in near]) for g in range(groups)]
+        error = float(np.sqrt((groups - 1) * np.var(others)))
+    order = sorted(curve)
+    return SoundSpeedCurve(tuple(order), tuple(curve[speed] for speed in order), best, error, False, notes)
+
+
+def _vertex(x: Sequence[float], y: Sequence[float]) -> float:
+    """Maximum of the least-squares parabola, within the points."""
+    middle = float(np.mean(x))
+    a, b, _ = np.polyfit(np.asarray(x) - middle, y, 2)
+    if a >= 0:
+        return float(x[int(np.argmax(y))])
+    return float(np.clip(middle - b / (2 * a), min(x), max(x)))
+
+
+def _checked(first: float, last: float, steps: int) -> tuple[float, float, int]:
+    if not (first in SOUND_SPEED and last in SOUND_SPEED and first < last):
+        raise InvalidInput("first, last", (first, last), f"rising, each {SOUND_SPEED}")
+    if steps != int(steps) or not 3 <= steps <= 1001:
+        raise InvalidInput("steps", steps, "a whole number from 3 to 1001")
+    return float(first), float(last), int(steps)

@@ -1,0 +1,94 @@
+"""Coarse images of one recording at many speeds of sound, and their sharpness."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.core.exceptions import Cancelled
+from steradian.core.progress import IsCancelled, Progress
+from steradian.imaging import reconstruct
+from steradian.imaging.geometry.depth_extent import Extent
+from steradian.imaging.signal.bandwidth import signal_band, thinned, thinning
+from steradian.quality import tenenbaum
+
+SPACING = 120e-6
+"""Lateral spacing of the images compared, in m, unless fewer modes are asked for."""
+_STAGE = "sound speed"
+
+
+class Views:
+    """Coarse images of one recording at many speeds."""
+
+    def __init__(
+        self,
+        traces: NDArray[Any],
+        positions: NDArray[np.float64],
+        interval: float,
+        aperture: float,
+        modes: int | None,
+        weights: Any,
+        depth_times: tuple[float, float] | None,
+        time_zero: float,
+    ) -> None:
+        most = max(32, round(aperture / SPACING))
+        self._modes = most if modes is None else min(modes, most)
+        highest, _ = signal_band(traces, interval)
+        # a grid of that spacing carries waves along the film up to half a wave a point; 1500 m/s will do here
+        carried = 0.5 * self._modes / aperture * 1500.0
+        factor = thinning(min(highest, carried), interval)
+        self._traces = thinned(traces, factor, "float32")
+        self._interval = interval * factor
+        self._positions, self._aperture = positions, aperture
+        self._weights, self._times, self._zero = weights, depth_times, time_zero
+        self._done = self._total = 0
+        self._progress: Progress | None = None
+        self._cancelled: IsCancelled | None = None
+
+    def report(self, progress: Progress | None, cancelled: IsCancelled | None, total: int) -> None:
+        """Set progress and cancellation callbacks, and the number of steps."""
+        self._progress, self._cancelled, self._total = progress, cancelled, total
+
+    def tell(self) -> None:
+        """Count one step; raise where the search was cancelled."""
+        if self._cancelled is not None and self._cancelled():
+            raise Cancelled(f"cancelled during: {_STAGE}")
+        self._done += 1
+        if self._progress is not None:
+            self._progress(_STAGE, self._done, self._total)
+
+    def finish(self) -> None:
+        """Count the steps that were not needed."""
+        self._done = self._total - 1
+        self.tell()
+
+    def sharpness(self, speed: float, some: NDArray[np.bool_] | None = None) -> float:
+        """Sharpness at a speed, of all sensors or some."""
+        which = slice(None) if some is None else some
+        weights = self._weights
+        if isinstance(weights, np.ndarray) and some is not None:
+            weights = weights[some] * (weights.sum() / weights[some].sum())
+        volume = reconstruct(
+            self._traces[which],
+            self._positions[which],
+            sampling_interval=self._interval,
+            sound_speed=speed,
+            aperture=self._aperture,
+            modes=self._modes,
+            weights=weights,
+            depth_range=self._depths(speed),
+            time_zero=self._zero,
+            tolerance=1e-3,
+        )
+        image = np.maximum(volume.mip("z") if volume.dimensions == 3 else volume.values, 0)
+        self.tell()
+        square = float(np.mean(np.square(image, dtype=np.float64)))
+        return tenenbaum(image) / square if square else 0.0
+
+    def _depths(self, speed: float) -> tuple[float, float] | None:
+        if self._times is None:
+            return None
+        end = (Extent.of(self._traces.shape[1], self._interval, self._zero).end - 1) * self._interval
+        return self._times[0] * speed, min(self._times[1], end) * speed

@@ -1,0 +1,1 @@
+"""Volume files: reader, pyramid, projections, images and the Zarr view."""

@@ -1,0 +1,210 @@
+"""Volume files: a reconstruction's values with axes, units and provenance, in HDF5; ``docs/volume-file.md`` has more.
+
+::
+
+    /          attributes: format, schema_version, software, parameters (JSON), provenance (JSON); centre_m (2,), the
+               place of x = y = 0 in the frame of the file that the sensors' positions came from, where that is another
+    values     (Nx, Ny, Nz) f4   attributes: axes "x, y, z", spacing_m (3,), origin_m (3,), near_field_m
+    levels/1, levels/2, …        coarser copies, each of means over 2 × 2 × 2 of the one before; attributes as values
+    x, y, z    (Nx,) (Ny,) (Nz,) f8   centres of the voxels in metres: dimension scales of values and projections
+    mip_x, mip_y, mip_z          maximum-intensity projections along x, y and z
+
+Values and levels are in chunks of about 64³ (:mod:`steradian.reconstructions.volumes.pyramid`), without compression.
+From a line of sensors ``values`` is (Nx, Nz) in one piece, its axes "x, z", and there are neither levels nor
+projections. In files of version 1 values are in one piece and there are no levels.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian import __version__
+from steradian.core.atomic_files import draft
+from steradian.core.exceptions import DamagedFile, NotFound
+from steradian.imaging import Axes, Volume
+from steradian.reconstructions.parameters import ReconstructionParameters
+from steradian.reconstructions.volumes.grid import Lattice
+from steradian.reconstructions.volumes.projections import Projections, project
+from steradian.reconstructions.volumes.pyramid import chunks_of, coarser_shapes
+from steradian.scans.file.corruption import reading
+
+FORMAT, VERSION = "steradian-volume", 2
+READABLE = (1, VERSION)
+
+
+def write_volume(
+    path: Path,
+    volume: Volume,
+    *,
+    parameters: dict[str, Any],
+    provenance: dict[str, Any],
+    projections: Projections | None = None,
+    near_field: float = 0.0,
+    centre: tuple[float, ...] = (),
+) -> None:
+    """Write a volume under a temporary name and rename it when it is whole; ``projections`` where they are there.
+
+    ``near_field`` is the depth in metres from which on pictures show it, ``centre`` that of :class:`Recording`.
+
+    It is not forced onto the disk: a volume that a power cut has spoiled can be made again from its scan.
+
+    Raises
+    ------
+    OSError
+        When the disk is full; ``path`` is then untouched.
+    """
+    with draft(path) as beside, h5py.File(beside, "w") as file:
+        file.attrs.update(
+            {
+                "format": FORMAT,
+                "schema_version": VERSION,
+                "software": f"steradian {__version__}",
+                "parameters": json.dumps(_with_speed(parameters, volume)),
+                "provenance": json.dumps(provenance),
+                **({"centre_m": np.asarray(centre, np.float64)} if centre else {}),
+            }
+        )
+        write_axes(file, {name: volume.coordinates(name) for name in volume.names})
+        lattice = Lattice(volume.names, volume.origin, volume.spacing, volume.values.shape)
+        _write_values(file, "values", volume.values, lattice).attrs["near_field_m"] = near_field
+        _write_levels(file, volume.values, lattice)
+        if volume.dimensions == 3:
+            for axis, image in (projections or project(volume)).items():
+                file.create_dataset(f"mip_{axis}", data=image)
+        attach_axes(file)
+
+
+def _write_values(file: h5py.File, name: str, values: NDArray[Any], lattice: Lattice) -> h5py.Dataset:
+    chunks = chunks_of(values.shape)
+    dataset = file.create_dataset(name, data=values, chunks=chunks)
+    dataset.attrs.update(
+        {
+            "axes": ", ".join(lattice.names),
+            "spacing_m": np.asarray(lattice.spacing, dtype=np.float64),
+            "origin_m": np.asarray(lattice.origin, dtype=np.float64),
+        }
+    )
+    return dataset
+
+
+def _write_levels(file: h5py.File, values: NDArray[Any], lattice: Lattice) -> None:
+    """Write the coarser copies, each made of the one before."""
+    for level, _ in enumerate(coarser_shapes(values.shape), 1):
+        from steradian.reconstructions.volumes.downsample import halved  # compiled: what is small does not wait for it
+
+        values = halved(values)
+        _write_values(file, f"levels/{level}", values, lattice.coarser(2**level))
+
+
+def write_projections(path: Path, volume: Volume, projections: Projections) -> None:
+    """Write the projections of a volume to a file like a volume file, without values; replaces an existing one.
+
+    Origin, spacing, names of the axes and shape are attributes of the file itself.
+    """
+    with draft(path) as beside, h5py.File(beside, "w") as file:
+        file.attrs.update(
+            {
+                "format": "steradian-projections",
+                "schema_version": 1,
+                "software": f"steradian {__version__}",
+                "axes": ", ".join(volume.names),
+                "shape": np.asarray(volume.values.shape),
+                "spacing_m": np.asarray(volume.spacing, dtype=np.float64),
+                "origin_m": np.asarray(volume.origin, dtype=np.float64),
+            }
+        )
+        for axis, image in projections.items():
+            file.create_dataset(f"mip_{axis}", data=image)
+
+
+def write_axes(file: h5py.File, coordinates: Mapping[str, NDArray[np.float64]]) -> None:
+    """Write the coordinates in metres of the voxels' centres, as dimension scales."""
+    for name, line in coordinates.items():
+        file.create_dataset(name, data=line).attrs["units"] = "m"
+        file[name].make_scale(name)
+
+
+def attach_axes(file: h5py.File) -> None:
+    """Attach the scales to the values and to every projection, which lacks the axis of its name."""
+    names = [name for name in "xyz" if name in file]
+    for dataset in ("values", *(f"mip_{name}" for name in names)):
+        if dataset not in file:
+            continue
+        left = [name for name in names if name != dataset.removeprefix("mip_")]
+        for dimension, name in zip(file[dataset].dims, left, strict=True):
+            dimension.label = name
+            dimension.attach_scale(file[name])
+
+
+def _with_speed(parameters: dict[str, Any], volume: Volume) -> dict[str, Any]:
+    return parameters if volume.sound_speed is None else parameters | {"sound_speed": volume.sound_speed}
+
+
+def read_projection(path: Path, axis: Literal["x", "y", "z"]) -> NDArray[np.floating[Any]]:
+    """Read the projection along one axis from a volume file; of an image from a line of sensors, the image itself.
+
+    Raises
+    ------
+    NotFound
+        When there is no such file.
+    DamagedFile
+        When it is truncated or of another kind.
+    """
+    if not path.is_file():
+        raise NotFound("file", str(path))
+    with reading(path, "volume"), h5py.File(path, "r") as file:
+        image = np.asarray(file[f"mip_{axis}" if f"mip_{axis}" in file else "values"])
+    if image.ndim != 2:
+        raise DamagedFile(f"{path}: the projection along {axis} has {image.ndim} axes, not 2")
+    return image
+
+
+def require_volume(file: h5py.File, path: Path) -> None:
+    """Raise :class:`DamagedFile` for a file that is not a volume, or of an unknown version."""
+    if file.attrs.get("format") != FORMAT or file.attrs.get("schema_version") not in READABLE:
+        raise DamagedFile(f"{path} is no volume file of schema version {' or '.join(map(str, READABLE))}")
+
+
+def centre_in(file: h5py.File, axes: int) -> tuple[float, ...]:
+    """Return the offset of each axis (depth last) to the coordinates of the source's frame, in m."""
+    centre = tuple(map(float, np.ravel(file.attrs.get("centre_m", ()))))
+    return (*centre, 0.0) if len(centre) == axes - 1 else (0.0,) * axes
+
+
+def read_volume(path: Path) -> Volume:
+    """Read a volume file.
+
+    Raises
+    ------
+    NotFound
+        When there is no such file.
+    DamagedFile
+        When it is truncated or of another kind.
+    """
+    if not path.is_file():
+        raise NotFound("file", str(path))
+    with reading(path, "volume"), h5py.File(path, "r") as file:
+        require_volume(file, path)
+        values = file["values"]
+        spacing, origin = (tuple(map(float, values.attrs[name])) for name in ("spacing_m", "origin_m"))
+        lines = zip(origin, spacing, values.shape, strict=True)
+        x, *y, z = (first + step * np.arange(count) for first, step, count in lines)
+        speed = json.loads(file.attrs["parameters"]).get("sound_speed")
+        return Volume(np.asarray(values), Axes(x, y[0] if y else None, z), spacing, speed)
+
+
+def read_parameters(path: Path) -> ReconstructionParameters:
+    """Read the parameters that a volume file was reconstructed with; raises as :func:`read_volume`."""
+    if not path.is_file():
+        raise NotFound("file", str(path))
+    with reading(path, "volume"), h5py.File(path, "r") as file:
+        require_volume(file, path)
+        said = json.loads(file.attrs["parameters"])
+    return ReconstructionParameters.create(**said)

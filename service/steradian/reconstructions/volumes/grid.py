@@ -1,0 +1,76 @@
+"""Voxel grid: origin and spacing per axis, also of slices and pyramid levels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from steradian.core.exceptions import InvalidInput
+from steradian.reconstructions.volumes.lazy_array import Index
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Axes of an array of voxels.
+
+    Attributes
+    ----------
+    names
+        Of the axes, in order.
+    origin, spacing
+        Centre of the first voxel, and distance of voxels, along each axis in metres.
+    shape
+        Number of voxels along each axis.
+    """
+
+    names: tuple[str, ...]
+    origin: tuple[float, ...]
+    spacing: tuple[float, ...]
+    shape: tuple[int, ...]
+
+    def coarser(self, times: int) -> Lattice:
+        """Return that of averages over ``times`` voxels along each axis; the last ones may be of fewer."""
+        half = (times - 1) / 2
+        return Lattice(
+            self.names,
+            tuple(first + half * step for first, step in zip(self.origin, self.spacing, strict=True)),
+            tuple(times * step for step in self.spacing),
+            tuple(-(-size // times) for size in self.shape),
+        )
+
+    def moved(self, by: tuple[float, ...]) -> Lattice:
+        """Return the grid with its coordinates shifted by ``by`` metres along each axis."""
+        return replace(self, origin=tuple(first + step for first, step in zip(self.origin, by, strict=True)))
+
+    def without(self, name: str) -> Lattice:
+        """Return the grid without a projected axis."""
+        return self.part(tuple(0 if name == other else slice(None) for other in self.names))
+
+    def part(self, index: Index) -> Lattice:
+        """Return that of a slice, whose integers take axes away."""
+        kept = []
+        for at, name, first, step, size in zip(index, self.names, self.origin, self.spacing, self.shape, strict=True):
+            if isinstance(at, slice):
+                places = range(*at.indices(size))
+                kept.append((name, first + places.start * step, step * places.step, len(places)))
+        names, origin, spacing, shape = zip(*kept, strict=True) if kept else ((), (), (), ())
+        return Lattice(names, origin, spacing, shape)
+
+
+def in_coarser(index: Index, times: int, field: str) -> Index:
+    """Turn indices of the full image into those of a coarser copy that cover the same.
+
+    Raises
+    ------
+    InvalidInput
+        When voxels are left out in between, which the copy has averaged.
+    """
+    found: list[slice | int] = []
+    for at in index:
+        if isinstance(at, int):
+            found.append(at // times)
+        elif times > 1 and at.step != 1:
+            raise InvalidInput(field, f"steps of {at.step}", "steps of 1 in a coarser copy; level=0 takes any")
+        else:
+            first = at.start // times
+            found.append(slice(first, -(-at.stop // times) if at.stop > at.start else first, at.step))
+    return tuple(found)

@@ -1,0 +1,159 @@
+"""Warm up the JIT cache in background processes.
+
+``python -m steradian.reconstructions.warmup``, at the other end of a pipe to its standard input, does once, with
+little data, what reconstructions of scans do, and ends at once where all that is on disk, or where another process is
+at it. Two processors share it, and whoever needs a function that another process is compiling waits for that one
+(:mod:`steradian.core.jit`).
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext, suppress
+from pathlib import Path
+from typing import Any, Final
+
+from steradian.core.exit_with_parent import end_with_stdin
+from steradian.core.sandbox import die_first
+
+AHEAD: Final = (sys.executable, "-P", "-m", "steradian.reconstructions.warmup")
+SECOND: Final = "second"
+"""Argument of who begins with the second half, the depths; the first one is the sensors."""
+NICENESS: Final = 5
+"""By how much it stands back behind a scan that runs meanwhile, where nobody waits for an image yet."""
+SCORE: Final = 500
+"""By how much sooner the kernel ends it than others when memory runs out."""
+PATIENCE: Final = 1.0
+"""Seconds that its end is waited for."""
+_log = logging.getLogger(__name__)
+
+
+@contextmanager
+def compiling_ahead(*half: str) -> Iterator[None]:
+    """Context manager that compiles kernels in other processes; unfinished ones are abandoned at its end.
+
+    For our own programs: where Python is part of another one, ``sys.executable`` may be anything.
+    """
+    process = None
+    with suppress(OSError):  # where no further process is to be had it is done when it is needed
+        process = _started(*half)
+    try:
+        yield
+    finally:
+        if process is not None:
+            _end(process)
+
+
+def compile_ahead() -> None:
+    """Compile kernels in other processes, until they finish or this process exits."""
+    with suppress(OSError), _started() as process:
+        if code := process.wait():
+            _log.warning("what the first reconstruction needs is not compiled ahead: exit code %d", code)
+
+
+@contextmanager
+def compiling_beside() -> Iterator[None]:
+    """Compile the second half of the kernels in another process while this one starts with the first half."""
+    with compiling_ahead(SECOND) if _is_wanted() else nullcontext():
+        yield
+
+
+def _is_wanted() -> bool:
+    from steradian.imaging.engines.numba.type1 import type1
+
+    if getattr(type1, "signatures", True):  # it has been used in this process
+        return False
+    try:
+        return is_needed()
+    except Exception as error:  # the reconstruction tells whether that is in its way
+        _log.warning("what is kept on disk of compiled functions cannot be read: %s", error)
+        return False
+
+
+def _started(*half: str) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [*AHEAD, *half],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        # a terminal's Ctrl-C is not meant for either; a half is in as much of a hurry as whoever starts it
+        start_new_session=not half,
+        process_group=0 if half else None,
+    )
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.kill()
+    if process.stdin is not None:
+        process.stdin.close()
+    with suppress(subprocess.TimeoutExpired):  # nobody waits longer for one that hangs in a folder that is gone
+        process.wait(PATIENCE)
+
+
+def _functions() -> list[Any]:
+    from steradian.imaging.engines.numba import depth, image, type1
+    from steradian.reconstructions.volumes import downsample as halving
+
+    return [type1.pack, type1.type1, depth.to_depth, image.to_image, image.close_up, halving.means]
+
+
+def is_needed() -> bool:
+    """Whether there is a place on disk for it, and something is not there, or not for this processor."""
+    from steradian.core.jit import is_lacking
+
+    return any(is_lacking(function) for function in _functions())
+
+
+def compile_all(half: str = "") -> None:
+    """Run each kernel of a scan's reconstruction once, in its precision; one half of the kernels first."""
+    import numpy as np
+
+    from steradian.imaging import ReconstructionPlan
+    from steradian.imaging.engines.numba.engine import NumbaEngine
+    from steradian.reconstructions.volumes.downsample import halved
+
+    positions = np.random.default_rng(0).uniform(-1e-3, 1e-3, (4, 2))  # on no grid
+    plan = ReconstructionPlan(positions, samples=40, sampling_interval=8e-9, sound_speed=1500.0, aperture=2e-3, modes=8)
+    engine = NumbaEngine(plan.tables, threads=1)
+    over_time, over_depth = (np.zeros(size, np.float32) for size in (engine.room.source_size, engine.room.target_size))
+    if half != SECOND:
+        engine.lateral(np.zeros((4, 40), np.float32))
+        engine.to_image(over_depth)
+        halved(np.zeros((2, 2, 2), np.float32))
+    engine.to_image(engine.to_depth(over_time))
+    halved(np.zeros((2, 2, 2), np.float32))
+
+
+def main(half: str = "") -> None:
+    """Entry point of a compiling process, which ends when it is done or its parent has exited."""
+    threading.Thread(target=end_with_stdin, args=(lambda: os._exit(0),), daemon=True).start()
+    die_first(SCORE)
+    if not half:
+        _stand_back()
+    from filelock import Timeout
+
+    from steradian.core.jit import is_lacking, lock_beside
+    from steradian.imaging.compute.thread_pool import available
+
+    lacking = next((function for function in _functions() if is_lacking(function)), None)
+    if lacking is None:
+        return
+    share = not half and available() > 1
+    with suppress(Timeout), lock_beside(lacking, half or "first"), compiling_ahead(SECOND) if share else nullcontext():
+        compile_all(half)
+
+
+def _stand_back() -> None:
+    with suppress(OSError, AttributeError):
+        os.nice(NICENESS)
+    with suppress(OSError):  # Linux weighs the processes of a session, which it has to itself, against other sessions
+        Path("/proc/self/autogroup").write_text(str(NICENESS))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,138 @@
+"""Upload finished scans to the object store and remove the local copy after a grace period."""
+
+from __future__ import annotations
+
+import logging
+import os
+import shutil
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final
+
+from sqlalchemy import select
+from sqlalchemy.exc import SQLAlchemyError
+
+from steradian.core.exceptions import NotFound, StoreUnavailable
+from steradian.core.logging_config import caused_by
+from steradian.storage.blobs.interface import Stored, scan_name
+from steradian.storage.blobs.object_store import CLOCK, ObjectStore
+from steradian.storage.blobs.staleness import has_moved_on
+from steradian.storage.data_dir.layout import PRIVATE, DataDirectory
+from steradian.storage.db.tables import ScanRow
+from steradian.storage.repositories.scans import ScanRepository
+from steradian.storage.states import ScanState, is_terminal
+
+LOOK_EVERY: Final = 1.0
+"""Seconds between looks at the scans of this host."""
+LEFT_FOR: Final = 600.0
+"""Seconds for which the file of a scan that is kept stays: who has begun to read it may end."""
+DRAFTS: Final = "keeping"
+"""Folder of what is being sent, beside the copies."""
+_log = logging.getLogger(__name__)
+
+
+class ScanKeeper:
+    """Puts scans into the store that are over or interrupted; one that is resumed and written to is put there again.
+
+    Parameters
+    ----------
+    store
+        Where they go.
+    scans
+        How they stand.
+    data
+        Where they are.
+    """
+
+    def __init__(self, store: ObjectStore, scans: ScanRepository, data: DataDirectory) -> None:
+        self._store, self._scans, self._data = store, scans, data
+        self._sent: dict[str, float] = {}
+        """When scans came to the store, which may be long after the time as of which they are kept."""
+        self._known: set[str] = set()
+        """Scans of files that are here, last seen at rest: one that another node deletes then takes its file along.
+
+        One under way cannot be deleted: where its row is gone, a database was set back, and the file is all there is.
+        """
+
+    def run(self, stopping: threading.Event) -> None:
+        """Work until asked to stop; while store or database do not answer, wait for them."""
+        for left in (self._data.cache / DRAFTS).glob("*"):  # by a process that was killed
+            left.unlink(missing_ok=True)
+        while not stopping.wait(LOOK_EVERY):
+            try:
+                self.step()
+            except (StoreUnavailable, SQLAlchemyError, OSError) as error:
+                _log.warning("scans are not kept yet, trying again: %s", error)
+            except Exception:  # nobody else would notice that this thread has ended
+                _log.exception("scans are not kept yet, trying again")
+
+    def step(self) -> None:
+        """Look once at all files of scans."""
+        for path in self._data.scan_files():
+            try:
+                scan = self._scans.get(path.stem)
+            except NotFound:
+                if path.stem in self._known:
+                    path.unlink(missing_ok=True)
+                continue
+            if not (is_terminal(scan.state) or scan.state is ScanState.INTERRUPTED):
+                self._known.discard(scan.id)
+                continue
+            self._known.add(scan.id)
+            if path.is_symlink():
+                continue
+            kept, changed = self._store.kept(scan_name(scan.id)), path.stat().st_mtime
+            # Without a change, too: what was resumed in vain is to count again where its file is not.
+            if kept is None or changed > kept.created.timestamp() + CLOCK or has_moved_on(scan, kept):
+                self._keep(scan, path)
+            elif is_terminal(scan.state) and time.time() - self._sent.get(scan.id, kept.created.timestamp()) > LEFT_FOR:
+                path.unlink()
+                self._sent.pop(scan.id, None)
+
+    def _keep(self, scan: ScanRow, path: Path) -> None:
+        """Upload finished scan files, and copies of resumable ones."""
+        as_of = self._scans.clock()
+        with _draft(self._data) as draft:
+            if is_terminal(scan.state):
+                os.link(path, draft)
+            else:
+                shutil.copy2(path, draft)
+            if self._announce(scan, self._store.put(scan_name(scan.id), draft, as_of)):
+                self._sent[scan.id] = time.time()
+                with caused_by(scan.request_id):
+                    _log.info("scan %s is in the store", scan.id)
+
+    def _announce(self, scan: ScanRow, stored: Stored) -> bool:
+        """Commit an uploaded file, unless the scan was deleted, resumed or settled meanwhile.
+
+        The sweep then removes it.
+        """
+        with self._scans.database.write() as session:
+            now = session.scalar(select(ScanRow.revision).where(ScanRow.id == scan.id).with_for_update())
+            if now is None or not (is_terminal(scan.state) or now == scan.revision):
+                return False
+            self._store.announce(session, stored)
+        return True
+
+
+def keep(store: ObjectStore, data: DataDirectory, name: str, path: Path) -> None:
+    """Upload a finished file, which also stays where it is."""
+    with _draft(data) as draft:
+        os.link(path, draft)
+        store.keep(name, draft)
+
+
+@contextmanager
+def _draft(data: DataDirectory) -> Iterator[Path]:
+    """Yield a path in the folder of local copies: a file written there becomes the copy."""
+    folder = data.cache / DRAFTS
+    folder.mkdir(mode=PRIVATE, parents=True, exist_ok=True)
+    draft = folder / f"{os.getpid()}-{threading.get_ident()}"
+    draft.unlink(missing_ok=True)
+    try:
+        yield draft
+    finally:
+        draft.unlink(missing_ok=True)

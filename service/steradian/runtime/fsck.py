@@ -1,0 +1,144 @@
+"""Compare data folder and database; register orphans and set damaged files aside."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import select
+
+from steradian.core.exceptions import DamagedFile, InvalidInput
+from steradian.core.settings import Settings
+from steradian.jobs.registry import resource_of
+from steradian.reconstructions.plan_reader import read_imported
+from steradian.storage.blobs.interface import Arrays, Folder, result_name, scan_name
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.database import Database, metadata_url
+from steradian.storage.db.tables import JobRow, ScanRow
+from steradian.storage.maintenance.startup_check import fault_of, is_absent, removals, rows_of
+from steradian.storage.repositories.imports import register_import
+from steradian.storage.states import ReconstructionState, is_terminal
+
+LONGEST_ID = 40
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is not as it should be.
+
+    Attributes
+    ----------
+    kind
+        ``damaged-database``, ``unknown-scan``, ``unreadable-scan``, ``missing-scan``, ``unknown-result``,
+        ``missing-result`` or ``unfinished-result``.
+    subject
+        Identifier of the scan or job, or name of the file.
+    text
+        What is wrong and what can be done.
+    """
+
+    kind: str
+    subject: str
+    text: str
+
+
+def inspect(settings: Settings) -> list[Finding]:
+    """Compare folder and database without changes; no other process may use them meanwhile."""
+    arrays: Arrays = Folder(data := DataDirectory(settings.data))
+    found = [*_databases(settings, data), *_scans(settings, data, arrays), *_results(settings, data, arrays)]
+    going = removals(settings)
+    return [finding for finding in found if finding.subject not in going]
+
+
+def repair(settings: Settings) -> Iterator[str]:
+    """Set damaged databases aside, register scans that are unknown and queue jobs that lost their queue.
+
+    Yields
+    ------
+    str
+        What was done, one sentence at a time.
+    """
+    data = DataDirectory(settings.data)
+    found = inspect(settings)
+    for finding in found:
+        if finding.kind == "damaged-database":
+            yield from _set_aside(data.root / finding.subject)
+    database = Database(metadata_url(settings))
+    try:
+        database.migrate()
+        for finding in found:
+            if finding.kind == "unknown-scan":
+                said = read_imported(data.scan_file(finding.subject))
+                about: dict[str, Any] = {"simulated": said.simulated, "summary": said.summary, "labels": {}}
+                register_import(database, said.plan, finding.subject, who="steradian check", **about)
+                yield f"scan {finding.subject} is registered: {_alines(said.summary)}"
+    finally:
+        database.close()
+
+
+def _databases(settings: Settings, data: DataDirectory) -> Iterator[Finding]:
+    if settings.database_url is not None:
+        return
+    holds = bool(data.scan_files() or data.job_folders())
+    fault = fault_of(data.metadata_file)
+    if fault is not None and (holds or not is_absent(data.metadata_file)):
+        yield Finding("damaged-database", data.metadata_file.name, f"{fault}; --repair makes a new one")
+
+
+def _scans(settings: Settings, data: DataDirectory, arrays: Arrays) -> Iterator[Finding]:
+    rows = {row.id: row for row in rows_of(settings, select(ScanRow.id, ScanRow.summary))}
+    for path in data.scan_files():
+        if path.stem not in rows:
+            yield _unknown_scan(path)
+    for identifier, row in rows.items():
+        if (row.summary or {}).get("stored") and arrays.stat(scan_name(identifier)) is None:
+            yield Finding("missing-scan", identifier, f"{_alines(row.summary)} were stored; its file is gone")
+
+
+def _unknown_scan(path: Path) -> Finding:
+    try:
+        said = read_imported(path)
+    except (DamagedFile, InvalidInput) as error:
+        return Finding("unreadable-scan", path.stem, f"no row in the database, and {error}")
+    if not path.stem.isascii() or not path.stem.isalnum() or len(path.stem) > LONGEST_ID:
+        return Finding("unreadable-scan", path.stem, "no row in the database, and its name is no identifier: import it")
+    return Finding("unknown-scan", path.stem, f"no row in the database; {_alines(said.summary)}; --repair registers it")
+
+
+def _results(settings: Settings, data: DataDirectory, arrays: Arrays) -> Iterator[Finding]:
+    query = select(JobRow.id, JobRow.kind, JobRow.state, JobRow.result)
+    rows = {row.id: row for row in rows_of(settings, query)}
+    for path in data.job_folders():
+        job = data.job(path.name)
+        if path.name not in rows:
+            what = "volume.h5, which `steradian.open` reads" if job.volume.is_file() else "files"
+            yield Finding("unknown-result", path.name, f"no row in the database; jobs/{path.name} holds {what}")
+        elif not is_terminal(rows[path.name].state) and job.report.is_file():
+            state = rows[path.name].state
+            text = f"its results are whole, the database says {state}: it will run again"
+            yield Finding("unfinished-result", path.name, text)
+    for identifier, row in rows.items():
+        if row.state is not ReconstructionState.SUCCEEDED:
+            continue
+        wanted = ["volume.h5"] if resource_of(row.kind) == "reconstruction" else (row.result or {}).get("files", [])
+        if gone := [name for name in wanted if arrays.stat(result_name(identifier, name)) is None]:
+            yield Finding("missing-result", identifier, f"it has succeeded; {', '.join(gone)} is gone")
+
+
+def _set_aside(path: Path) -> Iterator[str]:
+    """Rename a database with its log; an empty one is used as it is."""
+    if is_absent(path):
+        return
+    number = 1
+    while (kept := path.with_name(f"{path.name}.damaged-{number}")).exists():
+        number += 1
+    for ending in ("", "-wal", "-shm"):
+        if (part := path.with_name(path.name + ending)).exists():
+            part.rename(kept.with_name(kept.name + ending))
+    yield f"{path.name} is set aside as {kept.name}"
+
+
+def _alines(summary: dict[str, int]) -> str:
+    return f"{summary.get('stored', 0):,} of {summary.get('points', 0):,} A-lines"

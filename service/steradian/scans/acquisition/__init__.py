@@ -1,0 +1,1 @@
+"""Acquisition: running a plan on a scanner, resuming, interlocks, emergency stop, faults."""

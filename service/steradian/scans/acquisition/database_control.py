@@ -1,0 +1,183 @@
+"""SessionControl that reads desired states from and reports to the database in its own thread."""
+
+from __future__ import annotations
+
+import contextvars
+import logging
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from sqlalchemy.exc import SQLAlchemyError
+
+import fabry_perot
+from steradian.core.exceptions import ScanFailed, SteradianError
+from steradian.scans.acquisition.control import Control, Phase, Wish
+from steradian.scans.acquisition.emergency_watchdog import EmergencyWatch
+from steradian.storage.repositories.scanners import ScannerRepository
+from steradian.storage.repositories.scans import ScanRepository
+from steradian.storage.states import DesiredScanState, ScanState, route
+
+POLL = 0.2
+"""Seconds between looks for work, and between looks at what is wished of a scan and reports of its progress."""
+_log = logging.getLogger(__name__)
+_S = ScanState
+_STATES = {
+    Phase.RUNNING: (_S.RUNNING, "A-lines are stored"),
+    Phase.RECOVERING: (_S.RECOVERING, "the scanner is silent or its link lost; it is being taken up again"),
+    Phase.RESCUING: (_S.RECOVERING, "what was fired before is fetched from the scanner"),
+    Phase.PAUSING: (_S.PAUSING, ""),
+    Phase.PAUSED: (_S.PAUSED, "the laser is off; what was fired is stored"),
+    Phase.ARMING: (_S.ARMING, ""),
+    Phase.STOPPING: (_S.STOPPING, ""),
+    Phase.ABORTING: (_S.ABORTING, ""),
+}
+"""State of a scan at each phase, and why; where it says nothing a person wished it."""
+_WISHES = {
+    DesiredScanState.RUNNING: Wish.RUN,
+    DesiredScanState.PAUSED: Wish.PAUSE,
+    DesiredScanState.STOPPED: Wish.STOP,
+    DesiredScanState.ABORTED: Wish.ABORT,
+}
+
+
+class ScanWatch(Control):
+    """Writes progress and states of one scan, and reads wishes, every :data:`POLL` seconds.
+
+    All talk with the database is in a thread of its own: one that is locked or gone holds up nobody who stores A-lines.
+    Until it is back the wish is the last that was known; what happened meanwhile is noted then, in order.
+
+    Parameters
+    ----------
+    scans, identifier
+        The scan.
+    stopping
+        Set when the service ends: then the session aborts.
+    emergency
+        Stops the scanner by itself; the session then learns that the scan is to be aborted.
+    """
+
+    def __init__(
+        self, scans: ScanRepository, identifier: str, stopping: threading.Event, emergency: EmergencyWatch
+    ) -> None:
+        super().__init__()
+        self._scans, self._id, self._stopping, self._emergency = scans, identifier, stopping, emergency
+        self._row = ScannerRepository(scans.database, scans.clock, scans.scanner_id)
+        self._wish, self._why, self._who = Wish.RUN, "", "acquisition"
+        self._notes: deque[Callable[[], None]] = deque()
+        self._last: tuple[str, int, int] | None = None
+        self._reported: tuple[str, int, int] | None = None
+        self._failure: SteradianError | None = None
+        self._answers = True
+        self._news, self._closing = threading.Event(), threading.Event()
+        self._settle()
+        context = contextvars.copy_context()  # so that its lines bear the scan's request, too
+        self._clerk = threading.Thread(target=context.run, args=(self._work,), name="scan-watch", daemon=True)
+        self._clerk.start()
+
+    @contextmanager
+    def guarding(self, scanner: fabry_perot.Scanner) -> Iterator[None]:
+        """Connect the emergency stop to a connected scanner until the block ends."""
+        with self._emergency.guarding(scanner):
+            yield
+
+    def may_fire(self, allowed: bool) -> None:
+        """Report immediately whether the scanner may fire."""
+        self._emergency.may_fire(allowed)
+
+    def wish(self) -> Wish:
+        """Return the current command according to the database; raises the reason that forbids the scan."""
+        if self._stopping.is_set() or self._emergency.standing is not None:
+            return Wish.ABORT
+        if self._failure is not None:
+            raise self._failure
+        return self._wish
+
+    def enter(self, phase: Phase) -> None:
+        """Lead the scan to the state of a phase."""
+        if self._stopping.is_set():
+            return  # it is to be interrupted
+        press = self._emergency.standing
+        why, who = (self._why, self._who) if press is None else (press.why, press.who)
+        self._note(lambda: self._lead(phase, why, who))
+
+    def progress(self, done: int, total: int) -> None:
+        """Note how far the scan is."""
+        self._last = ("A-lines", done, total)
+
+    def blocked(self, why: str | None) -> None:
+        """Record that the scan is paused because nothing can be stored, or that it continues."""
+        _log.warning("scan %s: %s", self._id, why or "A-lines can be stored again")
+        self._note(lambda: self._tell(why))
+
+    def wait(self, seconds: float) -> None:
+        """Wait, unless the service ends."""
+        self._stopping.wait(seconds)
+
+    def over(self) -> None:
+        """Write pending changes; waits for an unavailable database, unless the service ends."""
+        self.close()
+        while self._is_behind and self._failure is None:
+            self._settle()
+            if self._is_behind and self._stopping.wait(1.0):
+                return
+
+    def close(self) -> None:
+        """End the thread; pending changes are dropped."""
+        self._closing.set()
+        self._news.set()
+        self._clerk.join()
+
+    def _note(self, deed: Callable[[], None]) -> None:
+        self._notes.append(deed)
+        self._news.set()
+
+    def _work(self) -> None:
+        while not self._closing.is_set():
+            self._news.wait(POLL)
+            self._news.clear()
+            self._settle()
+
+    @property
+    def _is_behind(self) -> bool:
+        return bool(self._notes) or self._last != self._reported
+
+    def _settle(self) -> None:
+        """Read the desired state and write pending changes, as far as the database answers."""
+        try:
+            row = self._scans.get(self._id)
+            self._why, self._who = row.reason or "requested", row.wished_by or "acquisition"
+            self._wish = _WISHES[row.desired_state]
+            while self._notes:
+                self._notes[0]()
+                self._notes.popleft()
+            if (last := self._last) is not None and last != self._reported:
+                self._scans.report(self._id, *last)
+                self._reported = last
+            self._answers = True
+        except SQLAlchemyError as error:
+            if self._answers:
+                _log.warning("scan %s goes on without the database: %s", self._id, error)
+            self._answers = False
+        except SteradianError as error:
+            self._failure = error
+        except Exception as error:  # a thread that ended unseen would never hear a wish to stop
+            _log.exception("what is wished of scan %s cannot be read", self._id)
+            self._failure = ScanFailed(f"what is wished of the scan cannot be read: {error}")
+
+    def _lead(self, phase: Phase, reason: str, person: str) -> None:
+        """Bring the scan's state in line with a phase of the session."""
+        present = self._scans.get(self._id).state
+        state, why = _STATES.get(phase, (present, ""))
+        if state is present:
+            return
+        for following in route(present, state):
+            self._scans.transition(self._id, following, why=why or reason, who="acquisition" if why else person)
+        if state in {_S.PAUSED, _S.ARMING, _S.RUNNING}:
+            self._row.note_state("paused" if state is _S.PAUSED else "scanning")
+
+    def _tell(self, why: str | None) -> None:
+        stage, reason = (f"blocked: {why}", why) if why else ("A-lines", "A-lines can be stored again")
+        if self._scans.get(self._id).stage != stage:
+            self._scans.tell(self._id, stage, reason)

@@ -1,0 +1,142 @@
+"""Clearing a scanner's latched fault: a person's deed, refused while its cause stands."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Final
+
+import fabry_perot
+from steradian.core.exceptions import Conflict, FaultStands, ScannerUnreachable, SteradianError
+from steradian.scans.acquisition.scanner_status import described
+from steradian.storage.data_dir.fault_requests import ClearAnswer, Clearing, ClearRequest
+
+if TYPE_CHECKING:
+    from steradian.scans.acquisition.port_monitor import PortWatch
+
+LOOK: Final = 0.05
+"""Seconds between two looks for a request."""
+HEARD_WITHIN: Final = 2.0
+"""Seconds for which a port that was just opened is listened to."""
+_log = logging.getLogger(__name__)
+
+
+def clear_through(
+    monitor: fabry_perot.Monitor | None, url: str | None, *, is_lent: bool, wanted: Callable[[], bool]
+) -> str:
+    """Clear the fault of the scanner at a port and return the fault's name; empty when none is latched.
+
+    Parameters
+    ----------
+    monitor
+        What holds the port; ``None``: it is opened for this.
+    url
+        The port; ``None``: there is no scanner.
+    is_lent
+        Whether a scan of this process has the port.
+    wanted
+        Asked just before the fault is cleared, whether that is still wanted.
+
+    Raises
+    ------
+    Conflict
+        When a scan, or another program, has the port.
+    FaultStands
+        While the cause of the fault stands.
+    ScannerUnreachable
+        When the scanner does not answer.
+    """
+    if is_lent:
+        raise Conflict("a scan has the scanner; its fault can be cleared when the scan is over or interrupted")
+    if url is None:
+        return ""
+    if monitor is None:
+        with _opened(url) as monitor:
+            return _clear(monitor, wanted)
+    return _clear(monitor, wanted)
+
+
+def _clear(monitor: fabry_perot.Monitor, wanted: Callable[[], bool]) -> str:
+    status, until = described(monitor).as_of_now(), time.monotonic() + HEARD_WITHIN
+    while not status.state and monitor.connection != "busy" and time.monotonic() < until:
+        time.sleep(LOOK)
+        status = described(monitor).as_of_now()
+    if monitor.connection == "busy":
+        raise Conflict(f"the port is in use by {monitor.holder or 'another program'}; clear the fault there")
+    if not status.state:
+        raise ScannerUnreachable(monitor.error or "the scanner does not answer")
+    if status.fault is None:
+        return ""
+    if not wanted():
+        raise ScannerUnreachable("the scanner did not answer in time; the fault was not cleared")
+    try:
+        monitor.clear_fault()
+    except fabry_perot.FaultStands as error:
+        raise FaultStands(str(error)) from error
+    except fabry_perot.ScannerError as error:
+        raise ScannerUnreachable(f"the fault was not cleared: {error}") from error
+    return str(status.fault["name"])
+
+
+@contextmanager
+def _opened(url: str) -> Iterator[fabry_perot.Monitor]:
+    try:
+        monitor = fabry_perot.Monitor(url)
+    except fabry_perot.ScannerError as error:
+        raise ScannerUnreachable(str(error)) from error
+    try:
+        yield monitor
+    finally:
+        monitor.close()
+
+
+class FaultClerk:
+    """Carries out the requests of the API to clear the scanner's fault, each once, in a thread of its own.
+
+    Parameters
+    ----------
+    clearing
+        Where the requests are.
+    watch
+        The scanner's port.
+    """
+
+    def __init__(self, clearing: Clearing, watch: PortWatch) -> None:
+        self._clearing, self._watch = clearing, watch
+        self._over = threading.Event()
+        self._done = ""
+
+    @contextmanager
+    def working(self) -> Iterator[None]:
+        """Look for requests until the block ends."""
+        thread = threading.Thread(target=self._run, name="fault-clearing", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            self._over.set()
+            thread.join(HEARD_WITHIN)
+
+    def _run(self) -> None:
+        while not self._over.wait(LOOK):
+            try:
+                request = self._clearing.asked()
+                if request is not None and request.number != self._done:
+                    self._done = request.number
+                    if self._clearing.answered(request.number) is None:
+                        self._clearing.answer(self._carry_out(request))
+            except Exception:  # whatever it was, the next request comes
+                _log.exception("a request to clear the scanner's fault cannot be carried out")
+
+    def _carry_out(self, request: ClearRequest) -> ClearAnswer:
+        try:
+            fault = self._watch.clear_fault(lambda: request.has_time)
+        except SteradianError as error:
+            _log.warning("%s asks to clear the scanner's fault: %s", request.who, error)
+            return ClearAnswer(request.number, code=error.code, message=str(error)[:500])
+        if fault:
+            _log.warning("%s has cleared the scanner's fault %s", request.who, fault)
+        return ClearAnswer(request.number, fault)

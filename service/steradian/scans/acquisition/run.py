@@ -1,0 +1,299 @@
+"""Execution of a plan on a scanner, and resumption of incomplete scans."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+import fabry_perot
+from steradian.core.exceptions import Cancelled, Conflict, FaultLatched, InvalidInput, ScanFailed, ScanInterrupted
+from steradian.core.progress import IsCancelled, Progress
+from steradian.plans import ScanPlan
+from steradian.scans.acquisition.control import ENDING, Control, End, Wish
+from steradian.scans.acquisition.end_requests import GivenUp, ending_wish, hearing
+from steradian.scans.acquisition.excitation import check_excitation
+from steradian.scans.acquisition.resume_checks import (
+    Finding,
+    Tolerance,
+    compare_identity,
+    compare_reference,
+    compare_tuning,
+    note_tuning,
+    require,
+)
+from steradian.scans.acquisition.session import DEFAULT, ScanSession
+from steradian.scans.file.create import check_disk, create_scan_file, scan_file_bytes
+from steradian.scans.file.program import Course
+from steradian.scans.file.verify import CheckReport, check_scan_file
+from steradian.scans.file.writer import AlineStore
+
+_log = logging.getLogger(__name__)
+PATTERN = 1e-7
+"""Beams are where a plan says to so many metres."""
+BAD = 0xF
+"""Quality flags of an A-line worth measuring again: saturated, mistuned, misfire, partial average."""
+
+
+@dataclass(frozen=True)
+class ScanSummary:
+    """Summary of a scan.
+
+    Attributes
+    ----------
+    path
+        The scan file.
+    points, stored
+        A-lines it is to hold, of all frames, and those it holds.
+    fired
+        Shots fired for it, in all sessions.
+    end
+        How the last session ended.
+    rescued
+        A-lines that a session that was killed had left in the scanner.
+    findings
+        What was compared before the scan was continued.
+    """
+
+    path: Path
+    points: int
+    fired: int
+    stored: int
+    end: End = End.COMPLETE
+    rescued: int = 0
+    findings: tuple[Finding, ...] = field(default=())
+
+
+def run_scan(
+    plan: ScanPlan,
+    scanner_url: str,
+    path: Path,
+    *,
+    scan_id: str = "",
+    progress: Progress | None = None,
+    cancelled: IsCancelled | None = None,
+    control: Control | None = None,
+    recovery: fabry_perot.Recovery = DEFAULT,
+) -> ScanSummary:
+    """Measure every point of a plan and keep the A-lines in a scan file.
+
+    Each batch is on the disk before it is acknowledged, so the scanner keeps whatever the file does not hold yet.
+
+    Parameters
+    ----------
+    plan
+        What to measure.
+    scanner_url
+        Port of the scanner: ``/dev/ttyUSB0``, ``socket://host:port``, …
+    path
+        The scan file to make.
+    progress, cancelled
+        Reported and asked once a batch; the unit of progress is the A-line.
+    control
+        Instead of both: who may also pause and stop the scan.
+    recovery
+        What interruptions it survives, and how soon after them the laser may come back by itself.
+
+    Raises
+    ------
+    Conflict
+        When ``path`` exists.
+    DiskFull
+        When the disk cannot hold the scan; no file is made.
+    InvalidInput
+        When the scanner cannot do what the plan asks.
+    Cancelled
+        When ``cancelled`` said so; the laser is off and the file holds what was measured.
+    ScanFailed
+        When the scanner or its link gave up; likewise. A :class:`ScanInterrupted` waits for a person to resume it.
+    """
+    if path.exists():
+        raise Conflict(f"{path} exists; choose another name or remove it")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if (warning := check_disk(path.parent, scan_file_bytes(plan))) is not None:
+        _log.warning("%s", warning)
+    starter = control or Control(progress, cancelled)
+    try:
+        with _scanner(scanner_url, recovery, starter) as scanner:
+            model = scanner.capabilities
+            check_scanner(plan, model)
+            create_scan_file(
+                path,
+                plan,
+                scan_id=scan_id,
+                scanner=model.serial,
+                scanner_model=model.model,
+                simulated=model.simulated,
+                pulse_energy=model.pulse_energy,
+                film=model.film,
+            )
+            with AlineStore(path) as store:
+                with hearing(scanner, starter):
+                    note_tuning(scanner, store)
+                end = ScanSession(scanner, store, starter, recovery.within).measure(store.missing)
+                return _summary(store, end, asked=control is not None)
+    except GivenUp as error:
+        return _given_up(path, Course.of_plan(plan).count, error.wish, asked=control is not None)
+
+
+def resume_scan(
+    path: Path,
+    scanner_url: str,
+    *,
+    plan: ScanPlan | None = None,
+    retry: int = 0,
+    tolerance: Tolerance | None = None,
+    progress: Progress | None = None,
+    cancelled: IsCancelled | None = None,
+    control: Control | None = None,
+    recovery: fabry_perot.Recovery = DEFAULT,
+) -> ScanSummary:
+    """Resume an interrupted or partial scan in the same file, with the missing points.
+
+    Before a point is measured the scan proves that it is the same: plan, scanner and tuning, and a reference point
+    that is measured again. A-lines that the scanner still holds from a session that was killed come in first.
+
+    Parameters
+    ----------
+    path
+        The scan file.
+    scanner_url, progress, cancelled, control, recovery
+        As of :func:`run_scan`.
+    plan
+        Must be the file's, if it is given.
+    retry
+        Quality flags (:data:`BAD`: any): stored A-lines with one of them are measured again, too.
+    tolerance
+        What may have changed.
+
+    Raises
+    ------
+    DamagedFile
+        When ``path`` is no scan file, or damaged beyond its A-lines.
+    ResumeRefused
+        A :class:`Conflict` that names every difference; nothing was fired but for the reference point.
+    InvalidInput, Cancelled, ScanFailed
+        As of :func:`run_scan`.
+    """
+    allowed = tolerance or Tolerance()
+    report = check_scan_file(path, progress=progress)
+    starter = control or Control(progress, cancelled)
+    asked = control is not None
+    try:
+        with _scanner(scanner_url, recovery, starter) as scanner, AlineStore(path) as store:
+            findings = compare_identity(store, plan, scanner.capabilities)
+            require(findings)
+            session = ScanSession(scanner, store, starter, recovery.within)
+            rescued = session.rescue()
+            wanted = store.missing | store.flagged(retry)
+            if not wanted.any():
+                return _summary(store, End.COMPLETE, rescued, findings)
+            with hearing(scanner, starter):
+                if (wish := starter.wish()) not in ENDING:
+                    findings += compare_tuning(scanner, store, allowed)
+                    require(findings)
+                    wish = starter.wish()
+                if wish in ENDING:  # not a shot more, and what the disk did not take is still in the scanner
+                    return _summary(store, _end_of(wish), rescued, findings, asked=asked)
+                findings += _compare_reference(scanner, store, report, allowed, starter)
+            require(findings)
+            end = session.measure(wanted)
+            return _summary(store, end, rescued, findings, asked=asked)
+    except GivenUp as error:
+        return _given_up(path, report.rows, error.wish, asked=asked)
+
+
+def _compare_reference(
+    scanner: fabry_perot.Scanner, store: AlineStore, report: CheckReport, allowed: Tolerance, starter: Control
+) -> list[Finding]:
+    """Measure the reference point again, which fires, and compare it."""
+    starter.may_fire(True)
+    try:
+        return compare_reference(scanner, store, report, allowed)
+    finally:
+        starter.may_fire(False)
+
+
+def check_scanner(plan: ScanPlan, capabilities: fabry_perot.Capabilities) -> None:
+    """Raise an error for requirements of a plan that the scanner does not meet, before a file is created."""
+    check_pattern(plan.beams, capabilities)
+    capabilities.check(
+        plan.places,
+        samples=plan.samples,
+        sampling_interval=plan.sampling_interval,
+        pulse_rate=plan.pulse_rate,
+        averages=plan.averages,
+    )
+    capabilities.wavelengths(0.0 if plan.bias is None else plan.bias, plan.mask.count)
+    capabilities.gated(plan.gate != "none", plan.mask.count)
+    for wavelength in plan.excitation:
+        check_excitation(capabilities, wavelength)
+
+
+def check_pattern(beams: Sequence[tuple[float, float]], capabilities: fabry_perot.Capabilities) -> None:
+    """Raise InvalidInput where a plan's beams are not the scanner's first ones."""
+    theirs = capabilities.beam_offsets
+    if len(beams) > len(theirs):
+        raise InvalidInput("beams", f"{len(beams)} of them", f"at most {len(theirs)}, which this scanner has")
+    if beams and not np.allclose(beams, theirs[: len(beams)], rtol=0, atol=PATTERN):
+        worst = int(np.abs(np.subtract(beams, theirs[: len(beams)])).max(axis=1).argmax())
+        (x, y), (u, v) = beams[worst], theirs[worst]
+        raise InvalidInput(f"beams[{worst}]", f"({x:g}, {y:g}) m", f"({u:g}, {v:g}) m, where this scanner's is")
+
+
+@contextmanager
+def _scanner(url: str, recovery: fabry_perot.Recovery, starter: Control) -> Iterator[fabry_perot.Scanner]:
+    """Connect to the scanner, guarded until the laser is off, and translate its errors."""
+    scanner: fabry_perot.Scanner | None = None
+    try:
+        with ExitStack() as stack:
+            scanner = fabry_perot.connect(url, recovery=recovery, cancelled=lambda: ending_wish(starter) is not None)
+            stack.enter_context(starter.guarding(scanner))
+            stack.enter_context(scanner)
+            require_no_fault(scanner)
+            yield scanner
+    except fabry_perot.PlanInvalid as error:
+        raise InvalidInput(error.field, error.value, error.allowed) from error
+    except fabry_perot.ScannerError as error:
+        wish = ending_wish(starter)
+        if wish is Wish.ABORT or (wish is not None and scanner is None):
+            raise GivenUp(wish) from error
+        if scanner is not None:
+            require_no_fault(scanner, error)
+        if isinstance(error, fabry_perot.LeaseLapsed | fabry_perot.DeviceRestarted | fabry_perot.ScanAborted):
+            raise ScanInterrupted(f"{error}; resume the scan when the laser may fire again") from error
+        raise ScanFailed(str(error)) from error
+
+
+def require_no_fault(scanner: fabry_perot.Scanner, cause: Exception | None = None) -> None:
+    """Raise FaultLatched where the scanner has latched a fault or an emergency stop, which a person clears first."""
+    if scanner.state in {"fault", "estop"}:
+        code = scanner.status.fault if scanner.state == "fault" else 0
+        fault = fabry_perot.faults.by_code(code)
+        raise FaultLatched(code, f"{fault}; {fault.remedy}, then clear the fault") from cause
+
+
+def _end_of(wish: Wish) -> End:
+    return End.ABORTED if wish is Wish.ABORT else End.STOPPED
+
+
+def _given_up(path: Path, points: int, wish: Wish, *, asked: bool) -> ScanSummary:
+    """Sum up a session that ended before the scanner had answered; its file may not have been made."""
+    if path.exists():
+        with AlineStore(path) as store:
+            return _summary(store, _end_of(wish), asked=asked)
+    if not asked:
+        raise Cancelled("the scan was stopped before it began; nothing is written")
+    return ScanSummary(path, points, 0, 0, _end_of(wish))
+
+
+def _summary(
+    store: AlineStore, end: End, rescued: int = 0, findings: list[Finding] | None = None, *, asked: bool = True
+) -> ScanSummary:
+    if end is not End.COMPLETE and not asked:
+        raise Cancelled(f"the scan was stopped after {store.stored} of {store.count} A-lines; they are kept")
+    return ScanSummary(store.path, store.count, store.fired, store.stored, end, rescued, tuple(findings or ()))

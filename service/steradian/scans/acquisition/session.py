@@ -1,0 +1,389 @@
+"""A session: one stretch of work on a scan, from a connected scanner into its file.
+
+Every batch is on the disk before it is acknowledged, and none before those in front of it, so the scanner keeps
+whatever the file does not hold yet: also where a write failed and the scan is then stopped or paused. What
+is uploaded is always just the rows that are wanted, under a tag that the file knows: a later session can tell whether
+A-lines that the scanner still holds are its own.
+"""
+
+from __future__ import annotations
+
+import logging
+import secrets
+from collections import deque
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+import fabry_perot
+from fabry_perot.clock import RealClock
+from fabry_perot.wire.states import HoldCause
+from steradian.core.exceptions import ScanInterrupted
+from steradian.scans.acquisition.control import ENDING, Control, End, Phase, Wish
+from steradian.scans.acquisition.end_requests import hearing
+from steradian.scans.acquisition.excitation import tune_excitation
+from steradian.scans.file.create import is_full
+from steradian.scans.file.program import Course, Segment
+from steradian.scans.file.writer import AlineStore, Upload
+
+_log = logging.getLogger(__name__)
+DEFAULT = fabry_perot.Recovery()
+LOOK = 0.1
+"""Seconds between two looks at what is wished, while nothing is fired."""
+SILENCE = 3.0
+"""Seconds without a word from a scanner after which its scan does not count as running."""
+TRIES = 30
+"""A request whose link is lost is made so often before the scan is given up."""
+INSISTENCE, ARMING = 12.0, 3.0
+"""Seconds after which no further try is made: of a scan that runs, and of one that has not fired yet."""
+AGAIN = 1.0
+"""Seconds between two attempts to write to a full disk."""
+_STOPPED = frozenset({HoldCause.REQUEST, HoldCause.CLEARED})
+"""Why a scanner stands that was not stopped by us."""
+Answer = TypeVar("Answer")
+URGENT = frozenset({Wish.LEAVE, Wish.ABORT})
+"""Wishes for which a request is not made again."""
+_STANDING = frozenset({"paused", "safe_hold", "ready"})
+"""States of a scanner that fires again only when told to."""
+
+
+class ScanSession:
+    """Measures rows of a scan file.
+
+    Parameters
+    ----------
+    scanner
+        Connected.
+    store
+        The scan file.
+    control
+        What is wished, and who is told.
+    within
+        Seconds after which a laser that rests for a full disk comes back only when a person says so.
+    """
+
+    def __init__(
+        self, scanner: fabry_perot.Scanner, store: AlineStore, control: Control, within: float = DEFAULT.within
+    ) -> None:
+        self._scanner, self._store, self._control = scanner, store, control
+        self._course: Course = store.course
+        self._rows: NDArray[np.int64] = np.zeros(0, np.int64)
+        self._taken: deque[Sequence[fabry_perot.ALine]] = deque()
+        """Batches that are not stored yet, in order: the scanner still holds them, but sends each once."""
+        self._fired_before = self._shots_before = 0
+        self._phase: Phase | None = None
+        self._within = within
+        self._fires = False
+        """Whether the laser is to fire, were it not for something that passes."""
+        self._rested = 0.0
+        """Seconds for which it has not, if that was too long."""
+
+    def rescue(self) -> int:
+        """Store A-lines of the previous upload that the scanner still holds, without firing; returns their number.
+
+        After this process was killed the scanner holds A-lines that were fired and never acknowledged.
+        """
+        last = self._store.last_upload()
+        if last is None:
+            return 0
+        before = self._store.stored
+        try:
+            self._course.upload(self._scanner, last.rows, last.tag, resume=True)
+        except fabry_perot.PlanInvalid:
+            return 0  # it has booted since, or measured something else
+        self._rows = last.rows
+        self._taken.clear()
+        self._drain()
+        self._count(last.fired + self._laser_shots() - last.laser_shots)
+        return self._store.stored - before
+
+    def measure(self, wanted: NDArray[np.bool_]) -> End:
+        """Measure the ``wanted`` rows (F·M,) in the order of interrogation.
+
+        Raises
+        ------
+        fabry_perot.ScannerError
+            When the scanner or its link gave up; every acknowledged A-line is stored.
+        """
+        end = End.COMPLETE
+        for segment in self._course.segments(wanted):
+            wish = self._control.wish()
+            if wish in ENDING:
+                return self._leave(wish)
+            end = self._measure(segment)
+            if end is not End.COMPLETE:
+                return end
+        self._enter(Phase.COMPLETING)
+        return end
+
+    def _measure(self, segment: Segment) -> End:
+        if self._phase not in {Phase.RUNNING, Phase.RESCUING}:
+            self._enter(Phase.ARMING)
+        tag = 1 + secrets.randbelow(0xFFFFFFFE)
+        with hearing(self._scanner, self._control):
+            tune_excitation(self._scanner, segment.excitation)
+            try:
+                upload = Upload(segment.rows, tag, self._store.fired, self._laser_shots(ENDING))
+            except fabry_perot.LinkError:
+                if (wish := self._control.wish()) not in ENDING:
+                    raise
+                self._leave(Wish.ABORT)
+                return End.ABORTED if wish is Wish.ABORT else End.STOPPED
+        if not self._store_patiently(lambda: self._store.note_upload(upload)):
+            return self._leave(self._control.wish())
+        with hearing(self._scanner, self._control):
+            self._course.upload(self._scanner, segment.rows, tag)
+        if (wish := self._control.wish()) in ENDING:
+            return self._leave(wish)
+        self._rows = segment.rows
+        self._taken.clear()
+        self._fired_before, self._shots_before = self._store.fired, self._scanner.status.shots
+        try:
+            if (early := self._start()) is not None:
+                return self._leave(early)
+            while (end := self._take()) is None:
+                pass
+            if end is End.ABORTED:
+                self._note_fired()
+                return end
+            self._report_fired()
+        except BaseException:
+            self._note_fired()
+            raise
+        finally:
+            self._may_fire(False)
+        return end
+
+    def _start(self) -> Wish | None:
+        """Start the scanner; returns the wish to end that came before it."""
+        self._may_fire(True)
+        with hearing(self._scanner, self._control):
+            token = self._scanner.arm()
+            if (wish := self._control.wish()) in ENDING:  # wished before ARM; an abort after it spends the token
+                return wish
+            self._scanner.start(token)
+        return None
+
+    def _may_fire(self, allowed: bool) -> None:
+        self._fires = allowed
+        self._control.may_fire(allowed)
+
+    def _after_a_lapse(self, lapse: fabry_perot.LeaseLapsed) -> End | None:
+        """Keep the laser off after a lapse, unless a requested pause ends now; execute other commands."""
+        wish = self._control.wish()
+        if wish is Wish.PAUSE:
+            wish = self._pause()
+            if wish is Wish.RUN:
+                return None
+        if wish in ENDING:
+            return self._leave(wish)
+        raise lapse
+
+    def _laser_shots(self, ending: frozenset[Wish] = URGENT) -> int:
+        """Return the laser's own counter, which lasts longer than the scanner's boots."""
+        return int(self._insist(self._scanner.statistics, ending)["laser_shots"])
+
+    def _take(self) -> End | None:
+        """Store received A-lines; returns the outcome, or ``None`` if the session continues."""
+        try:
+            for batch in self._scanner.alines(idle=True):
+                if batch and not self._keep(batch):
+                    return self._leave(self._control.wish())
+                if self._rested:
+                    self._drain()
+                    raise ScanInterrupted(
+                        f"the laser rested {self._rested:.0f} s for a full disk; what it fired is stored, resume when"
+                        " it may fire again"
+                    )
+                recovering = self._scanner.recovering or self._scanner.silence > SILENCE
+                if recovering:
+                    self._enter(Phase.RECOVERING)
+                elif self._phase is Phase.RECOVERING or batch:
+                    self._enter(Phase.RUNNING)
+                wish = self._control.wish()
+                if wish is Wish.PAUSE and not recovering:
+                    wish = self._pause()
+                if wish in ENDING and not (wish is Wish.STOP and recovering):
+                    return self._leave(wish)
+        except fabry_perot.LeaseLapsed as lapse:
+            return self._after_a_lapse(lapse)
+        except fabry_perot.ScanAborted:
+            if self._control.wish() is not Wish.ABORT:
+                raise
+            return self._leave(Wish.ABORT)
+        return End.COMPLETE
+
+    def _pause(self) -> Wish:
+        """Stop firing, store fired shots, and wait for another command, which is returned."""
+        self._enter(Phase.PAUSING)
+        self._halt()
+        self._enter(Phase.PAUSED)
+        self._note_fired()
+        while (wish := self._control.wish()) is Wish.PAUSE:
+            self._control.wait(LOOK)
+        if wish is Wish.RUN:
+            self._enter(Phase.ARMING)
+            self._may_fire(True)
+            self._go_on()
+        return wish
+
+    def _leave(self, wish: Wish) -> End:
+        """End before the end."""
+        if wish is Wish.STOP:
+            self._enter(Phase.STOPPING)
+            self._halt()
+            return End.STOPPED
+        self._enter(Phase.ABORTING)
+        self._fires = False
+        if wish is Wish.ABORT:
+            answer = self._scanner.stop_laser("the scan's own abort")  # not left before the scanner says that it is off
+            if answer.laser != "off":
+                _log.warning("the abort is not confirmed, the laser goes off by itself: %s", answer.detail)
+            return End.ABORTED
+        try:
+            self._scanner.abort("laser-off")
+        except fabry_perot.ScannerError as error:  # it does not hear us: then its lease is not renewed either
+            _log.warning("the scanner does not answer the abort, its laser goes off by itself: %s", error)
+            return End.ABORTED
+        self._control.laser_is_off()
+        self._drain()
+        return End.STOPPED
+
+    def _halt(self) -> None:
+        """Stop firing and store the shots already fired."""
+        self._fires = False
+        self._rest()
+        self._control.may_fire(False)
+        self._drain()
+
+    def _rest(self) -> None:
+        """Stop firing."""
+        try:
+            self._insist(self._scanner.pause)
+        except fabry_perot.Refused:  # it stands already: done, or the lease has lapsed
+            return
+
+    def _drain(self) -> None:
+        """Store the A-lines that the scanner holds, without firing."""
+        if not self._keep():
+            return
+        try:
+            for batch in self._scanner.alines(idle=True):
+                if batch and not self._keep(batch):
+                    return
+                if not self._scanner.holds:
+                    return
+        except (fabry_perot.LeaseLapsed, fabry_perot.ScanAborted):
+            return
+
+    def _keep(self, batch: Sequence[fabry_perot.ALine] = ()) -> bool:
+        """Store and acknowledge in order; False when the disk was full and the end was not waited for.
+
+        An acknowledgement frees all A-lines up to its own. So what could not be stored comes before what follows it,
+        and nothing but this acknowledges.
+        """
+        if batch:
+            if self._phase is None:
+                self._enter(Phase.RESCUING)
+            self._taken.append(batch)
+        while self._taken:
+            first = self._taken[0]
+            if not self._store_patiently(partial(self._store.append, first, self._rows)):
+                return False
+            self._scanner.acknowledge(first[-1])
+            self._taken.popleft()
+            self._note_fired()
+            self._control.progress(self._store.stored, self._store.count)
+        return True
+
+    def _store_patiently(self, write: Callable[[], None]) -> bool:
+        """Write A-lines; while the disk is full, pause the laser and retry. Returns False at a command to end."""
+        blocked, clock = False, RealClock()
+        while True:
+            try:
+                write()
+                break
+            except OSError as error:
+                if not is_full(error):
+                    raise
+            if not blocked:
+                since = clock.now()
+                self._rest()
+            blocked = True
+            self._control.blocked(f"the disk of {self._store.path} is full")
+            if self._control.wish() in ENDING:
+                return False
+            self._control.wait(AGAIN)
+        if blocked:
+            self._control.blocked(None)
+            if self._fires and self._control.wish() is Wish.RUN:
+                rested = (clock.now() - since) * 1e-6
+                if rested > self._within or not self._go_on(by_itself=True):
+                    self._fires, self._rested = False, rested
+        return True
+
+    def _go_on(self, *, by_itself: bool = False) -> bool:
+        """Resume firing, if points are left and the scanner was not stopped by another host.
+
+        Returns whether that was allowed: ``by_itself`` nobody has decided so, and the scanner's own rule holds, which
+        is asked again just before the laser starts.
+        """
+        if self._scanner.state in _STANDING and self._scanner.status.cause not in _STOPPED:
+            try:
+                self._insist(partial(self._scanner.resume, by_itself=by_itself, unless=self._is_to_end))
+            except fabry_perot.LeaseLapsed as error:
+                _log.warning("the scan was not taken up again: %s", error)
+                return False
+            except fabry_perot.ScanAborted as error:
+                if not self._is_to_end():
+                    raise
+                _log.info("the scan was not taken up again: %s", error)
+            except fabry_perot.Refused as error:  # its state has changed meanwhile; what it is now, the next look tells
+                _log.info("the scan was not taken up again: %s", error)
+        return True
+
+    def _is_to_end(self) -> bool:
+        return self._control.wish() in ENDING
+
+    def _insist(self, request: Callable[[], Answer], ending: frozenset[Wish] = URGENT) -> Answer:
+        """Make a request again when the link was renewed under it, unless one of the wishes ``ending`` is there.
+
+        Before a shot was fired that is not tried for long.
+        """
+        arming, clock = self._phase in (None, Phase.ARMING), RealClock()
+        deadline = clock.now() + int(1e6 * (ARMING if arming else INSISTENCE))
+        for left in reversed(range(TRIES)):
+            try:
+                return request()
+            except (fabry_perot.LinkLost, fabry_perot.NoAnswer):
+                if not left or clock.now() > deadline or self._control.wish() in (ENDING if arming else ending):
+                    raise
+            self._control.wait(LOOK)
+        raise AssertionError
+
+    def _report_fired(self) -> None:
+        """Record the scanner's report of this upload; a report missing after the last A-line is not an error."""
+        try:
+            self._count(self._fired_before + self._insist(self._scanner.report).fired)
+        except fabry_perot.ScannerError as error:
+            _log.warning("the scanner does not tell how often it fired: %s", error)
+            self._note_fired()
+
+    def _note_fired(self) -> None:
+        """Record the scanner's shot count; after a reboot it restarts at 0, until the report at the end."""
+        if self._phase not in {None, Phase.RESCUING}:  # the shots of the session before count otherwise
+            self._count(self._fired_before + self._scanner.status.shots - self._shots_before)
+
+    def _count(self, fired: int) -> None:
+        """Note shots; a scanner that has forgotten some cannot take them back."""
+        fired = max(fired, self._store.stored // self._course.beams * self._course.averages)
+        if fired > self._store.fired:
+            self._store.set_fired(fired)
+
+    def _enter(self, phase: Phase) -> None:
+        if phase is not self._phase:
+            self._phase = phase
+            self._control.enter(phase)

@@ -1,0 +1,1 @@
+"""Scan files (HDF5): schema, writer, readers, verification."""

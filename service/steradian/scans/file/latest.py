@@ -1,0 +1,44 @@
+"""Find the most recently stored row."""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+from google_crc32c import value as crc32c
+from numpy.typing import NDArray
+
+from steradian.scans.file import schema
+
+
+def newest_row(file: h5py.File) -> int | None:
+    """Return the row that was stored last, also while a scan is written; ``None`` where none is.
+
+    A-lines are stored in the order in which their rows were given to the scanner: it is the last one up to which all of
+    them are there. Where none of them is there yet, or the file does not say what was given, it is the row of the
+    latest shot; shots are counted anew when the scanner boots.
+
+    Raises
+    ------
+    KeyError
+        Where the file lacks a dataset.
+    """
+    stored = file["alines/status"][:] == schema.STORED
+    if not stored.any():
+        return None
+    given = _given(file)
+    missing = np.flatnonzero(~stored[given])
+    done = int(missing[0]) if len(missing) else len(given)
+    if done:
+        return int(given[done - 1])
+    return int(np.where(stored, np.asarray(file["alines/shot"], np.int64), -1).argmax())
+
+
+def _given(file: h5py.File) -> NDArray[np.int64]:
+    """Return the rows last given to the scanner, in order; none where that is not known for sure."""
+    nothing = np.zeros(0, np.int64)
+    if "run" not in file:
+        return nothing
+    head, queue = np.asarray(file["run/upload"]), np.asarray(file["run/queue"])
+    rows = queue[: max(0, int(head[0]))]
+    proven = crc32c(rows.tobytes() + head[:-1].tobytes()) == int(head[-1])
+    return rows.astype(np.int64) if proven else nothing

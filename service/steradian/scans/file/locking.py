@@ -1,0 +1,59 @@
+"""Single-writer, multiple-reader locking of scan files."""
+
+from __future__ import annotations
+
+import errno
+import struct
+import sys
+from pathlib import Path
+
+import h5py
+
+from steradian.core.exceptions import Conflict
+
+_FLOCK = "hhqqi"
+"""The system's ``struct flock``: type, whence, start, length, process."""
+
+
+def lock(handle: int, path: Path) -> None:
+    """Hold a file for writing until it is closed; the system lets go of it when the process dies.
+
+    The lock belongs to the open file and not to the process, and it is of another kind than the HDF5 library's: readers
+    are not disturbed. On NFS both kinds are one, see :func:`open_to_read`. Where there are no such locks, nothing is
+    held.
+
+    Raises
+    ------
+    Conflict
+        When somebody else holds it.
+    """
+    if sys.platform != "linux":
+        return
+    import fcntl
+
+    request = struct.pack(_FLOCK, fcntl.F_WRLCK, 0, 0, 0, 0)
+    try:
+        fcntl.fcntl(handle, fcntl.F_OFD_SETLK, request)
+    except OSError as error:
+        if error.errno in (errno.EAGAIN, errno.EACCES):
+            raise Conflict(f"{path} is being written by another process") from error
+        if error.errno not in (errno.EINVAL, errno.ENOLCK, errno.EOPNOTSUPP):
+            raise
+
+
+def open_to_read(path: Path) -> h5py.File:
+    """Open a scan file for reading, also while another process writes to it.
+
+    The HDF5 library locks what it opens, and NFS makes of its lock one of the same kind as the writer's, which keeps
+    every reader out, the writer's own included. The file's structure never changes while it is written and each row
+    proves itself, so then it is opened without.
+
+    Raises
+    ------
+    OSError
+        When it is no HDF5 file or cannot be read.
+    """
+    try:
+        return h5py.File(path, "r")
+    except OSError:
+        return h5py.File(path, "r", locking=False)

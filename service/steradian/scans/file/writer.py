@@ -1,0 +1,299 @@
+"""Durable writer of scan files: append returns after fsync.
+
+The HDF5 library makes the file once, with every dataset allocated at its full size, and closes it
+(:mod:`steradian.scans.file.create`). Appending then overwrites rows in their places and ends with ``fdatasync``, once a
+batch; nothing of HDF5's own structure changes, so neither a kill nor a power cut can damage it, and any HDF5 reader
+may look at a running scan.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TypeAlias
+
+import google_crc32c
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.core.exceptions import DamagedFile, InvalidInput
+from steradian.scans.file import schema
+from steradian.scans.file.columns import StorableAline, columns_of
+from steradian.scans.file.corruption import BROKEN
+from steradian.scans.file.create import create_scan_file, is_full
+from steradian.scans.file.locking import lock, open_to_read
+from steradian.scans.file.program import Course
+from steradian.scans.file.rows import pack, row_checksums
+
+__all__ = ["AlineStore", "StorableAline", "create_scan_file"]
+_Rows: TypeAlias = NDArray[np.void] | Mapping[str, NDArray[Any]]
+"""Columns of some rows by their names."""
+SPAN = 1 << 16
+"""A batch writes a column in one piece, values between its rows with it, up to so many bytes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Upload:
+    """Upload record: the points that a session sent to the scanner.
+
+    Attributes
+    ----------
+    rows
+        (K,) rows of the file in the order of interrogation.
+    tag
+        Of this upload alone.
+    fired
+        Shots fired for the scan before it.
+    laser_shots
+        The laser's own counter before it.
+    """
+
+    rows: NDArray[np.int64]
+    tag: int
+    fired: int
+    laser_shots: int
+
+
+class AlineStore:
+    """Durable appends into a scan file; one writer at a time.
+
+    Parameters
+    ----------
+    path
+        A file made by :func:`create_scan_file`.
+
+    Raises
+    ------
+    Conflict
+        When another process writes to it.
+    DamagedFile
+        When it is no such file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._file = path.open("r+b", buffering=0)
+        self._handle = self._file.fileno()
+        try:
+            lock(self._handle, path)
+            with open_to_read(path) as file:
+                self._locate(file)
+        except (OSError, *BROKEN) as error:
+            self._file.close()
+            raise DamagedFile(f"{path} cannot be read as a scan: {error}") from error
+        except BaseException:
+            self._file.close()
+            raise
+
+    def _locate(self, file: h5py.File) -> None:
+        """Locate the file's datasets and read which rows are stored."""
+        alines = file["alines"]
+        samples = alines["samples"]
+        self.course = Course.of_file(file)
+        self.count, self.samples = samples.shape
+        self.kind: np.dtype[Any] = np.dtype(samples.dtype)
+        if self.kind not in schema.SAMPLE_KINDS:
+            raise DamagedFile(f"{self.path} has samples of the kind {self.kind}; expected int16 or float32")
+        self._order = self.course.order
+        self._chunk_rows = samples.chunks[0]
+        self._chunks = [
+            samples.id.get_chunk_info_by_coord((row, 0)).byte_offset for row in range(0, self.count, self._chunk_rows)
+        ]
+        self.version = int(file.attrs["schema_version"])
+        kinds = schema.columns_of(self.version)
+        self._offsets = {name: alines[name].id.get_offset() for name in kinds}
+        # not through HDF5, which may answer a second opening of a file by one process from what it remembers
+        self._columns = {
+            name: self._read(self._offsets[name], self.count, np.dtype(kind)).copy() for name, kind in kinds.items()
+        }
+        self._stored: NDArray[np.bool_] = self._columns["status"] == schema.STORED
+        self._fired_offset = file["fired"].id.get_offset()
+        self.fired = int(self._read(self._fired_offset, 1, np.dtype(schema.FIRED))[0])
+        self._run = {name: file["run"][name].id.get_offset() for name in file["run"]} if "run" in file else {}
+
+    @property
+    def stored(self) -> int:
+        """Number of A-lines stored so far."""
+        return int(self._stored.sum())
+
+    @property
+    def missing(self) -> NDArray[np.bool_]:
+        """(F·M,) which rows hold no A-line yet."""
+        missing: NDArray[np.bool_] = ~self._stored
+        return missing
+
+    def flagged(self, bits: int = 0xFFFFFFFF) -> NDArray[np.bool_]:
+        """(F·M,) which stored A-lines have one of these quality flags."""
+        flagged: NDArray[np.bool_] = self._stored & ((self._columns["quality"] & np.uint32(bits)) != 0)
+        return flagged
+
+    def append(self, alines: Iterable[StorableAline], rows: NDArray[np.int64] | None = None) -> None:
+        """Store A-lines and return when they are on the disk; only then may they be acknowledged.
+
+        Parameters
+        ----------
+        alines
+            What came.
+        rows
+            Rows that were given to the scanner: A-line ``point`` belongs to row ``rows[point]``. By default all, in
+            the order of interrogation.
+
+        Raises
+        ------
+        InvalidInput
+            When an A-line has another length or an unknown point.
+        OSError
+            When the disk fails; A-lines of this call may then be stored or not, earlier ones are. The same call may be
+            made again.
+        """
+        given = self._order if rows is None else rows
+        columns = columns_of(alines, self.samples, self.kind)
+        points = columns.points
+        if not len(points):
+            return
+        beyond = points[points.view(np.uint64) >= len(given)]  # as a negative one is, too
+        if beyond.size:
+            raise InvalidInput("point", int(beyond[0]), f"0 to {len(given) - 1}")
+        places = given[points]
+        new = pack(columns.values)
+        new["crc32c"] = row_checksums(self.version, columns.checksums, new)
+        before = {name: values[places] for name, values in self._columns.items()}
+        self._stored[places] = False
+        try:
+            self._put(places, new)
+            self._write_samples(places, columns.pieces)
+            self._write_columns(places)
+            sync_data(self._handle)
+        except BaseException:
+            self._forget(places, before)
+            raise
+        self._stored[places] = True
+
+    def set_fired(self, shots: int) -> None:
+        """Note how many shots the scanner says it has fired; on a full disk that waits for the next time."""
+        self.fired = shots
+        try:
+            self._overwrite(self._fired_offset, np.asarray(shots, schema.FIRED).tobytes())
+        except OSError as error:
+            if not is_full(error):
+                raise
+
+    def note_upload(self, upload: Upload) -> None:
+        """Record durably the upload that the scanner is about to receive; files of version 1 cannot."""
+        if not self._run:
+            return
+        data = np.ascontiguousarray(upload.rows, schema.UPLOAD).tobytes()
+        self._overwrite(self._run["queue"], data)
+        head = [len(upload.rows), upload.tag, upload.fired, upload.laser_shots]
+        crc = google_crc32c.value(data + np.array(head, schema.UPLOAD).tobytes())
+        self._overwrite(self._run["upload"], np.array([*head, crc], schema.UPLOAD).tobytes())
+        sync_data(self._handle)
+
+    def last_upload(self) -> Upload | None:
+        """Return the last upload, if it is known for certain."""
+        if not self._run:
+            return None
+        head = self._read(self._run["upload"], schema.UPLOAD_FIELDS, schema.UPLOAD)
+        count, tag, fired, laser_shots, crc = head.tolist()
+        if not 0 < count <= self.count:
+            return None
+        rows = self._read(self._run["queue"], count, schema.UPLOAD)
+        if google_crc32c.value(rows.tobytes() + head[:-1].tobytes()) != crc:
+            return None
+        return Upload(rows.astype(np.int64), tag, fired, laser_shots)
+
+    def set_reference(self, point: int, bias: float, sensitivity: float, reflectivity: float) -> None:
+        """Note how the film was tuned at a point when the scan began."""
+        if self._run:
+            values = np.array([point, bias, sensitivity, reflectivity], schema.REFERENCE)
+            self._overwrite(self._run["reference"], values.tobytes())
+
+    def reference(self) -> tuple[int, float, float, float] | None:
+        """Return the reference set by :meth:`set_reference`, if any."""
+        if not self._run:
+            return None
+        point, bias, sensitivity, reflectivity = self._read(self._run["reference"], 4, schema.REFERENCE).tolist()
+        return (int(point), bias, sensitivity, reflectivity) if bias > 0 else None
+
+    def set_status(self, rows: NDArray[np.int64], status: int) -> None:
+        """Correct the table of stored rows; the A-lines themselves stay unchanged."""
+        self._columns["status"][rows] = status
+        self._stored[rows] = status == schema.STORED
+        for row in rows.tolist():
+            self._overwrite(self._offsets["status"] + row, bytes([status]))
+        sync_data(self._handle)
+
+    def read_row(self, row: int) -> NDArray[Any]:
+        """Return the (N_t,) samples of one row."""
+        chunk, within = divmod(row, self._chunk_rows)
+        start = self._chunks[chunk] + within * self.samples * self.kind.itemsize
+        return self._read(start, self.samples, self.kind)
+
+    def column(self, name: str) -> NDArray[Any]:
+        """Return a copy of one column of the shot table, (F·M,); KeyError where the file's version has none."""
+        return self._columns[name].copy()
+
+    def close(self) -> None:
+        """Flush and close; the file is valid without it."""
+        if not self._file.closed:
+            try:
+                self.set_fired(self.fired)
+                os.fsync(self._handle)
+            finally:
+                self._handle = -1  # the number may soon be another file's
+                self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _write_samples(self, places: NDArray[np.int64], pieces: Sequence[bytes]) -> None:
+        """Write A-lines into their rows, neighbours in one go."""
+        size, rows, chunks = len(pieces[0]), self._chunk_rows, self._chunks
+        following = places[1:]
+        ends = ((following - places[:-1] != 1) | (following % rows == 0)).nonzero()[0] + 1
+        starts = [0, *ends.tolist()]
+        for start, end, place in zip(starts, [*starts[1:], len(pieces)], places[starts].tolist(), strict=True):
+            data = pieces[start] if end == start + 1 else b"".join(pieces[start:end])
+            self._overwrite(chunks[place // rows] + place % rows * size, data)
+
+    def _write_columns(self, places: NDArray[np.int64]) -> None:
+        """Write the table at ``places``; rows between them keep their verified content."""
+        first, last = int(places.min()), int(places.max()) + 1
+        for name, values in self._columns.items():
+            offset, size = self._offsets[name], values.itemsize
+            if (last - first) * size <= SPAN:
+                self._overwrite(offset + first * size, values[first:last].tobytes())
+                continue
+            for place in places.tolist():
+                self._overwrite(offset + place * size, values[place].tobytes())
+
+    def _put(self, places: NDArray[np.int64], rows: _Rows) -> None:
+        for name, values in self._columns.items():
+            values[places] = rows[name]
+
+    def _forget(self, places: NDArray[np.int64], before: _Rows) -> None:
+        """Mark the rows at ``places`` as missing, because a failed write leaves them undefined."""
+        self._put(places, before)
+        self._columns["status"][places] = schema.MISSING
+
+    def _overwrite(self, offset: int, data: bytes) -> None:
+        written = os.pwrite(self._handle, data, offset)
+        while written < len(data):  # a write may be short
+            written += os.pwrite(self._handle, data[written:], offset + written)
+
+    def _read(self, offset: int, count: int, kind: np.dtype[Any]) -> NDArray[Any]:
+        return np.frombuffer(os.pread(self._handle, count * kind.itemsize, offset), kind)
+
+
+def sync_data(file: int) -> None:
+    """Wait until the file's data are on the disk; its size and bookkeeping never change while a scan runs."""
+    getattr(os, "fdatasync", os.fsync)(file)

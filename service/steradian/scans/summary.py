@@ -1,0 +1,50 @@
+"""Final A-line counts of a scan."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from steradian.core.exceptions import DamagedFile, NotFound
+from steradian.scans.file import schema
+from steradian.scans.file.corruption import BROKEN
+from steradian.scans.file.locking import open_to_read
+from steradian.storage.blobs.interface import Arrays, scan_name
+
+
+def figures_of(arrays: Arrays, own: Path, scan_id: str) -> dict[str, Any]:
+    """Count the A-lines of an abandoned scan.
+
+    Where its file is lost with the host that wrote it, what was kept of it before counts from now on, for everybody;
+    nothing is counted where that is lost or damaged too.
+
+    Parameters
+    ----------
+    own
+        Where its file is, if it is on this host.
+
+    Raises
+    ------
+    StoreUnavailable
+        When what is kept cannot be had now.
+    """
+    if own.exists():
+        return count_alines(own)
+    arrays.settle(name := scan_name(scan_id))
+    try:
+        return count_alines(arrays.open(name))
+    except (NotFound, DamagedFile):
+        return {}
+
+
+def count_alines(path: Path) -> dict[str, Any]:
+    """Count the rows of a scan file: ``points``, ``stored``, ``fired``; empty without a readable file."""
+    try:
+        with open_to_read(path) as file:
+            status = np.asarray(file["alines/status"])
+            stored = int((status == schema.STORED).sum())
+            return {"points": len(status), "stored": stored, "fired": int(file["fired"][()])}
+    except (OSError, *BROKEN):
+        return {}

@@ -1,0 +1,1 @@
+"""Array storage: local files or an object store, with a cache."""

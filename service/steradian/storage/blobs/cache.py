@@ -1,0 +1,157 @@
+"""Content-addressed cache of remote objects on local disk, evicted least recently used."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+import filelock
+
+from steradian.core.atomic_files import ENDING
+
+HELD: Final = 16
+"""Files that a process holds: those that it has asked for last."""
+ABANDONED: Final = 3600.0
+"""Seconds after which a draft that nobody writes to is removed."""
+LOCKS: Final = "locks"
+
+
+class Cache:
+    """A folder of files, used by many threads and processes at once.
+
+    Parameters
+    ----------
+    folder
+        Made when missing.
+    limit
+        Bytes. What is held, because a process has just asked for it, stays beyond that.
+    """
+
+    def __init__(self, folder: Path, limit: int) -> None:
+        self._folder, self._limit = folder, limit
+        self._held: OrderedDict[Path, int] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def get(self, name: str, size: int, modified: float, fetch: Callable[[Path], None]) -> Path:
+        """Return a file, fetched if it is not there; it stays while this process is among the last to ask for it.
+
+        Parameters
+        ----------
+        name
+            Tells its content.
+        size
+            Its bytes, for which room is made.
+        modified
+            The time that it is to have (s since 1970), the same on every host.
+        fetch
+            Writes it to a path; what it raises is passed on, and nothing is kept.
+        """
+        path = self._folder / name
+        while not self._hold(path):
+            with self._alone(name):
+                if not path.is_file():
+                    self._make_room(size)
+                    self._add(path, modified, fetch)
+        return path
+
+    def take(self, name: str, file: Path, modified: float) -> None:
+        """Move a file in, whose content has that name."""
+        self._make_room(file.stat().st_size)
+        with self._alone(name):
+            os.utime(file, (time.time(), modified))
+            os.replace(file, self._folder / name)
+
+    def has(self, name: str) -> Path | None:
+        """Return a file if it is there."""
+        path = self._folder / name
+        return path if self._hold(path) else None
+
+    def _add(self, path: Path, modified: float, fetch: Callable[[Path], None]) -> None:
+        draft = path.with_name(f"{path.name}.{os.getpid()}{ENDING}")
+        try:
+            fetch(draft)
+            os.utime(draft, (time.time(), modified))
+            os.replace(draft, path)
+        finally:
+            draft.unlink(missing_ok=True)
+
+    def _alone(self, name: str) -> filelock.BaseFileLock:
+        """Keep others from fetching the same; some thousand locks serve all names, so that few wait for another's."""
+        (self._folder / LOCKS).mkdir(mode=0o700, parents=True, exist_ok=True)
+        return filelock.FileLock(self._folder / LOCKS / name[:3])
+
+    def _hold(self, path: Path) -> bool:
+        """Keep a file from going, and note that it is used; ``False`` when it is not there."""
+        with self._lock:
+            try:
+                if path not in self._held:
+                    self._held[path] = _held(path)
+                os.utime(path, (time.time(), path.stat().st_mtime))
+            except FileNotFoundError:
+                if (handle := self._held.pop(path, None)) is not None:
+                    os.close(handle)
+                return False
+            self._held.move_to_end(path)
+            while len(self._held) > HELD:
+                os.close(self._held.popitem(last=False)[1])
+        return True
+
+    def _make_room(self, size: int) -> None:
+        """Remove the least recently used files until ``size`` bytes fit within the limit."""
+        found, now = [], time.time()
+        self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        for entry in os.scandir(self._folder):
+            with suppress(FileNotFoundError):
+                about = entry.stat()
+                if entry.name.endswith(ENDING) and now - about.st_mtime > ABANDONED:
+                    os.unlink(entry)
+                elif entry.is_file():
+                    found.append((about.st_atime, about.st_size, Path(entry)))
+        total = size + sum(each for _, each, _ in found)
+        for _, each, path in sorted(found):
+            if total <= self._limit:
+                return
+            if not path.name.endswith(ENDING) and _remove(path):
+                total -= each
+
+
+def _held(path: Path) -> int:
+    """Open a file and lock it, so that :func:`_remove` leaves it."""
+    handle = os.open(path, os.O_RDONLY)
+    if sys.platform != "win32":  # there what is open cannot be removed
+        import fcntl
+
+        fcntl.flock(handle, fcntl.LOCK_SH)
+    try:
+        if not os.path.samestat(os.fstat(handle), path.stat()):
+            raise FileNotFoundError(path)
+    except FileNotFoundError:  # removed just before it was locked
+        os.close(handle)
+        raise
+    return handle
+
+
+def _remove(path: Path) -> bool:
+    """Remove a file unless a process holds its lock."""
+    try:
+        handle = os.open(path, os.O_RDONLY)
+        try:
+            if sys.platform != "win32":
+                import fcntl
+
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            path.unlink()
+        finally:
+            os.close(handle)
+    except FileNotFoundError:
+        return True
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,295 @@
+"""Blob store on S3: immutable objects, names in the database, local cache.
+
+A key is ``<name>/<sha256>``. An object without a row is not there for anybody: it waits for its row, or is an orphan.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from pathlib import Path, PurePosixPath
+from typing import Final
+from uuid import uuid4
+
+from sqlalchemy import delete, select
+from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.orm import Session
+
+from steradian.core.exceptions import DamagedFile, InvalidInput, StoreUnavailable
+from steradian.core.settings import Settings
+from steradian.storage.blobs.cache import Cache
+from steradian.storage.blobs.interface import Arrays, Folder, Stat, Stored
+from steradian.storage.blobs.s3 import PATIENCE, Bucket
+from steradian.storage.blobs.staleness import has_moved_on, last_begun
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.database import Database, take_turns
+from steradian.storage.db.tables import LogRow, ObjectRow, ScanRow
+from steradian.storage.repositories.base import Clock, utc_now
+
+ORPHANS_KEPT: Final = timedelta(days=1)
+"""Age from which an object without a row is nobody's; much more than lies between an object and its row."""
+AT_A_TIME: Final = 100
+"""Objects that are swept while nothing is announced."""
+SWEEP_LOCK: Final = 0x57E2AD1D
+"""Number of the PostgreSQL advisory lock under which rows are written and orphans deleted."""
+CLOCK: Final = 1e-3
+"""Seconds within which two times of files are the same."""
+IDENTITY, FACT = "identity", "store"
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Contents:
+    """Inconsistencies between rows and objects: names with a missing or resized object, and keys without a row."""
+
+    objects: int
+    bytes: int
+    missing: list[str]
+    orphans: list[str]
+
+
+class ObjectStore:
+    """Keeps everything as objects, and finds files that are not kept yet in the data folder.
+
+    Parameters
+    ----------
+    settings
+        Which store; its keys are those of the environment, as S3's programs know them.
+    database
+        Where names are.
+
+    Raises
+    ------
+    InvalidInput
+        When the library for it is not installed.
+    """
+
+    def __init__(
+        self, settings: Settings, database: Database, clock: Clock = utc_now, patience: timedelta = PATIENCE
+    ) -> None:
+        self.place, self._database, self._clock = settings.store or "", database, clock
+        data = DataDirectory(settings.data)
+        self._folder, self._cache = Folder(data), Cache(data.cache, settings.store_cache_bytes)
+        self._bucket = Bucket(self.place, settings.store_endpoint, patience)
+        self._at_once = Bucket(self.place, settings.store_endpoint, timedelta(0))
+
+    def open(self, name: str) -> Path:
+        """Return this host's copy, downloaded if necessary, or the local file of an object that is not stored yet."""
+        row = self._row(name)
+        if row is None:
+            return self._folder.open(name)
+        made = row.created.timestamp()
+        return self._cache.get(_copy_of(row), row.size, made, lambda draft: self._fetch(row, draft))
+
+    def put(self, name: str, file: Path, as_of: datetime | None = None) -> Stored:
+        """Upload a file, which becomes this host's copy, as the content at a given time; default: now."""
+        created = as_of or self._clock()  # before it is read, which takes a while
+        with file.open("rb") as opened:
+            sha256 = hashlib.file_digest(opened, "sha256").hexdigest()
+        stored = Stored(name, file.stat().st_size, created, sha256)
+        if self._bucket.size(_key(stored)) != stored.size:
+            self._bucket.create(_key(stored), file)
+        self._cache.take(_copy_of(stored), file, stored.created.timestamp())
+        return stored
+
+    def announce(self, session: Session, *stored: Stored) -> None:
+        """Write the rows; raises :class:`StoreUnavailable` unless all of the objects are there."""
+        take_turns(session, SWEEP_LOCK)
+        for each in stored:
+            if self._bucket.size(_key(each)) != each.size:
+                raise StoreUnavailable(f"the store has not all of {each.name}")
+            session.merge(ObjectRow(name=each.name, sha256=each.sha256, size=each.size, created=each.created))
+
+    def keep(self, name: str, file: Path) -> None:
+        """Put and announce."""
+        stored = self.put(name, file)
+        with self._database.write() as session:
+            self.announce(session, stored)
+
+    def stat(self, name: str) -> Stat | None:
+        """Look at the row, or at a file that is not kept yet."""
+        row = self._row(name)
+        return self._folder.stat(name) if row is None else Stat(row.size, row.created.timestamp())
+
+    def range(self, name: str, first: int, count: int) -> bytes:
+        """Read from this host's copy, if there is one, else from the store."""
+        row = self._row(name)
+        if row is None:
+            return self._folder.range(name, first, count)
+        if (copy := self._cache.has(_copy_of(row))) is not None:
+            with copy.open("rb") as file:
+                file.seek(first)
+                return file.read(count)
+        length = max(0, min(count, row.size - first))
+        return self._bucket.range(_key(row), first, length) if length else b""
+
+    def url(self, name: str, seconds: float) -> str | None:
+        """Return a signed URL; ``None`` for objects that are not stored yet."""
+        row = self._row(name)
+        return None if row is None else self._bucket.sign(_key(row), seconds)
+
+    def names(self, beginning: str) -> Iterator[str]:
+        """Name rows, and files that are not kept yet."""
+        query = select(ObjectRow.name).where(ObjectRow.name.startswith(beginning, autoescape=True))
+        with self._database.read() as session:
+            known = set(session.scalars(query))
+        yield from sorted(known | set(self._folder.names(beginning)))
+
+    def settle(self, name: str) -> None:
+        """Date a stale copy to the scan's last start, so that the original file, if found later, is newer."""
+        with self._database.write() as session:
+            row = session.get(ObjectRow, name, with_for_update=True)
+            scan = session.scalar(select(ScanRow).where(ScanRow.id == PurePosixPath(name).stem))
+            if row is not None and scan is not None and (begun := last_begun(scan)) is not None:
+                row.created = max(row.created, begun)
+
+    def delete(self, name: str) -> None:
+        """Delete rows, then objects; failed deletions are left to the sweep, and local copies to cache eviction."""
+        which = ObjectRow.name.startswith(name, autoescape=True) if name.endswith("/") else ObjectRow.name == name
+        with self._database.write() as session:
+            keys = [_key(row) for row in session.scalars(select(ObjectRow).where(which))]
+            session.execute(delete(ObjectRow).where(which))
+        try:
+            self._bucket.delete(keys)
+        except StoreUnavailable as error:
+            _log.warning("%d objects are left to be swept: %s", len(keys), error)
+        self._folder.delete(name)
+
+    def answers(self) -> bool:
+        """Whether store and database are there and belong together."""
+        try:
+            return self.check(self._at_once)
+        except (StoreUnavailable, InvalidInput, DamagedFile, SQLAlchemyError):
+            return False
+
+    def bind(self) -> None:
+        """Make store and database belong together; raises :class:`InvalidInput` when one of them belongs elsewhere."""
+        with self._database.write() as session:
+            known, found = self._database.fact(session, FACT), _identity(self._bucket)
+            if known is None:
+                if any(key != IDENTITY for key, _, _ in self._bucket.list()):
+                    raise self._foreign()
+                known = found or uuid4().hex  # one that is there was made by a start that was cut off
+                self._database.note(session, FACT, known)
+                if found is None:
+                    self._bucket.create(IDENTITY, known.encode())
+            elif known != found:
+                raise self._foreign()
+
+    def check(self, bucket: Bucket | None = None) -> bool:
+        """Whether the store belongs to the database; ``False`` while no service has bound them.
+
+        Parameters
+        ----------
+        bucket
+            How to ask; patiently, if nothing is said.
+
+        Raises
+        ------
+        InvalidInput
+            When the database belongs to another store.
+        """
+        with self._database.read() as session:
+            known = self._database.fact(session, FACT)
+        if known is not None and _identity(bucket or self._bucket) != known:
+            raise self._foreign()
+        return known is not None
+
+    def is_whole(self, name: str) -> bool:
+        """Read all of an object and compare it with its checksum."""
+        row = self.kept(name)
+        return row is not None and self._bucket.fetch(_key(row), Path(os.devnull)) == row.sha256
+
+    def rows(self) -> list[ObjectRow]:
+        """Return all that is kept, by name."""
+        with self._database.read() as session:
+            return list(session.scalars(select(ObjectRow).order_by(ObjectRow.name)))
+
+    def leave(self) -> None:
+        """Delete all objects and unbind the store from the database, so that both can be bound again."""
+        self._bucket.delete([key for key, _, _ in self._bucket.list() if key != IDENTITY])
+        with self._database.write() as session:
+            session.execute(delete(ObjectRow))
+            session.execute(delete(LogRow).where(LogRow.name == FACT))
+        self._bucket.delete([IDENTITY])
+
+    def contents(self, age: timedelta = ORPHANS_KEPT) -> Contents:
+        """Compare rows and objects; orphans are those of at least an age."""
+        with self._database.read() as session:
+            rows = {_key(row): row for row in session.scalars(select(ObjectRow))}
+        objects, old = dict[str, int](), self._clock() - age
+        orphans = list[str]()
+        for key, size, modified in self._bucket.list():
+            objects[key] = size
+            if key not in rows and key != IDENTITY and modified <= old:
+                orphans.append(key)
+        missing = []
+        for key, row in rows.items():
+            if objects.get(key) != row.size and (now := self.kept(row.name)) is not None and _key(now) == key:
+                missing.append(row.name)  # and was not deleted meanwhile
+        return Contents(len(objects), sum(objects.values()), sorted(missing), sorted(orphans))
+
+    def sweep(self, age: timedelta = ORPHANS_KEPT) -> int:
+        """Delete orphans; returns how many. None of them is announced meanwhile."""
+        count = 0
+        orphans = self.contents(age).orphans
+        for first in range(0, len(orphans), AT_A_TIME):
+            keys = orphans[first : first + AT_A_TIME]
+            with self._database.write() as session:
+                take_turns(session, SWEEP_LOCK)
+                names = {key.rpartition("/")[0] for key in keys}
+                known = {_key(row) for row in session.scalars(select(ObjectRow).where(ObjectRow.name.in_(names)))}
+                self._bucket.delete(gone := [key for key in keys if key not in known])
+            count += len(gone)
+        return count
+
+    def kept(self, name: str) -> ObjectRow | None:
+        """Find a row."""
+        with self._database.read() as session:
+            return session.get(ObjectRow, name)
+
+    def _row(self, name: str) -> ObjectRow | None:
+        """Find a row, unless this host has a scan's file that was written to since: it was resumed."""
+        row = self.kept(name)
+        if row is None or not name.startswith("scans/"):
+            return row
+        if (own := self._folder.stat(name)) is not None:
+            return row if own.modified <= row.created.timestamp() + CLOCK else None
+        return None if self._has_moved_on(row) else row
+
+    def _has_moved_on(self, row: ObjectRow) -> bool:
+        with self._database.read() as session:
+            scan = session.scalar(select(ScanRow).where(ScanRow.id == PurePosixPath(row.name).stem))
+        return scan is not None and has_moved_on(scan, row)
+
+    def _fetch(self, row: ObjectRow, draft: Path) -> None:
+        if self._bucket.fetch(_key(row), draft) != row.sha256:
+            raise DamagedFile(f"what the store has of {row.name} does not match its checksum")
+
+    def _foreign(self) -> InvalidInput:
+        return InvalidInput("store", self.place, "the store of this database, or an empty one where it has none")
+
+
+def arrays_of(settings: Settings, database: Database, clock: Clock = utc_now, patience: timedelta = PATIENCE) -> Arrays:
+    """Return where the settings say that arrays live."""
+    if settings.store is None:
+        return Folder(DataDirectory(settings.data))
+    return ObjectStore(settings, database, clock, patience)
+
+
+def _identity(bucket: Bucket) -> str | None:
+    size = bucket.size(IDENTITY)
+    return None if size is None else bucket.range(IDENTITY, 0, size).decode()
+
+
+def _key(of: ObjectRow | Stored) -> str:
+    return f"{of.name}/{of.sha256}"
+
+
+def _copy_of(of: ObjectRow | Stored) -> str:
+    """Return the file name of a copy, with the suffix by which readers recognise the format."""
+    return f"{of.sha256}{PurePosixPath(of.name).suffix}"

@@ -1,0 +1,25 @@
+"""Whether the stored copy of a scan is older than its last resumption."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Final
+
+from steradian.storage.db.tables import ObjectRow, ScanRow
+from steradian.storage.states import ACTIVE_SCAN_STATES, ScanState
+
+_WRITING: Final = ACTIVE_SCAN_STATES - {ScanState.ARMING}
+
+
+def has_moved_on(scan: ScanRow, kept: ObjectRow) -> bool:
+    """Whether a scan was resumed since its file was stored, so that its scanner's node has newer A-lines."""
+    if scan.scanner_id is None:
+        return False
+    begun = last_begun(scan)
+    return scan.state in ACTIVE_SCAN_STATES or (begun is not None and begun > kept.created)
+
+
+def last_begun(scan: ScanRow) -> datetime | None:
+    """Return the last time at which a scan entered a state in which its file is written."""
+    begun = [change["at"] for change in scan.history if change["state"] in _WRITING]
+    return datetime.fromisoformat(begun[-1]) if begun else None

@@ -1,0 +1,1 @@
+"""Disk quota and usage."""

@@ -1,0 +1,1 @@
+"""The data folder: layout, job folders, and blocks shared between processes."""

@@ -1,0 +1,155 @@
+"""Emergency-stop latch: fixed-size, checksummed blocks in the data folder, readable without locks.
+
+DATA/emergency-stop/pressed    the last press: its number, when, who, why
+DATA/emergency-stop/released   the number of the last press that a person released
+DATA/emergency-stop/answered   what the acquisition did about the last press
+
+The stop stands while the last press has not been released. Each file is a block
+(:mod:`steradian.storage.data_dir.shared_block`), so a full disk stops nobody. A press takes no lock; who releases names
+the press he saw, so none that came after it is lost. A block that cannot be read counts as a press.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+from ulid import ULID
+
+from steradian.storage.data_dir.shared_block import open_block, read_block, write_block
+
+
+@dataclass(frozen=True)
+class Press:
+    """One press of the stop.
+
+    Attributes
+    ----------
+    number
+        Of this press alone; later ones are greater.
+    at
+        When, ISO 8601 in UTC.
+    who, reason
+        By whom and why.
+    moment
+        When by this machine's monotonic clock, in s.
+    """
+
+    number: str
+    at: str
+    who: str
+    reason: str | None
+    moment: float
+
+    @property
+    def why(self) -> str:
+        """The stop as a reason in log lines and events."""
+        return f"emergency stop: {self.reason or 'no reason given'}"
+
+
+@dataclass(frozen=True)
+class Deed:
+    """Outcome of a press: the acquisition process's report.
+
+    Attributes
+    ----------
+    number
+        Of the press.
+    laser
+        ``off``: the scanner itself said so after the stop; ``idle``: there is no scanner, a simulated one was never
+        started; ``unconfirmed``: the scanner could not be asked, or says that its laser is not off.
+    seconds
+        From the press; ``None`` where the computer was started anew since.
+    detail
+        One sentence: what the scanner said, or why it could not be asked; empty where nothing is to be added.
+    """
+
+    number: str
+    laser: str
+    seconds: float | None
+    detail: str = ""
+
+
+class EmergencyLatch:
+    """The latch of one data folder; any number of processes may hold one.
+
+    Parameters
+    ----------
+    folder
+        Where its files are; they are made if they are missing, and kept open.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self._files = {name: open_block(folder / name) for name in ("pressed", "released", "answered")}
+        self._lock = Lock()
+
+    def press(self, who: str, reason: str | None, number: str | None = None) -> Press:
+        """Press the stop, seen by every process at once; :meth:`make_durable` makes it survive a power cut.
+
+        Parameters
+        ----------
+        number
+            Of a press that may come more than once: it is pressed once, and not again after its release.
+        """
+        press = Press(number or str(ULID()), datetime.now(UTC).isoformat(), who[:200], reason, time.monotonic())
+        if number is not None and (earlier := self._earlier(press)) is not None:
+            return earlier
+        self._write("pressed", asdict(press))
+        return press
+
+    def make_durable(self) -> None:
+        """Flush presses and releases to disk."""
+        for name in ("pressed", "released"):
+            getattr(os, "fdatasync", os.fsync)(self._files[name])
+
+    def standing(self) -> Press | None:
+        """Return the active press, if there is one."""
+        try:
+            found, released = self._read("pressed"), self._read("released")
+        except ValueError as error:
+            return Press("", datetime.now(UTC).isoformat(), "unknown", f"the latch cannot be read: {error}", 0.0)
+        if found is None or (released is not None and released["number"] == found["number"]):
+            return None
+        return Press(**found)
+
+    def release(self, number: str) -> None:
+        """Release the press with this number; any other press stays active."""
+        if not number:  # a latch that cannot be read gets blocks that can be
+            number = self.press("release", "the latch could not be read").number
+        self._write("released", {"number": number})
+        self.make_durable()
+
+    def answer(self, deed: Deed) -> None:
+        """Write the outcome of a press."""
+        self._write("answered", asdict(deed))
+
+    def deed(self, number: str) -> Deed | None:
+        """Return the outcome of a press, or None if there is none yet."""
+        try:
+            found = self._read("answered")
+        except ValueError:
+            return None
+        return Deed(**found) if found is not None and found["number"] == number else None
+
+    def _earlier(self, press: Press) -> Press | None:
+        """Return a press that was active before, according to the blocks."""
+        try:
+            found, released = self._read("pressed"), self._read("released")
+        except (OSError, ValueError):  # what cannot be read keeps no press from being written
+            return None
+        if found is not None and found["number"] == press.number:
+            return Press(**found)
+        return press if released is not None and released["number"] == press.number else None
+
+    def _write(self, name: str, value: dict[str, Any]) -> None:
+        with self._lock:
+            write_block(self._files[name], value)
+
+    def _read(self, name: str) -> dict[str, Any] | None:
+        return read_block(self._files[name], name)

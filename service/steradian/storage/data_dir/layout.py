@@ -1,0 +1,221 @@
+"""Directory layout, permissions and ownership lock of the data folder.
+
+DATA/steradian.sqlite          metadata and job queue
+DATA/identity                  says which database the folder belongs to
+DATA/scans/<id>.h5             A-lines
+DATA/uploads/<id>              files that came over HTTP and wait to be imported
+DATA/pictures/<mask id>.png    pictures of masks, once they have been asked for
+DATA/references/<scan id>-….h5 images of all A-lines, shared by jobs that compare with them, kept for a day
+DATA/cache/                    copies of what an object store keeps, if there is one
+DATA/jobs/<id>/                what one job left: a volume with projections and report, an export, its log
+DATA/emergency-stop/           whether the stop is pressed (:mod:`steradian.storage.data_dir.emergency_latch`), key of
+stop tickets DATA/run/<process>.json        heartbeats of the running processes
+DATA/lock                      held by the service that owns the directory
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import filelock
+
+from steradian.core.atomic_files import draft
+from steradian.core.exceptions import Conflict, InvalidInput
+from steradian.storage.data_dir.job_directory import JobDirectory
+
+FOLDERS: Final = ("scans", "uploads", "pictures", "references", "jobs", "run")
+NAMES: Final = frozenset({*FOLDERS, "reconstructions", "emergency-stop", "identity", "lock", "cache"})
+DATABASES: Final = ("steradian.sqlite", "queue.sqlite")
+PRIVATE: Final = 0o700
+"""Mode of folders, and with :data:`UMASK` of all files: for this user alone."""
+UMASK: Final = 0o077
+
+
+class DataDirectoryInUse(Conflict):
+    """Another service owns the data directory."""
+
+    code = "data-directory-in-use"
+
+
+@dataclass(frozen=True)
+class DataDirectory:
+    """The layout below one folder."""
+
+    root: Path
+
+    @property
+    def metadata_file(self) -> Path:
+        """File of the embedded metadata."""
+        return self.root.absolute() / "steradian.sqlite"
+
+    @property
+    def metadata_url(self) -> str:
+        """SQLAlchemy URL of the metadata; raises :class:`InvalidInput` for a path that SQLite cannot open."""
+        from steradian.storage.db.sqlite_urls import sqlite_url  # loads SQLAlchemy, which most do not need
+
+        return sqlite_url(self.metadata_file)
+
+    @property
+    def identity_file(self) -> Path:
+        """File that says which database the folder belongs to."""
+        return self.root.absolute() / "identity"
+
+    @property
+    def identity(self) -> str | None:
+        """Content of the identity file; ``None`` without one or when the folder is missing."""
+        try:
+            return self.identity_file.read_text().strip() or None
+        except OSError:
+            return None
+
+    def scan_file(self, scan_id: str) -> Path:
+        """HDF5 file with the A-lines of a scan."""
+        return self.root.absolute() / "scans" / f"{scan_id}.h5"
+
+    def scan_files(self) -> list[Path]:
+        """All scan files, whether the database knows them or not."""
+        return sorted((self.root.absolute() / "scans").glob("*.h5"))
+
+    def scan_drafts(self) -> list[tuple[str, Path]]:
+        """Return temporary files beside the scan files, each with its scan's identifier."""
+        found = (self.root.absolute() / "scans").glob("*.h5*")
+        return [(path.name.partition(".")[0], path) for path in found if path.suffix != ".h5"]
+
+    @property
+    def uploads(self) -> Path:
+        """Folder of files that came over HTTP."""
+        return self.root.absolute() / "uploads"
+
+    def upload(self, upload_id: str) -> Path:
+        """File that came over HTTP."""
+        return self.uploads / upload_id
+
+    def picture(self, mask_id: str) -> Path:
+        """Picture of a mask."""
+        return self.root.absolute() / "pictures" / f"{mask_id}.png"
+
+    @property
+    def cache(self) -> Path:
+        """Folder of local copies of stored objects."""
+        return self.root.absolute() / "cache"
+
+    @property
+    def references(self) -> Path:
+        """Folder of images that several jobs compare with."""
+        return self.root.absolute() / "references"
+
+    def reference(self, name: str) -> Path:
+        """Image that several jobs compare with."""
+        return self.references / f"{name}.h5"
+
+    def job(self, job_id: str) -> JobDirectory:
+        """Folder of one job."""
+        return JobDirectory(self.root.absolute() / "jobs" / job_id)
+
+    def job_folders(self) -> list[Path]:
+        """Folders of all jobs, whether the database knows them or not."""
+        return sorted(path for path in (self.root.absolute() / "jobs").glob("*") if path.is_dir())
+
+    @property
+    def emergency(self) -> Path:
+        """Folder of the emergency stop's latch."""
+        return self.root.absolute() / "emergency-stop"
+
+    @property
+    def stop_secret(self) -> Path:
+        """File with the key that signs stop tickets; in no backup."""
+        return self.emergency / "ticket-secret"
+
+    def heartbeat(self, process: str) -> Path:
+        """File that a process touches while it is well."""
+        return self.root / "run" / f"{process}.json"
+
+    def create(self) -> None:
+        """Make the folders, for this user alone.
+
+        Raises
+        ------
+        InvalidInput
+            When the path is a file or cannot be written.
+        """
+        try:
+            self.root.mkdir(mode=PRIVATE, parents=True, exist_ok=True)
+            for folder in FOLDERS:
+                (self.root / folder).mkdir(mode=PRIVATE, exist_ok=True)
+        except OSError as error:
+            raise InvalidInput("data", self.root, f"a folder that can be written ({error.strerror})") from error
+
+    @contextmanager
+    def lock(self) -> Iterator[None]:
+        """Own the directory until the block ends; the lock goes with the process, also when it is killed.
+
+        Raises
+        ------
+        DataDirectoryInUse
+            When another process owns it.
+        """
+        self.create()
+        lock, owner = filelock.FileLock(self.root / "lock"), self.root / "run" / "owner.json"
+        try:
+            lock.acquire(timeout=0)
+        except filelock.Timeout:
+            raise DataDirectoryInUse(
+                f"the data directory {self.root} is in use by process {_read_pid(owner)}; "
+                "stop that service or choose another directory"
+            ) from None
+        try:
+            with draft(owner) as beside:
+                beside.write_text(json.dumps({"pid": os.getpid()}))
+            self._rename_earlier()
+            yield
+        finally:
+            owner.unlink(missing_ok=True)
+            lock.release()
+
+    def close_to_others(self) -> list[str]:
+        """Remove other users' permissions on files of earlier versions.
+
+        The folder itself is only changed when nothing else lies in it.
+
+        Returns
+        -------
+        list of str
+            What others can do all the same, "read /data/scans" for example.
+        """
+        if os.name != "posix":
+            return []
+        there = list(self.root.iterdir())
+        ours = [path for path in there if path.name in NAMES or path.name.startswith(DATABASES)]
+        for path in [*ours, self.root] if len(ours) == len(there) else ours:
+            with suppress(PermissionError, FileNotFoundError):
+                path.chmod(path.stat().st_mode & PRIVATE)
+        still = [f"read {path}" for path in ours if _mode(path) & UMASK]
+        return still + ([f"change {self.root}"] if self.root.stat().st_mode & UMASK & 0o222 else [])
+
+    def _rename_earlier(self) -> None:
+        """Move the folders of jobs to where they lie today; before, all lay under ``reconstructions``."""
+        earlier = self.root / "reconstructions"
+        if earlier.is_dir():
+            for folder in earlier.iterdir():
+                folder.rename(self.root / "jobs" / folder.name)
+            earlier.rmdir()
+
+
+def _mode(path: Path) -> int:
+    """Mode of a file; 0 (no access) if it was removed, as SQLite's log is when the database is closed."""
+    try:
+        return path.stat().st_mode
+    except FileNotFoundError:
+        return 0
+
+
+def _read_pid(path: Path) -> int | str:
+    with suppress(OSError, ValueError):
+        return int(json.loads(path.read_text())["pid"])
+    return "unknown"

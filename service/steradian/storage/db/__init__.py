@@ -1,0 +1,1 @@
+"""Database: engine, tables, column types, locks, change detection."""

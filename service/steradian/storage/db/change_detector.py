@@ -1,0 +1,62 @@
+"""Cheap test whether an embedded database was written since the last check."""
+
+from __future__ import annotations
+
+import sqlite3
+import time
+from pathlib import Path
+from typing import Final
+
+from steradian.storage.db.database import Database
+from steradian.storage.db.sqlite_urls import file_uri
+
+AT_LEAST: Final = 1.0
+"""Seconds after which one looks even if nothing was written: what was tried in vain is tried again."""
+
+
+class Changes:
+    """Change detector that avoids needless queries of a polling reader; for one thread.
+
+    Parameters
+    ----------
+    database
+        A file, or a server's, of which nothing is known without asking.
+    at_least
+        Seconds after which the answer is yes in any case.
+    """
+
+    def __init__(self, database: Database, at_least: float = AT_LEAST) -> None:
+        self._path = database.name if database.is_file else None
+        self._at_least, self._due = at_least, 0.0
+        self._connection: sqlite3.Connection | None = None
+        self._version: int | None = None
+
+    def any(self) -> bool:
+        """Whether a transaction may have been committed since the previous call."""
+        now, version = time.monotonic(), self._read()
+        if version is not None and version == self._version and now < self._due:
+            return False
+        self._version, self._due = version, now + self._at_least
+        return True
+
+    def _read(self) -> int | None:
+        """Read a number that changes with each commit of another connection; ``None`` where there is none."""
+        if self._path is None:
+            return None
+        try:
+            if self._connection is None:
+                url = file_uri(Path(self._path))
+                self._connection = sqlite3.connect(url, uri=True, check_same_thread=False)  # whoever drops it closes it
+            return int(self._connection.execute("PRAGMA data_version").fetchone()[0])
+        except sqlite3.Error:
+            self.close()
+            return None
+
+    def close(self) -> None:
+        """Close its own connection; the next question opens another."""
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
+
+    def __del__(self) -> None:
+        self.close()

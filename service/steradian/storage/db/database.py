@@ -1,0 +1,188 @@
+"""Metadata database: engine, sessions and migrations."""
+
+from __future__ import annotations
+
+import logging
+import sqlite3
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import Connection, Engine, create_engine, event, select, text
+from sqlalchemy.exc import DatabaseError
+from sqlalchemy.orm import Session, sessionmaker
+
+from steradian.core.exceptions import DamagedFile
+from steradian.core.settings import Settings
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.advisory_locks import TIMEOUTS
+from steradian.storage.db.sqlite_compat import add_subseconds
+from steradian.storage.db.sqlite_urls import file_uri
+from steradian.storage.db.tables import LogRow
+
+MIGRATIONS = Path(__file__).parent / "migrations"
+BUSY_TIMEOUT_MS = 15_000
+MIGRATION_LOCK = 0x57E2AD1B
+"""Number of the PostgreSQL advisory lock under which tables are changed."""
+
+
+class Database:
+    """Sessions on one database, named by an SQLAlchemy URL; with ``read_only`` a file is opened without writing any.
+
+    Reads and writes are told apart because SQLite has one writer: a write takes its lock at the start instead of
+    failing when it tries to upgrade in the middle.
+    """
+
+    def __init__(self, url: str, *, read_only: bool = False) -> None:
+        self.engine = _reader(url) if read_only else _engine(url)
+        self._readers = sessionmaker(self.engine, expire_on_commit=False)
+        self._writers = sessionmaker(self.engine.execution_options(immediate=True), expire_on_commit=False)
+
+    @contextmanager
+    def read(self) -> Iterator[Session]:
+        """Yield a session for reading."""
+        with self._readers() as session:
+            yield session
+
+    @contextmanager
+    def write(self) -> Iterator[Session]:
+        """Yield a session whose changes are committed at the end, or rolled back by an exception."""
+        with self._writers.begin() as session:
+            yield session
+
+    @property
+    def name(self) -> str:
+        """The file, or the address without its password."""
+        url = self.engine.url
+        return url.database or "" if self.engine.dialect.name == "sqlite" else url.render_as_string()
+
+    def check(self) -> None:
+        """Check that the database answers and grants a write lock; raises SQLAlchemy's exceptions."""
+        with self.write() as session:
+            session.execute(text("SELECT 1"))
+
+    def migrate(self) -> None:
+        """Bring the tables to the newest version.
+
+        Raises
+        ------
+        DamagedFile
+            When a newer program made them, or the file of an embedded database cannot be used.
+        """
+        logging.getLogger("alembic").setLevel(logging.WARNING)
+        from alembic import command
+        from alembic.config import Config
+        from alembic.util import CommandError
+
+        config = Config()
+        config.set_main_option("script_location", str(MIGRATIONS))
+        try:
+            with self.migrating(), self.engine.execution_options(immediate=True).begin() as connection:
+                config.attributes["connection"] = connection
+                command.upgrade(config, "head")
+        except CommandError as error:
+            raise DamagedFile(f"the database {self.name} is of a newer version of Steradian: {error}") from error
+        except DatabaseError as error:
+            if self.engine.dialect.name != "sqlite":
+                raise
+            raise DamagedFile(f"the database {self.name} cannot be used: {error.orig}") from error
+
+    def fact(self, session: Session, name: str) -> str | None:
+        """Return a fact about the database as a whole."""
+        return session.scalar(select(LogRow.value).where(LogRow.name == name))
+
+    def note(self, session: Session, name: str, value: str) -> None:
+        """Set a fact about the database as a whole."""
+        session.merge(LogRow(name=name, value=value))
+
+    @property
+    def is_file(self) -> bool:
+        """Whether it is a file in the data folder."""
+        return self.engine.dialect.name == "sqlite"
+
+    def revision(self) -> str | None:
+        """Return the schema revision; ``None`` before tables are created."""
+        logging.getLogger("alembic").setLevel(logging.WARNING)
+        from alembic.migration import MigrationContext
+
+        with self.engine.connect() as connection:
+            return MigrationContext.configure(connection).get_current_revision()
+
+    @contextmanager
+    def migrating(self) -> Iterator[None]:
+        """Keep every other process from changing tables until the block ends (PostgreSQL only)."""
+        if self.engine.dialect.name != "postgresql":
+            yield
+            return
+        # Who waits asks again and again: a statement that waits for the lock keeps its snapshot, and an index that is
+        # built beside running work, as the queue's engine does, waits for every snapshot to go: a deadlock.
+        with self.engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
+            key = {"key": MIGRATION_LOCK}
+            while not connection.scalar(text("SELECT pg_try_advisory_lock(:key)"), key):
+                time.sleep(0.2)
+            try:
+                yield
+            finally:
+                connection.execute(text("SELECT pg_advisory_unlock(:key)"), {"key": MIGRATION_LOCK})
+
+    def close(self) -> None:
+        """Close the connections."""
+        self.engine.dispose()
+
+
+def take_turns(session: Session, lock: int) -> None:
+    """Acquire an advisory lock until the end of the transaction (PostgreSQL; SQLite has a single writer anyway)."""
+    if session.get_bind().dialect.name == "postgresql":
+        session.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": lock})
+
+
+def metadata_url(settings: Settings) -> str:
+    """Return the URL of the metadata database: the one in the settings, else a file in the data directory."""
+    if settings.database_url is None:
+        return DataDirectory(settings.data).metadata_url
+    return "postgresql+psycopg" + settings.database_url[settings.database_url.index("://") :]
+
+
+def known_revisions() -> list[str]:
+    """Name all versions that the tables had, the newest first."""
+    from alembic.script import ScriptDirectory
+
+    return [script.revision for script in ScriptDirectory(str(MIGRATIONS)).walk_revisions()]
+
+
+def _reader(url: str) -> Engine:
+    """Make an engine that only reads a SQLite file, in a folder that may be read-only, too."""
+    engine = create_engine(url)
+
+    @event.listens_for(engine, "do_connect")
+    def connect(_dialect: Any, _record: Any, _arguments: Any, _parameters: Any) -> sqlite3.Connection:
+        path = Path(engine.url.database or "")
+        # Beside a file that no process has open there is no log: nothing changes it.
+        at_rest = not path.with_name(f"{path.name}-wal").exists()
+        return sqlite3.connect(file_uri(path, immutable=at_rest), uri=True, check_same_thread=False)
+
+    return engine
+
+
+def _engine(url: str) -> Engine:
+    if not url.startswith("sqlite"):
+        connect = TIMEOUTS | {"application_name": "steradian"}
+        return create_engine(url, pool_pre_ping=True, pool_size=10, max_overflow=20, connect_args=connect)
+    engine = create_engine(url, connect_args={"check_same_thread": False})
+
+    @event.listens_for(engine, "connect")
+    def configure(connection: Any, _record: Any) -> None:
+        add_subseconds(connection)
+        connection.isolation_level = None  # the driver must not begin transactions behind our back
+        # FULL: what was answered is on the disk. With NORMAL a power cut takes back the last commits.
+        for pragma in ("journal_mode=WAL", f"busy_timeout={BUSY_TIMEOUT_MS}", "foreign_keys=ON", "synchronous=FULL"):
+            connection.execute(f"PRAGMA {pragma}")
+
+    @event.listens_for(engine, "begin")
+    def begin(connection: Connection) -> None:
+        immediate = connection.get_execution_options().get("immediate", False)
+        connection.exec_driver_sql("BEGIN IMMEDIATE" if immediate else "BEGIN")
+
+    return engine

@@ -1,0 +1,320 @@
+"""The tables of the metadata database.
+
+``sequence`` counts rows in the order they were made: lists page by it, whatever their identifiers look like.
+Times are UTC in ISO 8601 text, the same on SQLite and PostgreSQL.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any, ClassVar
+
+from sqlalchemy import JSON, BigInteger, Double, ForeignKey, Index, String, Text, false
+from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
+
+from steradian.storage.db.types import Name, UtcTime
+from steradian.storage.states import DesiredJobState, DesiredScanState, ReconstructionState, ScanState
+
+
+class Table(DeclarativeBase):
+    """Declarative base class of all tables."""
+
+    type_annotation_map: ClassVar[dict[Any, Any]] = {
+        datetime: UtcTime,
+        float: Double,
+        dict[str, Any]: JSON,
+        dict[str, str]: JSON,
+        list[dict[str, Any]]: JSON,
+        list[str]: JSON,
+    }
+
+
+class MaskRow(Table):
+    """Mask; ``document`` is the whole value as JSON, the other columns duplicate the values shown in lists."""
+
+    __tablename__ = "masks"
+    sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    id: Mapped[str] = mapped_column(String(40), unique=True)
+    created: Mapped[datetime]
+    aperture: Mapped[float]
+    depth: Mapped[float | None]
+    count: Mapped[int]
+    weight_ratio: Mapped[float]
+    sensed_area: Mapped[float | None]
+    arrangement: Mapped[dict[str, Any]]
+    document: Mapped[str] = mapped_column(Text, deferred=True)
+
+
+class PlanRow(Table):
+    """Plan: its parameters, mask and cost."""
+
+    __tablename__ = "plans"
+    sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    id: Mapped[str] = mapped_column(String(40), unique=True)
+    mask_id: Mapped[str] = mapped_column(ForeignKey("masks.id"), index=True)
+    created: Mapped[datetime]
+    parameters: Mapped[dict[str, Any]]
+    preview: Mapped[dict[str, Any]]
+
+
+class ScanRow(Table):
+    """A run of a plan, its state and its progress.
+
+    ``revision`` grows with each change, ``fence`` is its scanner lease, ``completes`` the scan that it begins with,
+    ``request_id`` the HTTP request that asked for it, if one did, ``scanner_id`` whose it is: nobody's if it was
+    imported, or over before scanners had names.
+    """
+
+    __tablename__ = "scans"
+    sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    id: Mapped[str] = mapped_column(String(40), unique=True)
+    revision: Mapped[int] = mapped_column()
+    plan_id: Mapped[str] = mapped_column(ForeignKey("plans.id"), index=True)
+    mask_id: Mapped[str] = mapped_column(String(40), index=True)
+    scanner_id: Mapped[str | None] = mapped_column(String(40), index=True)
+    completes: Mapped[str | None] = mapped_column(String(40))
+    request_id: Mapped[str | None] = mapped_column(String(64))
+    simulated: Mapped[bool]
+    labels: Mapped[dict[str, str]]
+    fence: Mapped[int]
+    state: Mapped[ScanState] = mapped_column(Name(ScanState), index=True)
+    desired_state: Mapped[DesiredScanState] = mapped_column(Name(DesiredScanState))
+    wished_by: Mapped[str | None] = mapped_column(String(160))
+    reason: Mapped[str | None] = mapped_column(Text)
+    created: Mapped[datetime]
+    started: Mapped[datetime | None]
+    ended: Mapped[datetime | None]
+    stage: Mapped[str | None] = mapped_column(String(120))
+    done: Mapped[int] = mapped_column(default=0)
+    total: Mapped[int] = mapped_column(default=0)
+    error_code: Mapped[str | None] = mapped_column(String(64))
+    error: Mapped[str | None] = mapped_column(Text)
+    summary: Mapped[dict[str, Any] | None]
+    history: Mapped[list[dict[str, Any]]]
+    __mapper_args__ = {"version_id_col": revision}  # noqa: RUF012 - so the base class has it
+
+
+class JobRow(Table):
+    """A job of the queue: its state, every attempt at it and its progress.
+
+    The queue's engine decides who runs a job and when; this row is what everybody else reads. ``fence`` counts its
+    starts, also those that were put back: what an earlier start than the newest has to say is refused. ``promised`` is
+    how many bytes it may write; ``scan_id`` repeats the payload's, for lists; ``request_id`` is that of
+    the HTTP request that asked for it, if one did; ``owner`` is who asked, and ``turn`` whose turn it is among those
+    of equal priority. ``requires_…`` is what its worker must have.
+    """
+
+    __tablename__ = "jobs"
+    sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    id: Mapped[str] = mapped_column(String(40), unique=True)
+    revision: Mapped[int] = mapped_column()
+    kind: Mapped[str] = mapped_column(String(40), index=True)
+    payload: Mapped[dict[str, Any]]
+    scan_id: Mapped[str | None] = mapped_column(String(40), index=True)
+    batch_id: Mapped[str | None] = mapped_column(String(40), index=True)
+    request_id: Mapped[str | None] = mapped_column(String(64))
+    owner: Mapped[str] = mapped_column(Text, default="", server_default="")
+    priority: Mapped[int]
+    turn: Mapped[int] = mapped_column(default=0, server_default="0")
+    timeout: Mapped[float | None]
+    promised: Mapped[int] = mapped_column(BigInteger, default=0, server_default="0")
+    requires_memory: Mapped[int] = mapped_column(BigInteger, default=0, server_default="0")
+    requires_cores: Mapped[int] = mapped_column(default=0, server_default="0")
+    requires_gpu: Mapped[bool] = mapped_column(default=False, server_default=false())
+    state: Mapped[ReconstructionState] = mapped_column(Name(ReconstructionState), index=True)
+    desired_state: Mapped[DesiredJobState] = mapped_column(Name(DesiredJobState))
+    reason: Mapped[str | None] = mapped_column(Text)
+    created: Mapped[datetime]
+    started: Mapped[datetime | None]
+    ended: Mapped[datetime | None]
+    fence: Mapped[int] = mapped_column(default=0, server_default="0")
+    attempt: Mapped[int] = mapped_column(default=0)
+    attempts: Mapped[list[dict[str, Any]]]
+    stage: Mapped[str | None] = mapped_column(String(120))
+    done: Mapped[int] = mapped_column(default=0)
+    total: Mapped[int] = mapped_column(default=0)
+    error_code: Mapped[str | None] = mapped_column(String(64))
+    error: Mapped[str | None] = mapped_column(Text)
+    result: Mapped[dict[str, Any] | None]
+    history: Mapped[list[dict[str, Any]]]
+    __mapper_args__ = {"version_id_col": revision}  # noqa: RUF012 - so the base class has it
+
+
+class BatchRow(Table):
+    """Reconstructions that were asked for together."""
+
+    __tablename__ = "batches"
+    sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    id: Mapped[str] = mapped_column(String(40), unique=True)
+    scan_id: Mapped[str] = mapped_column(ForeignKey("scans.id"), index=True)
+    created: Mapped[datetime]
+    vary: Mapped[dict[str, Any]]
+    parameters: Mapped[dict[str, Any]]
+
+
+class ReconstructionRow(Table):
+    """Reconstruction request; its progress is in the job with the same identifier."""
+
+    __tablename__ = "reconstructions"
+    sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    id: Mapped[str] = mapped_column(String(40), unique=True)
+    scan_id: Mapped[str] = mapped_column(ForeignKey("scans.id"), index=True)
+    batch_id: Mapped[str | None] = mapped_column(ForeignKey("batches.id"), index=True)
+    simulated: Mapped[bool]
+    created: Mapped[datetime]
+    parameters: Mapped[dict[str, Any]]
+
+
+class ScannerRow(Table):
+    """Scanner: state, lease and emergency stop.
+
+    The lease is the principal's in ``held_by``; ``holder`` is how that one calls itself. ``address`` is where its node
+    answers the others, ``follows`` whether it has workers for images that grow with a scan. ``looked_at`` is when
+    the scanner said what ``laser``, ``shutter``, ``interlock``, ``key_switch`` and ``fault`` repeat, ``port_holder``
+    the other program that holds its port. ``stop_number``, ``stop_laser``, ``stop_seconds`` and ``stop_detail`` tell
+    of the press that stands. One that is ``retired`` is none any more, until
+    its node starts again: it keeps its stop.
+    """
+
+    __tablename__ = "scanners"
+    sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    id: Mapped[str] = mapped_column(String(40), unique=True)
+    revision: Mapped[int] = mapped_column()
+    simulated: Mapped[bool]
+    connection: Mapped[str] = mapped_column(String(32))
+    state: Mapped[str] = mapped_column(String(32))
+    interlock: Mapped[str] = mapped_column(String(16), default="unknown")
+    key_switch: Mapped[str] = mapped_column(String(16), default="unknown")
+    shutter: Mapped[str] = mapped_column(String(16), default="unknown")
+    laser: Mapped[str] = mapped_column(String(16), default="unknown", server_default="unknown")
+    fault: Mapped[dict[str, Any] | None] = mapped_column(JSON(none_as_null=True))
+    port_holder: Mapped[str | None] = mapped_column(String(200))
+    model: Mapped[str | None] = mapped_column(String(120))
+    serial: Mapped[str | None] = mapped_column(String(120))
+    looked_at: Mapped[datetime | None]
+    since: Mapped[datetime]
+    last_error: Mapped[str | None] = mapped_column(Text)
+    fence: Mapped[int]
+    holder: Mapped[str | None] = mapped_column(String(120))
+    held_by: Mapped[str | None] = mapped_column(String(160))
+    note: Mapped[str | None] = mapped_column(Text)
+    lease_ends: Mapped[datetime | None]
+    stopped_at: Mapped[datetime | None]
+    stopped_by: Mapped[str | None] = mapped_column(String(120))
+    stop_reason: Mapped[str | None] = mapped_column(Text)
+    stop_number: Mapped[str | None] = mapped_column(String(40))
+    stop_laser: Mapped[str | None] = mapped_column(String(16))
+    stop_seconds: Mapped[float | None]
+    stop_detail: Mapped[str | None] = mapped_column(Text)
+    address: Mapped[str | None] = mapped_column(String(200))
+    follows: Mapped[bool] = mapped_column(default=False, server_default=false())
+    retired: Mapped[datetime | None]
+    __mapper_args__ = {"version_id_col": revision}  # noqa: RUF012 - so the base class has it
+
+
+class WorkerRow(Table):
+    """Worker: its reported capabilities and the time of the last report.
+
+    ``scanner_id`` is the scanner's whose growing images are all that it makes; none: it does everybody's jobs.
+    """
+
+    __tablename__ = "workers"
+    name: Mapped[str] = mapped_column(String(140), primary_key=True)
+    memory: Mapped[int | None] = mapped_column(BigInteger)
+    cores: Mapped[int]
+    gpu: Mapped[str | None] = mapped_column(Text)
+    scanner_id: Mapped[str | None] = mapped_column(String(40))
+    seen: Mapped[datetime]
+
+
+class RemovalRow(Table):
+    """Something that was deleted and whose files are still to be removed."""
+
+    __tablename__ = "removals"
+    sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    kind: Mapped[str] = mapped_column(String(40))
+    resource_id: Mapped[str] = mapped_column(String(40))
+
+
+class ObjectRow(Table):
+    """Something that an object store keeps; ``sha256`` is of its content, and with the name its key."""
+
+    __tablename__ = "objects"
+    name: Mapped[str] = mapped_column(String(200), primary_key=True)
+    sha256: Mapped[str] = mapped_column(String(64))
+    size: Mapped[int] = mapped_column(BigInteger)
+    created: Mapped[datetime]
+
+
+class EventRow(Table):
+    """The log of everything that changed state, in order."""
+
+    __tablename__ = "events"
+    sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    at: Mapped[datetime]
+    kind: Mapped[str] = mapped_column(String(40))
+    resource_id: Mapped[str] = mapped_column(String(40))
+    scan_id: Mapped[str | None] = mapped_column(String(40))
+    data: Mapped[dict[str, Any]]
+    __table_args__ = (Index("ix_events_at", "at"), {"sqlite_autoincrement": True})
+
+
+class LogRow(Table):
+    """Facts about the database.
+
+    They are the event log's epoch (another one means another database), the data folder that the database belongs to,
+    and the version of the queue's engine that made its tables.
+    """
+
+    __tablename__ = "event_log"
+    name: Mapped[str] = mapped_column(String(40), primary_key=True)
+    value: Mapped[str] = mapped_column(String(64))
+
+
+class KeyRow(Table):
+    """An API key; only the hash of its secret is kept."""
+
+    __tablename__ = "api_keys"
+    sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    id: Mapped[str] = mapped_column(String(40), unique=True)
+    name: Mapped[str] = mapped_column(String(120))
+    hash: Mapped[str] = mapped_column(String(64))
+    scopes: Mapped[list[str]]
+    created: Mapped[datetime]
+    expires: Mapped[datetime | None]
+    revoked: Mapped[datetime | None]
+
+
+class TicketRow(Table):
+    """A ticket for one event stream, by the hash of its secret; ``streams`` counts where it is open, on all nodes."""
+
+    __tablename__ = "tickets"
+    hash: Mapped[str] = mapped_column(String(64), primary_key=True)
+    principal: Mapped[str] = mapped_column(String(160))
+    expires: Mapped[datetime]
+    opened: Mapped[datetime | None]
+    streams: Mapped[int] = mapped_column(default=0, server_default="0")
+
+
+class SessionRow(Table):
+    """Browser session, opened with a key, by the hash of its secret."""
+
+    __tablename__ = "sessions"
+    hash: Mapped[str] = mapped_column(String(64), primary_key=True)
+    issuer: Mapped[str] = mapped_column(String(64), index=True)
+    """Identifier of the key, or hash of the settings' one."""
+    created: Mapped[datetime]
+    expires: Mapped[datetime]
+
+
+class IdempotencyRow(Table):
+    """The answer that a key got, so that a repeated request gets the same one."""
+
+    __tablename__ = "idempotency_keys"
+    sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    key: Mapped[str] = mapped_column(String(500), unique=True)
+    created: Mapped[datetime]
+    body_hash: Mapped[str] = mapped_column(String(64))
+    status: Mapped[int]
+    location: Mapped[str] = mapped_column(String(200))
+    answer: Mapped[str] = mapped_column(Text)

@@ -1,0 +1,1 @@
+"""Maintenance of the data folder: start-up checks, permissions, snapshots."""

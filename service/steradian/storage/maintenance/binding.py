@@ -1,0 +1,60 @@
+"""Bind a data folder to a database by a shared identifier (merge with belonging.py).
+
+A worker on another host finds the folder where somebody mounted it. Where nothing is mounted lies an empty folder, in
+which every job would fail for good.
+"""
+
+from __future__ import annotations
+
+import uuid
+from typing import Final
+
+from steradian.core.atomic_files import write_durably
+from steradian.core.exceptions import InvalidInput
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.database import Database
+
+FACT: Final = "folder"
+
+
+def bind(database: Database, data: DataDirectory) -> None:
+    """Make folder and database belong together, unless one of them belongs elsewhere already; for the service.
+
+    Raises
+    ------
+    InvalidInput
+        When it does.
+    """
+    with database.write() as session:
+        known, found = database.fact(session, FACT), data.identity
+        if known is not None and found != known and not (found is None and database.is_file):
+            raise _foreign(data, known)
+        identity = known or found or uuid.uuid4().hex
+        if found is None:
+            write_durably(data.identity_file, identity)  # before the database says so
+        if known is None:
+            database.note(session, FACT, identity)
+
+
+def check(database: Database, data: DataDirectory) -> bool:
+    """Whether the folder belongs to the database; ``False`` while no service has bound them. Changes nothing.
+
+    Raises
+    ------
+    InvalidInput
+        When the database belongs to another folder.
+    """
+    with database.read() as session:
+        known = database.fact(session, FACT)
+    if known is not None and data.identity != known:
+        raise _foreign(data, known)
+    return known is not None
+
+
+def _foreign(data: DataDirectory, known: str) -> InvalidInput:
+    name = data.identity_file.name
+    if data.identity_file.is_file() and data.identity is None:
+        how = f"if it is the folder of this database, write {known} into its file {name}, which a power cut has emptied"
+        return InvalidInput("data", data.root, how)
+    which = f"the data folder of this database, in which the file {name} says {known}"
+    return InvalidInput("data", data.root, f"{which}; is it mounted there?")

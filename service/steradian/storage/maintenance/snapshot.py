@@ -1,0 +1,103 @@
+"""Consistent snapshot of the database as a SQLite file, and its restoration."""
+
+from __future__ import annotations
+
+import secrets
+import sqlite3
+import uuid
+from contextlib import closing
+from pathlib import Path
+from typing import Final
+
+from sqlalchemy import Connection, delete, func, insert, select, text
+
+from steradian.core.exceptions import Conflict
+from steradian.storage.db.database import Database
+from steradian.storage.db.sqlite_urls import file_uri, sqlite_url
+from steradian.storage.db.tables import LogRow, SessionRow, Table, TicketRow
+from steradian.storage.maintenance.binding import FACT
+
+AT_A_TIME: Final = 1000
+"""Rows that are held in memory."""
+
+
+def take_snapshot(database: Database, path: Path) -> None:
+    """Copy a consistent snapshot of a database into a new SQLite file, without blocking writers.
+
+    SQLite copies its own file, with the queue in it. Of PostgreSQL the metadata are copied, table by table in one
+    transaction that sees one moment; the queue is made anew from them wherever they are restored.
+    """
+    path.unlink(missing_ok=True)
+    if database.is_file:
+        _copy_file(Path(database.name), path)
+    else:
+        target = Database(sqlite_url(path, "destination"))
+        try:
+            target.migrate()
+            with database.engine.connect().execution_options(isolation_level="REPEATABLE READ") as source:
+                with target.engine.execution_options(immediate=True).begin() as connection:
+                    _copy_rows(source, connection)
+        finally:
+            target.close()
+    _make_one_file(path)
+
+
+def require_empty(database: Database) -> None:
+    """Refuse a database that holds anything; raises :class:`Conflict`."""
+    with database.read() as session:
+        for table in Table.metadata.sorted_tables:
+            if table is not LogRow.__table__ and session.scalar(select(func.count()).select_from(table)):
+                raise Conflict(f"the database {database.name} holds {table.name} already; name an empty one")
+
+
+def put_back(path: Path, database: Database) -> None:
+    """Fill an empty PostgreSQL database with the rows of a snapshot, all of them or none."""
+    source = Database(sqlite_url(path, "backup"))
+    try:
+        with source.engine.connect() as rows, database.engine.begin() as target:
+            _copy_rows(rows, target)
+            for table in Table.metadata.sorted_tables:
+                if "sequence" in table.columns:  # the next row of a service comes after these
+                    serial = f"pg_get_serial_sequence('{table.name}', 'sequence')"
+                    newest = f"(SELECT max(sequence) FROM {table.name})"  # noqa: S608 - our own names
+                    target.execute(text(f"SELECT setval({serial}, greatest(1, {newest}))"))
+    finally:
+        source.close()
+
+
+def make_another(database: Database) -> str:
+    """Give a database that is a copy a name and an event log of its own; returns the name.
+
+    A worker that still knows the original's folder is refused, and a client that has seen later events of the original
+    than the copy holds is told to begin anew. Whoever was signed in there is not signed in here.
+    """
+    name = uuid.uuid4().hex
+    with database.write() as session:
+        session.execute(delete(SessionRow))
+        session.execute(delete(TicketRow))
+        database.note(session, FACT, name)
+        database.note(session, "epoch", secrets.token_hex(4))
+    return name
+
+
+def _copy_file(source: Path, target: Path) -> None:
+    """Copy in one go: readers do not hold up a writer, and a copy in pieces would begin again with every write."""
+    with (
+        closing(sqlite3.connect(file_uri(source), uri=True)) as rows,
+        closing(sqlite3.connect(target)) as copy,
+    ):
+        rows.backup(copy)
+
+
+def _copy_rows(source: Connection, target: Connection) -> None:
+    target.execute(delete(LogRow))  # what the migrations noted of the empty database
+    for table in Table.metadata.sorted_tables:
+        rows = source.execution_options(stream_results=True).execute(select(table).order_by(*table.primary_key))
+        for piece in rows.mappings().partitions(AT_A_TIME):
+            target.execute(insert(table), [dict(row) for row in piece])
+
+
+def _make_one_file(path: Path) -> None:
+    """Merge the write-ahead log into the file."""
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("PRAGMA journal_mode=DELETE")

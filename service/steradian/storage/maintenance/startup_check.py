@@ -1,0 +1,107 @@
+"""Integrity checks of databases and folder before the service starts."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import Row, Select, select
+from sqlalchemy.exc import DatabaseError
+
+from steradian.core.exceptions import DamagedFile
+from steradian.core.settings import Settings
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.database import Database, metadata_url
+from steradian.storage.db.sqlite_urls import file_uri
+from steradian.storage.db.tables import JobRow, RemovalRow, ScanRow
+
+MAGIC = b"SQLite format 3\0"
+MANY = 5
+"""Of so many names at most a sentence is made."""
+
+
+def fault_of(path: Path) -> str | None:
+    """Return the damage of a SQLite file that no process has open; ``None`` if it is intact."""
+    if not path.exists():
+        return "is missing"
+    if not path.stat().st_size:
+        return "is empty (0 bytes)"
+    try:
+        connection = sqlite3.connect(file_uri(path), uri=True)
+        try:
+            found = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
+        finally:
+            connection.close()
+    except sqlite3.DatabaseError as error:
+        return "is no SQLite database" if "not a database" in str(error) else f"is damaged ({error})"
+    return None if found == "ok" else f"is damaged ({' '.join(found.split())})"
+
+
+def is_database(path: Path) -> bool:
+    """Whether a file begins as SQLite's do; the rest is not read."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(MAGIC)) == MAGIC
+    except FileNotFoundError:
+        return False
+
+
+def is_absent(path: Path) -> bool:
+    """Whether opening a SQLite URL would create a new file."""
+    return not path.exists() or not path.stat().st_size
+
+
+def rows_of(settings: Settings, query: Select[Any]) -> Sequence[Row[Any]]:
+    """Read rows of a database with tables of an earlier version; missing tables yield an empty list."""
+    if settings.database_url is None and fault_of(DataDirectory(settings.data).metadata_file) is not None:
+        return []
+    database = Database(metadata_url(settings))
+    try:
+        with database.read() as session:
+            return session.execute(query).all()
+    except DatabaseError as error:
+        if "no such table" in str(error.orig) or "does not exist" in str(error.orig):
+            return []
+        raise
+    finally:
+        database.close()
+
+
+def removals(settings: Settings) -> set[str]:
+    """Return resources whose rows are deleted but whose files are not yet removed."""
+    return {row.resource_id for row in rows_of(settings, select(RemovalRow.resource_id))}
+
+
+def check_before_start(settings: Settings) -> list[str]:
+    """Look at databases and folder before a service starts on them.
+
+    Returns
+    -------
+    list of str
+        Scans whose files lie in the folder while the database, which knows others, does not know them.
+
+    Raises
+    ------
+    DamagedFile
+        When a database is damaged, or knows nothing of what the folder holds.
+    """
+    data = DataDirectory(settings.data)
+    advice = f"`steradian check {settings.data}` tells what can be got back"
+    metadata = None
+    if settings.database_url is None:
+        metadata = fault_of(data.metadata_file)
+        if metadata is not None and not is_absent(data.metadata_file):
+            raise DamagedFile(f"the database {data.metadata_file} {metadata}; {advice}")
+    files = {path.stem for path in data.scan_files()}
+    known = {row.id for row in rows_of(settings, select(ScanRow.id))} | removals(settings)
+    # An import that was cut off has left its scan, named after it, before the row.
+    imports = rows_of(settings, select(JobRow.id).where(JobRow.kind == "import"))
+    jobs = [path.name for path in data.job_folders()] if metadata else []
+    if (files and not files & (known | {f"s{row.id[1:]}" for row in imports})) or jobs:
+        what = f"{len(files)} scan(s)" if files else f"results of {len(jobs)} job(s)"
+        where = data.metadata_file if settings.database_url is None else "STERADIAN_DATABASE_URL"
+        wrong = f"{metadata}, but there are" if metadata else "knows none of the"
+        raise DamagedFile(f"the database {where} {wrong} {what} in {data.root}; {advice}")
+    return sorted(files - known)

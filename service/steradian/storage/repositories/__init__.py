@@ -1,0 +1,1 @@
+"""Repositories: queries and changes of each resource's rows."""

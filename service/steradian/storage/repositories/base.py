@@ -1,0 +1,82 @@
+"""Base class of the repositories: clock, keyset pagination, NotFound."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Generic, TypeAlias, TypeVar
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+from ulid import ULID
+
+from steradian.core.exceptions import NotFound
+from steradian.storage.db.database import Database
+from steradian.storage.db.tables import BatchRow, JobRow, MaskRow, PlanRow, ReconstructionRow, ScannerRow, ScanRow
+from steradian.storage.repositories.filters import Conditions
+
+Clock: TypeAlias = Callable[[], datetime]
+Row = TypeVar("Row", MaskRow, PlanRow, ScanRow, ReconstructionRow, JobRow, BatchRow, ScannerRow)
+
+
+def utc_now() -> datetime:
+    """Return the current time in UTC."""
+    return datetime.now(UTC)
+
+
+def new_id(prefix: str) -> str:
+    """Make an identifier that sorts by the time it was made."""
+    return prefix + str(ULID()).lower()
+
+
+@dataclass(frozen=True)
+class Page(Generic[Row]):
+    """A piece of a list, newest first; ``cursor`` asks for the next piece and is ``None`` at the end."""
+
+    rows: list[Row]
+    cursor: int | None
+
+
+class Repository(Generic[Row]):
+    """Rows of one table."""
+
+    kind: str
+    table: type[Row]
+
+    def __init__(self, database: Database, clock: Clock = utc_now) -> None:
+        self.database, self.clock = database, clock
+
+    def get(self, identifier: str) -> Row:
+        """Find a row.
+
+        Raises
+        ------
+        NotFound
+            When there is none.
+        """
+        with self.database.read() as session:
+            return self._find(session, identifier)
+
+    def page(self, limit: int, before: int | None = None, where: Conditions | None = None) -> Page[Row]:
+        """List the newest ``limit`` rows, or those made before the row with the sequence number ``before``.
+
+        Parameters
+        ----------
+        where
+            Which rows only; see :mod:`steradian.storage.repositories.filters`.
+        """
+        query = select(self.table).where(*where or ()).order_by(self.table.sequence.desc()).limit(limit + 1)
+        if before is not None:
+            query = query.where(self.table.sequence < before)
+        with self.database.read() as session:
+            rows = list(session.scalars(query))
+        return Page(rows[:limit], rows[limit - 1].sequence if len(rows) > limit else None)
+
+    def _find(self, session: Session, identifier: str, *, lock: bool = False) -> Row:
+        """Find a row, held until the transaction ends when ``lock`` is set (SQLite has one writer anyway)."""
+        query = select(self.table).where(self.table.id == identifier)
+        row = session.scalars(query.with_for_update() if lock else query).one_or_none()
+        if row is None:
+            raise NotFound(self.kind, identifier)
+        return row

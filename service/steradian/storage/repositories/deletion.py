@@ -1,0 +1,199 @@
+"""Delete resources and their dependents in one transaction; remove files afterwards.
+
+A deletion's transaction takes the rows away and notes whose files are to go (table ``removals``); files go afterwards
+and the notes last. Whatever ends the process between two of these steps, the notes that are left say what is still to
+do: :func:`remove_files` may be repeated at any time.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Final
+
+from sqlalchemy import delete, or_, select
+from sqlalchemy.orm import Session
+
+from steradian.core.exceptions import Conflict, NotFound
+from steradian.storage.blobs.interface import Arrays, result_name, scan_name, upload_name
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.database import Database
+from steradian.storage.db.tables import BatchRow, JobRow, ReconstructionRow, RemovalRow, ScanRow
+from steradian.storage.repositories.base import Clock, utc_now
+from steradian.storage.repositories.event_log import record
+from steradian.storage.repositories.references import TABLES, Resource, closure, jobs
+from steradian.storage.states import SETTLED_SCAN_STATES, DesiredScanState, ScanState, is_terminal
+
+_log = logging.getLogger(__name__)
+TOLD: Final = frozenset({"scan", "batch", "reconstruction", "job"})
+"""Kinds whose changes are events."""
+
+
+class HasDependents(Conflict):
+    """The resource to delete has dependents."""
+
+    code = "has-dependents"
+
+    def __init__(self, what: Resource, dependents: Sequence[Resource]) -> None:
+        self.dependents = dependents
+        super().__init__(f"{what.kind} {what.id} is needed by {len(dependents)} others; delete them too, or first")
+
+
+class InUse(Conflict):
+    """Something that waits or runs needs it."""
+
+    code = "in-use"
+
+
+class Deletion:
+    """Deletes rows, and notes whose files are to go."""
+
+    def __init__(self, database: Database, clock: Clock = utc_now) -> None:
+        self.database, self.clock = database, clock
+
+    def delete(
+        self, kind: str, identifier: str, who: str, *, dependents: bool, check: Callable[[Iterable[str]], object]
+    ) -> None:
+        """Delete one thing, and all that depends on it where that is asked for.
+
+        Parameters
+        ----------
+        check
+            Called with the kinds of all that would go; raises where ``who`` may not delete them.
+
+        Raises
+        ------
+        NotFound
+            When there is no such thing.
+        HasDependents
+            When something depends on it that is not to go too.
+        InUse
+            When something of it waits or runs.
+        """
+        with self.database.write() as session:
+            first = _find(session, kind, identifier)
+            found = closure(session, first)
+            check({one.kind for one in found})
+            if busy := _busy(session, found):
+                raise InUse(f"{kind} {identifier} cannot be deleted while something waits or runs: {', '.join(busy)}")
+            if len(found) > 1 and not dependents:
+                raise HasDependents(first, found[1:])
+            self.forget(session, found, who, "requested")
+
+    def forget(self, session: Session, found: Sequence[Resource], who: str, why: str) -> None:
+        """Take the rows away in the present transaction."""
+        now, by_kind = self.clock(), {kind: [one.id for one in found if one.kind == kind] for kind in TABLES}
+        for one in found:
+            if one.kind in TOLD:
+                about = _event_of(session, one) | {"state": "deleted", "who": who, "why": why}
+                record(session, now, one.kind, one.id, about)
+            session.add(RemovalRow(kind=one.kind, resource_id=one.id))
+        session.flush()
+        session.execute(delete(ReconstructionRow).where(ReconstructionRow.id.in_(by_kind["reconstruction"])))
+        for kind, table in reversed(TABLES.items()):
+            session.execute(delete(table).where(table.id.in_(by_kind[kind])))
+
+
+def waiting_import(database: Database, upload_id: str) -> str | None:
+    """Name an import that has still to read an upload, if there is one."""
+    named = [JobRow.payload[name].as_string() == upload_id for name in ("upload_id", "companion_id")]
+    with database.read() as session:
+        return session.scalars(select(JobRow.id).where(or_(*named), JobRow.ended.is_(None))).first()
+
+
+def delete_upload(database: Database, arrays: Arrays, upload_id: str) -> None:
+    """Delete a file that came over HTTP.
+
+    Raises
+    ------
+    NotFound
+        When there is none.
+    InUse
+        When an import has still to read it.
+    """
+    name = upload_name(upload_id)
+    if not (upload_id.isascii() and upload_id.isalnum() and arrays.stat(name)):
+        raise NotFound("upload", upload_id)
+    if (job := waiting_import(database, upload_id)) is not None:
+        raise InUse(f"upload {upload_id} cannot be deleted while job {job} waits or runs")
+    arrays.delete(name)
+
+
+def remove_files(
+    database: Database, data: DataDirectory, arrays: Arrays, forget_jobs: Callable[[Sequence[str]], object] | None
+) -> None:
+    """Remove the files and then the records of deleted resources; files that cannot be removed yet are retried later.
+
+    Parameters
+    ----------
+    forget_jobs
+        Lets the queue forget jobs; ``None`` while there is no queue.
+    """
+    with database.read() as session:
+        notes = list(session.scalars(select(RemovalRow).order_by(RemovalRow.sequence)))
+    for note in notes:
+        try:
+            if not _remove(data, arrays, note, forget_jobs):
+                continue
+        except OSError as error:
+            _log.warning("files of %s %s cannot be removed yet: %s", note.kind, note.resource_id, error)
+            continue
+        # Its number may be another note's by now: SQLite gives that of the last row again when the row is gone.
+        same = RemovalRow.sequence == note.sequence, RemovalRow.resource_id == note.resource_id
+        with database.write() as session:
+            session.execute(delete(RemovalRow).where(*same))
+
+
+def _remove(
+    data: DataDirectory, arrays: Arrays, note: RemovalRow, forget_jobs: Callable[[Sequence[str]], object] | None
+) -> bool:
+    match note.kind:
+        case "mask":
+            data.picture(note.resource_id).unlink(missing_ok=True)
+        case "scan":
+            arrays.delete(scan_name(note.resource_id))
+            for image in data.references.glob(f"{note.resource_id}-*"):
+                image.unlink(missing_ok=True)
+        case "job" | "reconstruction":
+            if data.job(note.resource_id).is_running:  # its process is still dying
+                return False
+            arrays.delete(result_name(note.resource_id))
+            if forget_jobs is None:
+                return False
+            forget_jobs([note.resource_id])
+    return True
+
+
+def _find(session: Session, kind: str, identifier: str) -> Resource:
+    table = TABLES[kind]
+    found = session.scalar(select(table.id).where(table.id == identifier))
+    if found is not None and table is JobRow:
+        (made,) = jobs(session, JobRow.id == identifier)
+        if kind == made.kind or kind == "job":
+            return made
+    if found is None or table is JobRow:
+        raise NotFound(kind, identifier)
+    return Resource(kind, identifier)
+
+
+def _busy(session: Session, found: Sequence[Resource]) -> list[str]:
+    """Return the names of queued or running users of the resources, with their rows locked."""
+    scans = select(ScanRow).where(ScanRow.id.in_([one.id for one in found if one.kind == "scan"])).with_for_update()
+    busy = select(JobRow).where(JobRow.id.in_([one.id for one in found if TABLES[one.kind] is JobRow]))
+    going = [row.id for row in session.scalars(scans) if not _is_settled(row)]
+    return going + [row.id for row in session.scalars(busy.with_for_update()) if not is_terminal(row.state)]
+
+
+def _is_settled(scan: ScanRow) -> bool:
+    resumes = scan.state is ScanState.INTERRUPTED and scan.desired_state is DesiredScanState.RUNNING
+    return scan.state in SETTLED_SCAN_STATES and not resumes
+
+
+def _event_of(session: Session, one: Resource) -> dict[str, Any]:
+    """Return the fields by which event streams are filtered."""
+    if one.kind == "scan":
+        return {}
+    if one.kind == "batch":
+        return {"scan_id": session.scalar(select(BatchRow.scan_id).where(BatchRow.id == one.id))}
+    row = session.scalars(select(JobRow).where(JobRow.id == one.id)).one()
+    return {"scan_id": row.scan_id, "batch_id": row.batch_id}

@@ -1,0 +1,130 @@
+"""SQL WHERE clauses of the list endpoints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, TypeAlias
+
+from sqlalchemy import ColumnElement, and_, exists, or_, select
+from sqlalchemy.ext.compiler import compiles
+from sqlalchemy.sql.compiler import SQLCompiler
+from sqlalchemy.sql.functions import GenericFunction
+
+from steradian.storage.db.tables import BatchRow, JobRow, MaskRow, PlanRow, ReconstructionRow, ScanRow
+from steradian.storage.states import BatchState, ReconstructionState, is_terminal
+
+Conditions: TypeAlias = list[ColumnElement[bool]]
+Label: TypeAlias = tuple[str, str | None]
+"""A name, and its text if that matters."""
+_R = ReconstructionState
+
+
+class _Members(GenericFunction[Any]):
+    """The members of a JSON object, as rows of key and value."""
+
+    name = "json_each"
+    inherit_cache = True
+
+
+@compiles(_Members, "postgresql")
+def _as_text(element: _Members, compiler: SQLCompiler, **options: Any) -> str:
+    return f"json_each_text{compiler.function_argspec(element, **options)}"
+
+
+def masks(*, arrangement: str | None = None) -> Conditions:
+    """Choose masks of an arrangement."""
+    return _equal((MaskRow.arrangement["arrangement"].as_string(), arrangement))
+
+
+def plans(*, mask_id: str | None = None) -> Conditions:
+    """Choose plans of a mask."""
+    return _equal((PlanRow.mask_id, mask_id))
+
+
+def scans(
+    *,
+    state: Sequence[str] | None = None,
+    label: Sequence[Label] | None = None,
+    plan_id: str | None = None,
+    mask_id: str | None = None,
+) -> Conditions:
+    """Choose scans in one of some states that have all of some labels, of a plan or mask."""
+    found = _equal((ScanRow.plan_id, plan_id), (ScanRow.mask_id, mask_id))
+    found += [] if state is None else [ScanRow.state.in_(state)]
+    return found + [_has_label(*one) for one in label or ()]
+
+
+def jobs(
+    *,
+    state: Sequence[str] | None = None,
+    kind: str | None = None,
+    scan_id: str | None = None,
+    batch_id: str | None = None,
+    reconstruction_id: str | None = None,
+) -> Conditions:
+    """Choose jobs in one of some states, of a kind, of a scan, a batch, or asked about a reconstruction."""
+    about = JobRow.payload["reconstruction_id"].as_string()
+    found = _equal(
+        (JobRow.kind, kind), (JobRow.scan_id, scan_id), (JobRow.batch_id, batch_id), (about, reconstruction_id)
+    )
+    return found + ([] if state is None else [JobRow.state.in_(state)])
+
+
+def reconstructions(
+    *,
+    state: Sequence[str] | None = None,
+    kind: str | None = None,
+    scan_id: str | None = None,
+    batch_id: str | None = None,
+    mask_id: str | None = None,
+) -> Conditions:
+    """Select reconstructions by job state, scan, batch, measured mask or undersampling mask."""
+    found = _equal((ReconstructionRow.scan_id, scan_id), (ReconstructionRow.batch_id, batch_id))
+    if of_job := jobs(state=state, kind=kind):
+        # Of what is over there is much, so one looks from the newest on; what is not is few, so they are found first.
+        few = state is not None and not any(is_terminal(_R(one)) for one in state)
+        here = exists().where(JobRow.id == ReconstructionRow.id, *of_job)
+        found.append(ReconstructionRow.id.in_(select(JobRow.id).where(*of_job)) if few else here)
+    if mask_id is not None:
+        measured = ReconstructionRow.scan_id.in_(select(ScanRow.id).where(ScanRow.mask_id == mask_id))
+        through = [JobRow.kind == "what-if", JobRow.payload[("through", "mask_id")].as_string() == mask_id]
+        found.append(or_(measured, ReconstructionRow.id.in_(select(JobRow.id).where(*through))))
+    return found
+
+
+def batches(*, state: Sequence[str] | None = None, scan_id: str | None = None) -> Conditions:
+    """Choose batches in one of some states, of a scan."""
+    found = _equal((BatchRow.scan_id, scan_id))
+    return found if state is None else [*found, or_(*(_stands(BatchState(one)) for one in state))]
+
+
+def _stands(state: BatchState) -> ColumnElement[bool]:
+    """Return the state of a batch from its jobs, as its view does."""
+
+    def some(*states: ReconstructionState) -> ColumnElement[bool]:
+        return exists().where(JobRow.batch_id == BatchRow.id, JobRow.state.in_(states))
+
+    over = ~some(*(one for one in _R if not is_terminal(one)))
+    match state:
+        case BatchState.QUEUED:
+            return and_(some(_R.QUEUED), ~some(*set(_R) - {_R.QUEUED}))
+        case BatchState.RUNNING:
+            return and_(~over, some(*set(_R) - {_R.QUEUED}))
+        case BatchState.FAILED:
+            return and_(over, some(_R.FAILED))
+        case BatchState.CANCELLED:
+            return and_(over, some(_R.CANCELLED), ~some(_R.FAILED))
+        case BatchState.SUCCEEDED:
+            return and_(some(_R.SUCCEEDED), ~some(*set(_R) - {_R.SUCCEEDED}))
+        case BatchState.FORGOTTEN:
+            return ~some(*_R)
+
+
+def _has_label(name: str, text: str | None) -> ColumnElement[bool]:
+    member = _Members(ScanRow.labels).table_valued("key", "value").alias()
+    wanted = [member.c.key == name, *([] if text is None else [member.c.value == text])]
+    return select(1).select_from(member).where(*wanted).correlate(ScanRow).exists()
+
+
+def _equal(*pairs: tuple[Any, str | None]) -> Conditions:
+    return [column == value for column, value in pairs if value is not None]

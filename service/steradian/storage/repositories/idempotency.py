@@ -1,0 +1,105 @@
+"""Idempotency keys: a request that is repeated gets the answer that the first one got."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import timedelta
+
+from sqlalchemy import delete, select
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
+
+from steradian.core.exceptions import InvalidInput
+from steradian.storage.db.database import Database
+from steradian.storage.db.tables import IdempotencyRow
+from steradian.storage.repositories.base import Clock, utc_now
+
+LIFETIME = timedelta(hours=24)
+
+
+@dataclass(frozen=True)
+class Key:
+    """Idempotency key with its owner and endpoint, and the hash of the request's body."""
+
+    principal: str
+    path: str
+    text: str
+    body_hash: str
+
+    @property
+    def name(self) -> str:
+        """Primary key of the stored response."""
+        return f"{self.principal}:{self.path}:{self.text}"
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Response to an idempotent request."""
+
+    status: int
+    location: str
+    body: str
+    replayed: bool = False
+
+
+class Answers:
+    """Repository of idempotent responses, written in the transaction that they describe."""
+
+    def __init__(self, database: Database, clock: Clock = utc_now) -> None:
+        self.database, self.clock = database, clock
+
+    def kept(self, key: Key | None) -> Answer | None:
+        """Return the stored response of a key; call this first, because the resource may have changed since.
+
+        Raises
+        ------
+        InvalidInput
+            When the key was used with another body.
+        """
+        if key is None:
+            return None
+        with self.database.read() as session:
+            return self._replay(session, key)
+
+    def once(self, key: Key | None, make: Callable[[Session], Answer]) -> Answer:
+        """Call ``make`` once per key; without a key, always.
+
+        Raises
+        ------
+        InvalidInput
+            When the key was used with another body.
+        """
+        try:
+            return self._once(key, make)
+        except IntegrityError:
+            if key is None:
+                raise
+            return self._once(key, make)  # the same request was answered beside this one
+
+    def _once(self, key: Key | None, make: Callable[[Session], Answer]) -> Answer:
+        with self.database.write() as session:
+            if key is None:
+                return make(session)
+            if (kept := self._replay(session, key)) is not None:
+                return kept
+            # One that is too old only: since the look above the same request may have been answered beside this one.
+            old = (IdempotencyRow.key == key.name) & (IdempotencyRow.created < self.clock() - LIFETIME)
+            session.execute(delete(IdempotencyRow).where(old))
+            answer = make(session)
+            about = {"status": answer.status, "location": answer.location, "answer": answer.body}
+            session.add(IdempotencyRow(key=key.name, created=self.clock(), body_hash=key.body_hash, **about))
+            return answer
+
+    def _replay(self, session: Session, key: Key) -> Answer | None:
+        kept = session.scalars(select(IdempotencyRow).where(IdempotencyRow.key == key.name)).one_or_none()
+        if kept is None or self.clock() - kept.created > LIFETIME:
+            return None
+        if kept.body_hash != key.body_hash:
+            raise InvalidInput("Idempotency-Key", key.text, "a key that was not used with another body")
+        return Answer(kept.status, kept.location, kept.answer, replayed=True)
+
+    def prune(self) -> None:
+        """Forget keys that are too old."""
+        with self.database.write() as session:
+            session.execute(delete(IdempotencyRow).where(IdempotencyRow.created < self.clock() - LIFETIME))

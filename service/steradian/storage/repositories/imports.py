@@ -1,0 +1,69 @@
+"""Register imported scans; repeating a registration has no effect."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sqlalchemy import select
+
+from steradian.core.logging_config import request_id
+from steradian.plans import ScanPlan
+from steradian.storage.db.database import Database
+from steradian.storage.db.tables import ScanRow
+from steradian.storage.repositories.base import Clock, utc_now
+from steradian.storage.repositories.event_log import record
+from steradian.storage.repositories.masks import MaskRepository
+from steradian.storage.repositories.plans import PlanRepository
+from steradian.storage.states import DesiredScanState, ScanState
+
+
+def register_import(
+    database: Database,
+    plan: ScanPlan,
+    scan_id: str,
+    *,
+    simulated: bool,
+    summary: dict[str, Any],
+    labels: dict[str, str],
+    who: str,
+    clock: Clock = utc_now,
+) -> None:
+    """Note a scan whose file was imported; it is complete or partial from the start. Doing it twice does it once.
+
+    Parameters
+    ----------
+    plan
+        With its mask, as the file says; both are kept too.
+    summary
+        Counts of the scan: ``points`` planned and ``stored``, at least.
+    who
+        The principal who asked for it.
+    """
+    MaskRepository(database, clock).put(plan.mask)
+    row, _ = PlanRepository(database, clock).put(plan)
+    now = clock()
+    why = "imported"
+    state = ScanState.COMPLETE if summary["stored"] == summary["points"] else ScanState.PARTIAL
+    with database.write() as session:
+        if session.scalars(select(ScanRow).where(ScanRow.id == scan_id)).one_or_none() is not None:
+            return
+        scan = ScanRow(
+            id=scan_id,
+            plan_id=row.id,
+            mask_id=row.mask_id,
+            request_id=request_id.get() or None,
+            simulated=simulated,
+            labels=labels,
+            fence=0,
+            state=state,
+            desired_state=DesiredScanState.RUNNING,
+            created=now,
+            ended=now,
+            stage=why,
+            done=summary["stored"],
+            total=summary["points"],
+            summary=summary,
+            history=[{"state": state, "at": now.isoformat(), "who": who, "why": why}],
+        )
+        session.add(scan)
+        record(session, now, "scan", scan_id, {"state": state, "who": who, "why": why})

@@ -1,0 +1,66 @@
+"""Plans in the database."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+from pydantic import TypeAdapter
+from sqlalchemy.exc import IntegrityError
+
+from steradian.plans import ScanPlan
+from steradian.plans.preview import Preview, preview
+from steradian.storage.db.tables import PlanRow
+from steradian.storage.repositories.base import Repository
+from steradian.storage.repositories.masks import MaskRepository
+from steradian.storage.repositories.references import hold
+
+
+def preview_document(plan: ScanPlan) -> dict[str, Any]:
+    """Return a plan's cost as plain JSON."""
+    document: dict[str, Any] = _adapter().dump_python(preview(plan), mode="json")
+    return document
+
+
+@cache
+def _adapter() -> TypeAdapter[Preview]:
+    return TypeAdapter(Preview)  # once, as that takes longer than all else
+
+
+class PlanRepository(Repository[PlanRow]):
+    """Plans, addressed by their content."""
+
+    kind, table = "plan", PlanRow
+
+    def put(self, plan: ScanPlan) -> tuple[PlanRow, bool]:
+        """Keep a plan whose mask is kept already; the flag says whether it is new. Raises :class:`NotFound` if not."""
+        return self.put_columns(to_columns(plan))
+
+    def put_columns(self, columns: dict[str, Any]) -> tuple[PlanRow, bool]:
+        """Keep a plan that :func:`to_columns` wrote; the flag says whether it is new."""
+        row = PlanRow(created=self.clock(), **columns)
+        try:
+            with self.database.write() as session:
+                hold(session, "mask", row.mask_id)
+                session.add(row)
+            return row, True
+        except IntegrityError:
+            return self.get(row.id), False
+
+    def load(self, identifier: str) -> ScanPlan:
+        """Read the whole plan with its mask.
+
+        Raises
+        ------
+        NotFound
+            When there is none.
+        """
+        row = self.get(identifier)
+        mask = MaskRepository(self.database, self.clock).load(row.mask_id)
+        return ScanPlan.create(mask=mask, **row.parameters)
+
+
+def to_columns(plan: ScanPlan) -> dict[str, Any]:
+    """Write a plan as the columns of its row, all but when it was made."""
+    parameters = plan.model_dump(mode="json", exclude={"mask"})
+    return {"id": plan.id, "mask_id": plan.mask.id, "parameters": parameters, "preview": preview_document(plan)}

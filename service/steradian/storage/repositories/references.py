@@ -1,0 +1,126 @@
+"""Dependency graph between resources and the row locks that keep referenced rows alive."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final, TypeAlias
+
+from sqlalchemy import or_, select
+from sqlalchemy.orm import Session
+
+from steradian.core.exceptions import NotFound
+from steradian.storage.db.tables import BatchRow, JobRow, MaskRow, PlanRow, ReconstructionRow, ScanRow
+
+Rows: TypeAlias = type[MaskRow] | type[PlanRow] | type[ScanRow] | type[BatchRow] | type[JobRow]
+TABLES: Final[dict[str, Rows]] = {
+    "mask": MaskRow,
+    "plan": PlanRow,
+    "scan": ScanRow,
+    "batch": BatchRow,
+    "reconstruction": JobRow,
+    "job": JobRow,
+}
+"""What can be deleted, in the order of dependence: each of a kind may depend on those before it."""
+_READ: Final = {"scan_id": "scan", "reconstruction_id": "reconstruction", "reference_id": "reconstruction"}
+"""What a job's request names, as which kind of thing."""
+
+
+@dataclass(frozen=True)
+class Resource:
+    """One thing."""
+
+    kind: str
+    id: str
+
+
+def hold(session: Session, kind: str, identifier: str) -> None:
+    """Keep a thing from being deleted until the transaction ends, in which something is made that depends on it.
+
+    Raises
+    ------
+    NotFound
+        When it is gone, deleted just now perhaps.
+    """
+    table = TABLES[kind]
+    query = select(table.id).where(table.id == identifier)
+    if session.scalar(query.with_for_update(read=True, key_share=True)) is None:
+        raise NotFound(kind, identifier)
+
+
+def hold_needs(session: Session, *requests: Mapping[str, Any]) -> None:
+    """Lock all resources that job requests name, before any other lock or event; see :func:`hold`.
+
+    The order is that of deletions, from masks to scans to reconstructions and then the event log: or two transactions
+    could wait for each other.
+    """
+    through = [request["through"]["mask_id"] for request in requests if request.get("through") is not None]
+    for mask in sorted(set(through)):
+        hold(session, "mask", mask)
+    for kind in ("scan", "reconstruction"):
+        names = [name for name, read in _READ.items() if read == kind]
+        asked = {request[name] for request in requests for name in names if request.get(name) is not None}
+        for identifier in sorted(asked):
+            hold(session, kind, identifier)
+
+
+def needed(session: Session) -> set[str]:
+    """Name the jobs whose results others have still to read."""
+    names = [JobRow.payload[name].as_string() for name, kind in _READ.items() if kind == "reconstruction"]
+    found = session.execute(select(*names).where(JobRow.ended.is_(None)))
+    return {identifier for row in found for identifier in row if identifier is not None}
+
+
+def closure(session: Session, first: Resource) -> list[Resource]:
+    """Find all that depends on a thing, itself first; nothing can come to depend on it until the transaction ends.
+
+    All of a kind are held before any of the next, by their names: or two deletions could wait for each other.
+
+    Raises
+    ------
+    NotFound
+        When it was deleted just now.
+    """
+    found = {first: None}
+    for kind, table in TABLES.items():
+        those = [one for one in found if one.kind == kind]
+        holding = select(table.id).where(table.id.in_([one.id for one in those])).order_by(table.id)
+        held = set(session.scalars(holding.with_for_update()))
+        for one in those:
+            if one.id in held:
+                found |= dict.fromkeys(_dependents(session, one))
+            else:  # another deletion was first
+                del found[one]
+    if first not in found:
+        raise NotFound(first.kind, first.id)
+    return list(found)
+
+
+def _dependents(session: Session, of: Resource) -> list[Resource]:
+    asked = JobRow.payload
+    match of.kind:
+        case "mask":
+            plans = session.scalars(select(PlanRow.id).where(PlanRow.mask_id == of.id))
+            through = asked["through", "mask_id"].as_string() == of.id
+            return [*(Resource("plan", plan) for plan in plans), *jobs(session, through)]
+        case "plan":
+            return [
+                Resource("scan", scan) for scan in session.scalars(select(ScanRow.id).where(ScanRow.plan_id == of.id))
+            ]
+        case "scan":
+            batches = session.scalars(select(BatchRow.id).where(BatchRow.scan_id == of.id))
+            work = jobs(session, JobRow.scan_id == of.id)
+            return [*work, *(Resource("batch", batch) for batch in batches)]
+        case "batch":
+            return jobs(session, JobRow.batch_id == of.id)
+        case "reconstruction":
+            names = ("reconstruction_id", "reference_id")
+            return jobs(session, or_(*(asked[name].as_string() == of.id for name in names)))
+    return []
+
+
+def jobs(session: Session, condition: Any) -> list[Resource]:
+    """Select jobs with or without a ``/reconstructions`` resource."""
+    query = select(JobRow.id, ReconstructionRow.id).outerjoin(ReconstructionRow, ReconstructionRow.id == JobRow.id)
+    rows = session.execute(query.where(condition).order_by(JobRow.sequence)).all()
+    return [Resource("job" if volume is None else "reconstruction", job) for job, volume in rows]
