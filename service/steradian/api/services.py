@@ -38,10 +38,10 @@ from steradian.storage.data_dir.fault_requests import Clearing
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.data_dir.scanner_status import StatusBlock
 from steradian.storage.db.advisory_locks import Hold, SessionLock
+from steradian.storage.db.clock import Clock, utc_now
 from steradian.storage.db.database import Database, metadata_url, take_turns
 from steradian.storage.db.tables import JobRow
 from steradian.storage.maintenance.record_ages import Ages
-from steradian.storage.repositories.base import Clock, utc_now
 from steradian.storage.repositories.deletion import Deletion, InUse, remove_files
 from steradian.storage.repositories.event_log import EventLog
 from steradian.storage.repositories.idempotency import Answers

@@ -29,7 +29,7 @@ from steradian.scans.acquisition.continuation import begin_with
 from steradian.scans.acquisition.control import End
 from steradian.scans.acquisition.database_control import POLL, ScanWatch
 from steradian.scans.acquisition.emergency_watchdog import EmergencyWatch
-from steradian.scans.acquisition.fault_clearing import FaultClerk
+from steradian.scans.acquisition.fault_clerk import FaultClerk
 from steradian.scans.acquisition.port_monitor import PortWatch
 from steradian.scans.acquisition.resume_checks import ResumeRefused
 from steradian.scans.acquisition.run import ScanSummary, resume_scan, run_scan

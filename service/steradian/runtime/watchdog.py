@@ -11,13 +11,10 @@ import urllib.error
 import urllib.request
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING
 
 from steradian.runtime.heartbeat import STALE_AFTER, is_alive
+from steradian.runtime.managed_process import Child
 from steradian.storage.data_dir.layout import DataDirectory
-
-if TYPE_CHECKING:
-    from steradian.runtime.supervisor import Child
 
 EVERY = 1.0
 """Seconds between two questions to the API."""

@@ -16,9 +16,9 @@ from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
 from steradian.core.exceptions import InvalidInput, NotFound, SteradianError
+from steradian.storage.db.clock import Clock, utc_now
 from steradian.storage.db.database import Database, take_turns
 from steradian.storage.db.tables import KeyRow, TicketRow
-from steradian.storage.repositories.base import Clock, utc_now
 
 PREFIX = "sk"
 TICKET_SECONDS = 30.0

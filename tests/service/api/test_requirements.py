@@ -7,7 +7,7 @@ import httpx
 import pytest
 
 from steradian.jobs.queue.matching import Capabilities, Notice
-from steradian.storage.repositories.base import utc_now
+from steradian.storage.db.clock import utc_now
 
 from .conftest import api_of, make_scan
 

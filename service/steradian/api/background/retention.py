@@ -6,28 +6,48 @@ import logging
 import os
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from sqlalchemy import select
 
 from steradian.core.atomic_files import remove, sweep, sweep_older
+from steradian.core.settings import Settings
 from steradian.jobs.registry import KINDS, resource_of
-from steradian.storage.blobs.interface import upload_name
+from steradian.storage.blobs.interface import Arrays, upload_name
 from steradian.storage.blobs.object_store import ObjectStore
 from steradian.storage.capacity.quota import importing_job_id
+from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.clock import Clock
+from steradian.storage.db.database import Database
 from steradian.storage.db.tables import JobRow, ScanRow
-from steradian.storage.maintenance.record_ages import EARLIEST, redate, tell_redated
-from steradian.storage.repositories.deletion import waiting_import
+from steradian.storage.maintenance.record_ages import EARLIEST, Ages, redate, tell_redated
+from steradian.storage.repositories.deletion import Deletion, waiting_import
+from steradian.storage.repositories.event_log import EventLog
+from steradian.storage.repositories.idempotency import Answers
 from steradian.storage.repositories.references import Resource, needed
-
-if TYPE_CHECKING:
-    from steradian.api.services import Services
 
 UPLOADS_KEPT = timedelta(days=1)
 _log = logging.getLogger(__name__)
 
 
-def tidy(services: Services, *, shared: bool = True) -> None:
+class RetentionContext(Protocol):
+    """Settings, repositories and stores that retention uses; the container of services satisfies it."""
+
+    settings: Settings
+    clock: Clock
+    ages: Ages
+    data: DataDirectory
+    database: Database
+    arrays: Arrays
+    log: EventLog
+    answers: Answers
+    deletion: Deletion
+
+    def remove_files(self) -> None:
+        """Remove files of deleted resources, as far as they are removable now."""
+
+
+def tidy(context: RetentionContext, *, shared: bool = True) -> None:
     """Apply retention: delete expired events, idempotency keys, uploads, shared images and, if configured, jobs.
 
     Parameters
@@ -35,45 +55,45 @@ def tidy(services: Services, *, shared: bool = True) -> None:
     shared
         Whether also what all nodes of the service share; else only this node's folder is looked through.
     """
-    _sweep_drafts(services)
-    is_sure = services.ages.can_be_trusted(services.database)
+    _sweep_drafts(context)
+    is_sure = context.ages.can_be_trusted(context.database)
     if is_sure:
-        oldest = (services.clock() - UPLOADS_KEPT).timestamp()
-        sweep_older(services.data.references, oldest)
-        sweep_older(services.data.uploads, oldest, "*.part")  # of a process that was killed
+        oldest = (context.clock() - UPLOADS_KEPT).timestamp()
+        sweep_older(context.data.references, oldest)
+        sweep_older(context.data.uploads, oldest, "*.part")  # of a process that was killed
     if is_sure and shared:
-        _forget_uploads(services, oldest)
-        services.log.prune(services.clock() - timedelta(days=services.settings.event_days))
-        services.answers.prune()
-        if services.settings.retention_days is not None:
-            _forget_before(services, timedelta(days=services.settings.retention_days))
+        _forget_uploads(context, oldest)
+        context.log.prune(context.clock() - timedelta(days=context.settings.event_days))
+        context.answers.prune()
+        if context.settings.retention_days is not None:
+            _forget_before(context, timedelta(days=context.settings.retention_days))
     if not shared:
         return
-    services.remove_files()
-    if is_sure and isinstance(services.arrays, ObjectStore) and (count := services.arrays.sweep()):
+    context.remove_files()
+    if is_sure and isinstance(context.arrays, ObjectStore) and (count := context.arrays.sweep()):
         _log.info("%d objects that belonged to nothing are deleted from the store", count)
 
 
-def _forget_uploads(services: Services, oldest: float) -> None:
+def _forget_uploads(context: RetentionContext, oldest: float) -> None:
     """Delete files that came before a time, seconds since the epoch, and that no import has still to read."""
-    for name in services.arrays.names(upload_name("")):
-        found, upload = services.arrays.stat(name), name.rpartition("/")[2]
-        if not found or found.modified >= oldest or waiting_import(services.database, upload) is not None:
+    for name in context.arrays.names(upload_name("")):
+        found, upload = context.arrays.stat(name), name.rpartition("/")[2]
+        if not found or found.modified >= oldest or waiting_import(context.database, upload) is not None:
             continue
         came = datetime.fromtimestamp(found.modified, UTC)
         if came < EARLIEST:
             with suppress(FileNotFoundError):
-                os.utime(services.data.upload(upload))
+                os.utime(context.data.upload(upload))
                 tell_redated(f"upload {upload}", came)
             continue
-        services.arrays.delete(name)
+        context.arrays.delete(name)
         _log.info("upload %s is deleted: it came at %s, and none is kept for more than a day", upload, came)
 
 
-def _sweep_drafts(services: Services) -> None:
+def _sweep_drafts(context: RetentionContext) -> None:
     """Remove temporary files of killed jobs; jobs that have not ended clean their folders at their next attempt."""
-    data, drafts = services.data, services.data.scan_drafts()
-    with services.database.read() as session:
+    data, drafts = context.data, context.data.scan_drafts()
+    with context.database.read() as session:
         over = set(session.scalars(select(JobRow.id).where(JobRow.ended.is_not(None))))
         going = set(session.scalars(select(JobRow.id).where(JobRow.ended.is_(None))))
         going |= set(session.scalars(select(ScanRow.id).where(ScanRow.ended.is_(None))))
@@ -86,11 +106,11 @@ def _sweep_drafts(services: Services) -> None:
             remove(draft)
 
 
-def _forget_before(services: Services, age: timedelta) -> None:
-    when = services.clock() - age
+def _forget_before(context: RetentionContext, age: timedelta) -> None:
+    when = context.clock() - age
     query = select(JobRow.id, JobRow.kind, JobRow.ended).where(JobRow.ended.is_not(None), JobRow.ended < when)
-    with services.database.write() as session:
-        redate(session, when, services.clock())
+    with context.database.write() as session:
+        redate(session, when, context.clock())
         # Nobody begins to need one any more. In the order of deletions, or two wait for each other: first what
         # stands behind /reconstructions, then what may depend on it, each by name.
         images = [name for name, kind in KINDS.items() if kind.resource == "reconstruction"]
@@ -99,7 +119,7 @@ def _forget_before(services: Services, age: timedelta) -> None:
         kept = needed(session)
         old = [row for row in rows if row.id not in kept]
         gone = [Resource(resource_of(row.kind), row.id) for row in old]
-        services.deletion.forget(session, gone, "service", "older than retention_days")
+        context.deletion.forget(session, gone, "service", "older than retention_days")
     for row in old:
         about = (resource_of(row.kind), row.id, row.ended, age.total_seconds() / 86_400)
         _log.info("%s %s is deleted: it ended at %s, more than %g days ago (retention_days)", *about)

@@ -21,10 +21,10 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from steradian.api.background.peers import Elsewhere, principal_of
 from steradian.api.errors.handlers import NO_DATABASE, database_problem, problem
-from steradian.api.http.json_body import JsonRequest
 from steradian.api.http.proxy_detection import is_forwarded, stranger
 from steradian.api.http.session_cookie import check_page, secret_in
 from steradian.api.middleware.cors import is_read_of
+from steradian.api.middleware.json_body import JsonRequest
 from steradian.api.middleware.stop_authorization import bearer_of_ticket, is_stop
 from steradian.api.params.filters import refuse_unknown
 from steradian.core.settings import Settings

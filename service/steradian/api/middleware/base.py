@@ -15,8 +15,8 @@ from ulid import ULID
 
 from steradian.api.errors.handlers import CODE_OF, problem
 from steradian.api.http.security_headers import complete
+from steradian.api.middleware.metrics import Metrics
 from steradian.api.middleware.stop_authorization import EMERGENCY_STOP
-from steradian.api.routers.metrics import Metrics
 from steradian.core.logging_config import request_id
 from steradian.core.settings import Settings
 

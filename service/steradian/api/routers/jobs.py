@@ -39,8 +39,8 @@ from steradian.jobs.requests import EXAMPLES, WorkRequest, job_of
 from steradian.security.keys import Principal
 from steradian.storage.blobs.interface import result_name
 from steradian.storage.data_dir.job_directory import LOG
+from steradian.storage.db.clock import new_id
 from steradian.storage.repositories import filters
-from steradian.storage.repositories.base import new_id
 from steradian.storage.repositories.idempotency import Answer, Key
 from steradian.storage.states import ReconstructionState
 

@@ -26,8 +26,8 @@ from steradian.core.exceptions import InvalidInput, NotFound
 from steradian.core.validation import Value
 from steradian.jobs.requests import Identifier, check_described
 from steradian.storage.blobs.interface import upload_name
+from steradian.storage.db.clock import new_id
 from steradian.storage.repositories import deletion
-from steradian.storage.repositories.base import new_id
 
 router = APIRouter(prefix=f"{V1}/uploads", tags=["jobs"], route_class=GuardedRoute)
 _BINARY = {

@@ -21,17 +21,17 @@ from steradian.jobs.queue.dbos import APPLICATION, APPLICATION_VERSION, QUEUE, W
 from steradian.jobs.queue.fair_queueing import place
 from steradian.jobs.queue.ledger import JobLedger
 from steradian.jobs.queue.matching import Capabilities, own_scanner, workers
-from steradian.jobs.worker.runner import POLL
 from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.clock import utc_now
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.db.tables import JobRow, ScannerRow
-from steradian.storage.repositories.base import utc_now
 from steradian.storage.repositories.scanners import PRESENT
 from steradian.storage.states import ReconstructionState, is_terminal
 
 WAITING: Final = frozenset({"ENQUEUED", "DELAYED"})
 WAITING_OR_RUNNING: Final = WAITING | {"PENDING"}
 """The engine's states of jobs that are not over."""
+POLL_INTERVAL: Final = 0.1
 
 _log = logging.getLogger(__name__)
 _R = ReconstructionState
@@ -150,7 +150,7 @@ class JobQueue:
                 progress(status.stage, status.done, status.total)
             if status.is_over or (deadline is not None and clock() >= deadline):
                 return status
-            sleep(POLL / 2)
+            sleep(POLL_INTERVAL)
 
     def reconcile(self) -> None:
         """Reconcile jobs with the engine after crashes, a full disk or an upgrade; call it about once a second.

@@ -13,8 +13,8 @@ from dbos import DBOS
 from sqlalchemy import make_url
 
 from steradian.core.settings import Settings
+from steradian.jobs.queue.engine_version import ENGINE, engine_version
 from steradian.jobs.queue.fair_queueing import renumber
-from steradian.jobs.worker.readiness import ENGINE, engine_version
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.advisory_locks import TIMEOUTS
 from steradian.storage.db.database import Database, metadata_url

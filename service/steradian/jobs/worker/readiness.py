@@ -7,27 +7,19 @@ from __future__ import annotations
 
 import logging
 import time
-from importlib.metadata import version
-from typing import Final
 
 from sqlalchemy.exc import SQLAlchemyError
 
 from steradian.core.exceptions import Conflict, StoreUnavailable
 from steradian.core.settings import Settings
+from steradian.jobs.queue.engine_version import ENGINE, engine_version
 from steradian.storage import deployment_binding as belonging
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database, known_revisions, metadata_url
 
-ENGINE: Final = "queue-engine"
-"""Under which name the database says which version of the queue's engine made its tables."""
 ASK_EVERY, TELL_EVERY = 0.5, 30.0
 """Seconds between looks at a database that is not ready, and between words about it."""
 _log = logging.getLogger(__name__)
-
-
-def engine_version() -> str:
-    """Return the version of the queue's engine."""
-    return version("dbos")
 
 
 def join(settings: Settings) -> None:

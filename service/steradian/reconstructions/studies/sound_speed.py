@@ -12,7 +12,7 @@ are thinned to the band that a coarse lateral grid carries: dozens of images the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -33,7 +33,7 @@ from steradian.reconstructions.pipeline.resolve import (
 )
 from steradian.reconstructions.pipeline.run import write_json
 from steradian.reconstructions.shots import even_out
-from steradian.reconstructions.studies.sound_speed_figure import draw_curve
+from steradian.reconstructions.studies.sound_speed_curve import SoundSpeedCurve, draw_curve
 from steradian.reconstructions.studies.sound_speed_fit import MOST_STEPS, SpeedFit
 from steradian.reconstructions.studies.sound_speed_images import Views
 from steradian.scans.frames import FrameChoice
@@ -44,33 +44,6 @@ FINE = (-1.0, -0.5, 0.0, 0.5, 1.0)
 GROUPS = 6
 """Groups of sensors, one left out at a time for the standard error (jackknife)."""
 BY_SHARPNESS = "the speed is that of the sharpest image, whose bias its error does not hold"
-
-
-@dataclass(frozen=True)
-class SoundSpeedCurve:
-    """Sharpness over the speed of sound.
-
-    Parameters
-    ----------
-    sound_speeds, sharpness
-        What was tried, rising, and the normalised sharpness there.
-    best
-        Speed of the least misfit in m/s; by sharpness, from a parabola through the sharpest.
-    standard_error
-        Of ``best`` in m/s (68 %): noise and the fit's limits; by sharpness, the scatter when groups of sensors are
-        left out, without the criterion's bias. None where it was not asked for or ``at_edge``.
-    at_edge
-        ``best`` is the first or last speed: the range should be moved.
-    notes
-        What was decided or assumed, and how the speed trades with a delay of the record.
-    """
-
-    sound_speeds: tuple[float, ...]
-    sharpness: tuple[float, ...]
-    best: float
-    standard_error: float | None
-    at_edge: bool
-    notes: tuple[str, ...] = ()
 
 
 def scan_sound_speed(

@@ -33,8 +33,8 @@ from steradian.scans.file.rows import RowTable
 from steradian.scans.file.verify import check_scan_file
 from steradian.storage.capacity.quota import imported_scan_id
 from steradian.storage.data_dir.layout import PRIVATE, DataDirectory
+from steradian.storage.data_dir.sqlite_urls import sqlite_url
 from steradian.storage.db.database import Database, known_revisions
-from steradian.storage.db.sqlite_urls import sqlite_url
 from steradian.storage.db.tables import JobRow, ScanRow
 from steradian.storage.maintenance.snapshot import take_snapshot
 from steradian.storage.states import ScanState, is_terminal

@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-import logging
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import fabry_perot
-from steradian.core.exceptions import Conflict, FaultStands, ScannerUnreachable, SteradianError
+from steradian.core.exceptions import Conflict, FaultStands, ScannerUnreachable
 from steradian.scans.acquisition.scanner_status import described
-from steradian.storage.data_dir.fault_requests import ClearAnswer, Clearing, ClearRequest
-
-if TYPE_CHECKING:
-    from steradian.scans.acquisition.port_monitor import PortWatch
 
 LOOK: Final = 0.05
 """Seconds between two looks for a request."""
 HEARD_WITHIN: Final = 2.0
 """Seconds for which a port that was just opened is listened to."""
-_log = logging.getLogger(__name__)
 
 
 def clear_through(
@@ -91,52 +84,3 @@ def _opened(url: str) -> Iterator[fabry_perot.Monitor]:
         yield monitor
     finally:
         monitor.close()
-
-
-class FaultClerk:
-    """Carries out the requests of the API to clear the scanner's fault, each once, in a thread of its own.
-
-    Parameters
-    ----------
-    clearing
-        Where the requests are.
-    watch
-        The scanner's port.
-    """
-
-    def __init__(self, clearing: Clearing, watch: PortWatch) -> None:
-        self._clearing, self._watch = clearing, watch
-        self._over = threading.Event()
-        self._done = ""
-
-    @contextmanager
-    def working(self) -> Iterator[None]:
-        """Look for requests until the block ends."""
-        thread = threading.Thread(target=self._run, name="fault-clearing", daemon=True)
-        thread.start()
-        try:
-            yield
-        finally:
-            self._over.set()
-            thread.join(HEARD_WITHIN)
-
-    def _run(self) -> None:
-        while not self._over.wait(LOOK):
-            try:
-                request = self._clearing.asked()
-                if request is not None and request.number != self._done:
-                    self._done = request.number
-                    if self._clearing.answered(request.number) is None:
-                        self._clearing.answer(self._carry_out(request))
-            except Exception:  # whatever it was, the next request comes
-                _log.exception("a request to clear the scanner's fault cannot be carried out")
-
-    def _carry_out(self, request: ClearRequest) -> ClearAnswer:
-        try:
-            fault = self._watch.clear_fault(lambda: request.has_time)
-        except SteradianError as error:
-            _log.warning("%s asks to clear the scanner's fault: %s", request.who, error)
-            return ClearAnswer(request.number, code=error.code, message=str(error)[:500])
-        if fault:
-            _log.warning("%s has cleared the scanner's fault %s", request.who, fault)
-        return ClearAnswer(request.number, fault)

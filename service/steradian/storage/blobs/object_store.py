@@ -26,9 +26,9 @@ from steradian.storage.blobs.interface import Arrays, Folder, Stat, Stored
 from steradian.storage.blobs.s3 import PATIENCE, Bucket
 from steradian.storage.blobs.staleness import has_moved_on, last_begun
 from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.clock import Clock, utc_now
 from steradian.storage.db.database import Database, take_turns
 from steradian.storage.db.tables import LogRow, ObjectRow, ScanRow
-from steradian.storage.repositories.base import Clock, utc_now
 
 ORPHANS_KEPT: Final = timedelta(days=1)
 """Age from which an object without a row is nobody's; much more than lies between an object and its row."""

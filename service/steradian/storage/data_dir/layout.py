@@ -57,7 +57,7 @@ class DataDirectory:
     @property
     def metadata_url(self) -> str:
         """SQLAlchemy URL of the metadata; raises :class:`InvalidInput` for a path that SQLite cannot open."""
-        from steradian.storage.db.sqlite_urls import sqlite_url  # loads SQLAlchemy, which most do not need
+        from steradian.storage.data_dir.sqlite_urls import sqlite_url  # loads SQLAlchemy, which most do not need
 
         return sqlite_url(self.metadata_file)
 

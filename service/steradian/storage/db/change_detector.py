@@ -7,8 +7,8 @@ import time
 from pathlib import Path
 from typing import Final
 
+from steradian.storage.data_dir.sqlite_urls import file_uri
 from steradian.storage.db.database import Database
-from steradian.storage.db.sqlite_urls import file_uri
 
 AT_LEAST: Final = 1.0
 """Seconds after which one looks even if nothing was written: what was tried in vain is tried again."""

@@ -12,8 +12,8 @@ from typing import Final
 from sqlalchemy import Connection, delete, func, insert, select, text
 
 from steradian.core.exceptions import Conflict
+from steradian.storage.data_dir.sqlite_urls import file_uri, sqlite_url
 from steradian.storage.db.database import Database
-from steradian.storage.db.sqlite_urls import file_uri, sqlite_url
 from steradian.storage.db.tables import LogRow, SessionRow, Table, TicketRow
 from steradian.storage.maintenance.binding import FACT
 

@@ -13,8 +13,8 @@ from sqlalchemy.exc import DatabaseError
 from steradian.core.exceptions import DamagedFile
 from steradian.core.settings import Settings
 from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.data_dir.sqlite_urls import file_uri
 from steradian.storage.db.database import Database, metadata_url
-from steradian.storage.db.sqlite_urls import file_uri
 from steradian.storage.db.tables import JobRow, RemovalRow, ScanRow
 
 MAGIC = b"SQLite format 3\0"

@@ -2,32 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import UTC, datetime
-from typing import Generic, TypeAlias, TypeVar
+from typing import Generic, TypeVar
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
-from ulid import ULID
 
 from steradian.core.exceptions import NotFound
+from steradian.storage.db.clock import Clock, utc_now
 from steradian.storage.db.database import Database
 from steradian.storage.db.tables import BatchRow, JobRow, MaskRow, PlanRow, ReconstructionRow, ScannerRow, ScanRow
 from steradian.storage.repositories.filters import Conditions
 
-Clock: TypeAlias = Callable[[], datetime]
 Row = TypeVar("Row", MaskRow, PlanRow, ScanRow, ReconstructionRow, JobRow, BatchRow, ScannerRow)
-
-
-def utc_now() -> datetime:
-    """Return the current time in UTC."""
-    return datetime.now(UTC)
-
-
-def new_id(prefix: str) -> str:
-    """Make an identifier that sorts by the time it was made."""
-    return prefix + str(ULID()).lower()
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,10 @@ from sqlalchemy.orm import undefer
 from steradian.core.exceptions import NotFound
 from steradian.masks import Mask
 from steradian.masks.lattice import imported_modes
+from steradian.storage.db.clock import Clock, utc_now
 from steradian.storage.db.database import Database
 from steradian.storage.db.tables import MaskRow
-from steradian.storage.repositories.base import Clock, Repository, utc_now
+from steradian.storage.repositories.base import Repository
 
 
 class MaskRepository(Repository[MaskRow]):

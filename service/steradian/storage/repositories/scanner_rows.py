@@ -12,9 +12,10 @@ from sqlalchemy.orm import Session
 from steradian.core.exceptions import NotFound
 from steradian.core.settings import FIRST_SCANNER
 from steradian.storage.data_dir.scanner_status import ScannerStatus, wording
+from steradian.storage.db.clock import Clock, utc_now
 from steradian.storage.db.database import Database, take_turns
 from steradian.storage.db.tables import ScannerRow, ScanRow
-from steradian.storage.repositories.base import Clock, Repository, utc_now
+from steradian.storage.repositories.base import Repository
 from steradian.storage.repositories.deletion import InUse
 from steradian.storage.repositories.event_log import record
 from steradian.storage.states import ScanState, is_terminal

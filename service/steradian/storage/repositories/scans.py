@@ -11,9 +11,10 @@ from sqlalchemy.orm import Session
 
 from steradian.core.exceptions import Conflict
 from steradian.core.logging_config import caused_by, request_id
+from steradian.storage.db.clock import Clock, new_id, utc_now
 from steradian.storage.db.database import Database
 from steradian.storage.db.tables import PlanRow, ScannerRow, ScanRow
-from steradian.storage.repositories.base import Clock, Repository, new_id, utc_now
+from steradian.storage.repositories.base import Repository
 from steradian.storage.repositories.event_log import record
 from steradian.storage.repositories.references import hold
 from steradian.storage.repositories.scanners import SCANNER_ID

@@ -1,0 +1,104 @@
+"""Prometheus metrics: request counters, and a collector of queue, scan and process state."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+
+from prometheus_client import CollectorRegistry, Counter, Histogram
+from prometheus_client.metrics_core import GaugeMetricFamily
+from prometheus_client.registry import Collector
+
+from steradian import __version__
+from steradian.api.services import Services
+from steradian.jobs.queue.estimates import backlog
+from steradian.jobs.queue.matching import count_unmet, workers
+from steradian.runtime.heartbeat import gpu_of, is_alive
+from steradian.storage.states import ReconstructionState, ScanState
+
+BUCKETS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 10.0)
+
+
+class Metrics:
+    """Counts requests, and looks at queue and processes when asked."""
+
+    def __init__(self, services: Services) -> None:
+        self.registry = CollectorRegistry()
+        labels = ("method", "route", "status")
+        self._requests = Counter("steradian_http_requests", "Requests served", labels, registry=self.registry)
+        self._seconds = Histogram(
+            "steradian_http_request_seconds", "Until the answer began", ("method", "route"),
+            buckets=BUCKETS, registry=self.registry,
+        )  # fmt: skip
+        self.registry.register(_Present(services))
+
+    def count(self, method: str, route: str, status: int, seconds: float) -> None:
+        """Record status and latency of a request under its route template, so that identifiers create no series."""
+        self._requests.labels(method, route, str(status)).inc()
+        self._seconds.labels(method, route).observe(seconds)
+
+
+class _Present(Collector):
+    """Collector that reads queue, scan and process state at scrape time."""
+
+    def __init__(self, services: Services) -> None:
+        self._services = services
+
+    def describe(self) -> list[GaugeMetricFamily]:
+        """Name nothing beforehand: looking needs the database."""
+        return []
+
+    def collect(self) -> Iterator[GaugeMetricFamily]:
+        """Look."""
+        services = self._services
+        version = GaugeMetricFamily("steradian_info", "Version of the software", labels=["version"])
+        version.add_metric([__version__], 1)
+        yield version
+        for name, states, counts in (
+            ("jobs", ReconstructionState, services.ledger.counts()),
+            ("scans", ScanState, services.scans.counts()),
+        ):
+            family = GaugeMetricFamily(f"steradian_{name}", f"{name.capitalize()} in each state", labels=["state"])
+            for state in states:
+                family.add_metric([str(state)], counts.get(str(state), 0))
+            yield family
+        with services.ledger.database.read() as session:
+            present = workers(session, now := services.ledger.clock())
+            waiting, unmet = backlog(session, now, present), count_unmet(session, present)
+        if waiting.seconds is not None:
+            told = "What one worker would take for all jobs that wait; absent where no past job tells"
+            yield GaugeMetricFamily("steradian_jobs_waiting_work_seconds", told, waiting.seconds)
+        told = "How long ago the oldest job that waits was asked for"
+        yield GaugeMetricFamily("steradian_jobs_waiting_oldest_seconds", told, waiting.oldest)
+        told = "Jobs that wait and that no worker which is present can do"
+        yield GaugeMetricFamily("steradian_jobs_waiting_unmet", told, unmet)
+        told, labels = "What each worker has that was heard of lately", ["worker", "memory", "cores", "gpu"]
+        family = GaugeMetricFamily("steradian_worker", told, labels=labels)
+        for name, has in present.items():
+            family.add_metric([name, str(has.memory or ""), str(has.cores), has.gpu or ""], 1)
+        yield family
+        alive = GaugeMetricFamily(
+            "steradian_process_alive", "Whether a process shows signs of life", labels=["process"]
+        )
+        gpus = GaugeMetricFamily("steradian_gpu", "GPU that a worker uses", labels=["process", "gpu"])
+        for process in _processes(services):
+            if process not in {"owner", "service"}:
+                sign = services.data.heartbeat(process)
+                alive.add_metric([process], is_alive(sign, time.time()))
+                if (gpu := gpu_of(sign)) is not None:
+                    gpus.add_metric([process, gpu], 1)
+        yield alive
+        yield gpus
+        with suppress(OSError):  # the data folder is away
+            free = services.disk.free
+            yield GaugeMetricFamily("steradian_disk_free_bytes", "Free on the disk of the data folder", value=free)
+        yield GaugeMetricFamily("steradian_events_last", "Number of the last event", value=services.log.bounds().last)
+
+
+def _processes(services: Services) -> list[str]:
+    """Name those that have shown a sign of life; none while the data folder is away."""
+    try:
+        return sorted(path.stem for path in services.data.heartbeat("x").parent.glob("*.json"))
+    except OSError:
+        return []

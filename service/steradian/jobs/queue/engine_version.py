@@ -1,0 +1,14 @@
+"""Version of the queue's engine, recorded in the database by the service that made the engine's tables."""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+from typing import Final
+
+ENGINE: Final = "queue-engine"
+"""Name of the fact in the database."""
+
+
+def engine_version() -> str:
+    """Return the version of the installed engine."""
+    return version("dbos")

@@ -1,0 +1,94 @@
+"""Processes of the service, restarted with exponential backoff by the supervisor."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import IO
+
+from steradian.storage.data_dir.layout import UMASK
+
+FIRST_BACKOFF, LAST_BACKOFF = 0.5, 30.0
+STEADY_AFTER = 30.0
+"""Seconds after which a process counts as healthy, so that its next restart is immediate again."""
+_log = logging.getLogger(__name__)
+
+
+@dataclass
+class Child:
+    """Supervised process, restarted with exponential backoff whenever it ends."""
+
+    name: str
+    command: Sequence[str]
+    environment: dict[str, str]
+    descriptors: tuple[int, ...] = ()
+    output: IO[bytes] | None = None
+    process: subprocess.Popen[bytes] | None = None
+    started: float = 0.0
+    backoff: float = FIRST_BACKOFF
+    due: float = field(default=0.0)
+
+    def start(self, now: float) -> None:
+        """Start it, in a process group of its own so that a terminal's Ctrl-C reaches only the supervisor."""
+        self.process = subprocess.Popen(
+            self.command,
+            stdin=subprocess.PIPE,
+            stderr=self.output,
+            stdout=self.output,
+            env=self.environment,
+            pass_fds=self.descriptors,
+            start_new_session=True,
+            umask=UMASK if os.name == "posix" else -1,
+        )
+        self.started = now
+
+    def tend(self, now: float) -> None:
+        """Start it again if it has ended, after a pause that doubles while it keeps ending."""
+        if self.process is None:
+            if now >= self.due:
+                self.start(now)
+            return
+        code = self.process.poll()
+        if code is None:
+            return
+        self.backoff = FIRST_BACKOFF if now - self.started > STEADY_AFTER else min(2 * self.backoff, LAST_BACKOFF)
+        _log.error("%s ended with code %d; starting it again in %g s", self.name, code, self.backoff)
+        self._close_pipe()
+        self.process, self.due = None, now + self.backoff
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether it was started and has ended since."""
+        return self.process is not None and self.process.poll() is not None
+
+    def ended_at_once(self, now: float) -> bool:
+        """Whether it has ended soon after its start."""
+        return self.has_ended and now - self.started < STEADY_AFTER
+
+    def ask_to_end(self) -> None:
+        """Send SIGTERM."""
+        if self.process is not None and self.process.poll() is None:
+            self.process.terminate()
+
+    def end(self, deadline: float) -> None:
+        """Wait until it has ended; past the deadline it is killed with all of its group."""
+        if self.process is None:
+            return
+        try:
+            self.process.wait(max(0.0, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            _log.error("%s did not end in time and is killed", self.name)
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait()
+        self._close_pipe()
+
+    def _close_pipe(self) -> None:
+        if self.process is not None and self.process.stdin is not None:
+            self.process.stdin.close()

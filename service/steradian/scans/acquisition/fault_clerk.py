@@ -1,0 +1,64 @@
+"""Executor of the API's requests to clear the scanner's latched fault."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from steradian.core.exceptions import SteradianError
+from steradian.scans.acquisition.fault_clearing import HEARD_WITHIN, LOOK
+from steradian.scans.acquisition.port_monitor import PortWatch
+from steradian.storage.data_dir.fault_requests import ClearAnswer, Clearing, ClearRequest
+
+_log = logging.getLogger(__name__)
+
+
+class FaultClerk:
+    """Carries out the requests of the API to clear the scanner's fault, each once, in a thread of its own.
+
+    Parameters
+    ----------
+    clearing
+        Where the requests are.
+    watch
+        The scanner's port.
+    """
+
+    def __init__(self, clearing: Clearing, watch: PortWatch) -> None:
+        self._clearing, self._watch = clearing, watch
+        self._over = threading.Event()
+        self._done = ""
+
+    @contextmanager
+    def working(self) -> Iterator[None]:
+        """Look for requests until the block ends."""
+        thread = threading.Thread(target=self._run, name="fault-clearing", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            self._over.set()
+            thread.join(HEARD_WITHIN)
+
+    def _run(self) -> None:
+        while not self._over.wait(LOOK):
+            try:
+                request = self._clearing.asked()
+                if request is not None and request.number != self._done:
+                    self._done = request.number
+                    if self._clearing.answered(request.number) is None:
+                        self._clearing.answer(self._carry_out(request))
+            except Exception:  # whatever it was, the next request comes
+                _log.exception("a request to clear the scanner's fault cannot be carried out")
+
+    def _carry_out(self, request: ClearRequest) -> ClearAnswer:
+        try:
+            fault = self._watch.clear_fault(lambda: request.has_time)
+        except SteradianError as error:
+            _log.warning("%s asks to clear the scanner's fault: %s", request.who, error)
+            return ClearAnswer(request.number, code=error.code, message=str(error)[:500])
+        if fault:
+            _log.warning("%s has cleared the scanner's fault %s", request.who, fault)
+        return ClearAnswer(request.number, fault)
