@@ -34,9 +34,7 @@ from fabry_perot.wire.states import RUNNING, DeviceState
 
 
 class HostBody:
-    """State machine base of a host: session, plan, A-lines, time limits.
-
-    :class:`~fabry_perot.host.core.Host` adds reception.
+    """State machine base of a host: session, plan, A-lines, time limits; :class:`.core.Host` adds reception.
 
     Parameters
     ----------
@@ -219,10 +217,7 @@ class HostBody:
         return call
 
     def upload(self, plan: Plan, now: int, start: int = 0) -> Call:
-        """Replace the device's plan by ``plan`` from point ``start``.
-
-        Undelivered A-lines of another plan are dropped.
-        """
+        """Replace the device's plan by ``plan`` from point ``start``; A-lines of another plan are dropped."""
         self.uploader = Uploader(plan, self.payload, self.timing.upload_period, start)
         self.assembly = None
         self.phase = HostState.UPLOAD

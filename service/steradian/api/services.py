@@ -191,10 +191,7 @@ class Services:
         return self.emergency if self.nodes.is_here(scanner_id) else None
 
     def measure(self) -> Measured:
-        """Count the data folder's bytes if a quota needs them.
-
-        This may take long, so call it outside of transactions.
-        """
+        """Count the data folder's bytes if a quota needs them; it may be slow, so call it outside of transactions."""
         at, came = self.clock(), self.arrivals.came
         with self.database.read() as session:
             before = written(session, self.data)  # before the walk: what comes after it is not in there

@@ -151,10 +151,7 @@ def _decode(transport: Any, data: bytes, count: int) -> bytes:
 
 
 def _bare(count: int, rounds: int, left: int) -> float:
-    """Return the seconds of reading the same stream by bare ``recv`` of 64 KiB.
-
-    The memory bandwidth of this machine.
-    """
+    """Return the seconds of reading the same stream by bare ``recv`` of 64 KiB: the machine's memory bandwidth."""
     with _source("socket", count, rounds) as url:
         host, port = url.removeprefix("socket://").rsplit(":", 1)
         with socket.create_connection((host, int(port))) as plain:

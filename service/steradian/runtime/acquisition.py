@@ -135,10 +135,7 @@ class Acquisition:
         self._scanner.report("unknown", "idle")
 
     def step(self) -> None:
-        """Finish abandoned scans.
-
-        Then resume an interrupted scan whose desired state is running, or run the oldest queued one.
-        """
+        """Finish abandoned scans; resume a scan whose desired state is running, or run the oldest queued one."""
         for row in self._scans.wished_settled():
             self._settle(row)
         found, begin = self._scans.wished_resumed(), self._resume
