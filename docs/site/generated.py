@@ -29,7 +29,7 @@ def library() -> str:
         raise ValueError(f"the page of the library and steradian.__all__ differ by {named ^ public}")
     text = (
         "# The library\n\nAll lengths are in metres, times in seconds, speeds in m/s, unless a parameter says"
-        " otherwise. M is the number of sensors, N_t that of samples. `import steradian` is enough for all of it.\n"
+        " otherwise. M is the number of sensors, N_t that of samples. `import steradian` gives access to all names.\n"
     )
     for title, names in LIBRARY.items():
         text += f"\n## {title}\n"
@@ -54,11 +54,11 @@ def commands() -> str:
 
 def settings() -> str:
     """List what a deployment may choose."""
-    from steradian.core.settings import PREFIX, Settings
-    from steradian.core.validation import allowed_range
+    from steradian.settings import PREFIX, Settings
+    from steradian.validation import allowed_range
 
     text = (
-        "# Settings\n\nVariables of the environment. Some are options of [`steradian serve`](command-line.md), too.\n\n"
+        "# Settings\n\nEnvironment variables. Some are also options of [`steradian serve`](command-line.md).\n\n"
         "| variable | default | allowed | meaning |\n|---|---|---|---|\n"
     )
     for name, field in Settings.model_fields.items():
@@ -79,15 +79,13 @@ def routes() -> str:
             if operation := operations.get(method):
                 found[operation["tags"][0]].append(_row(method, path, operation))
     text = (
-        "# The HTTP API\n\n[openapi.json](../openapi.json) has all of it: parameters with their limits and units,"
-        " answers, problems and examples. A running service shows the same at `/docs`, where it can be tried. What is"
-        " refused is a [problem](../problems.md).\n"
+        "# The HTTP API\n\n[openapi.json](../openapi.json) describes all of it: parameters with their limits and units,"
+        " responses, problems and examples. A running service shows the same at `/docs`, with forms to send requests."
+        " Error responses are [problems](../problems.md).\n"
     )
     for tag in document["tags"]:
         rows = "\n".join(found[tag["name"]])
-        text += (
-            f"\n## {tag['name']}\n\n{tag['description']}.\n\n| operation | | what it does |\n|---|---|---|\n{rows}\n"
-        )
+        text += f"\n## {tag['name']}\n\n{tag['description']}.\n\n| operation | | summary |\n|---|---|---|\n{rows}\n"
     return text
 
 
@@ -97,7 +95,7 @@ def _row(method: str, path: str, operation: dict[str, Any]) -> str:
 
 def decisions() -> str:
     """List the decisions by their titles."""
-    text = "# Why things are as they are\n\nA decision a page; one that changes gets a new page.\n\n"
+    text = "# Decisions\n\nEach page records one decision; a changed decision gets a new page.\n\n"
     for path in sorted((DOCS / "adr").glob("[0-9]*.md")):
         title = re.sub(r"^# (\d+)\. ", r"\1: ", path.read_text("utf-8").partition("\n")[0])
         text += f"- [{title}]({path.name})\n"

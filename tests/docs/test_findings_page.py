@@ -9,13 +9,13 @@ import pytest
 
 import steradian.jobs
 from steradian import ScanPlan, equi_steradian_mask
-from steradian.api.schemas.reports import ReportView, SoundSpeedView
-from steradian.api.schemas.resources import MaskPreviewView
-from steradian.imaging.iterative.base import Stopped
+from steradian.api.reports import ReportView, SoundSpeedView
+from steradian.api.views import MaskPreviewView
+from steradian.imaging.iterations import Stopped
 from steradian.plans import Link, ScannerLimits, findings, preview
-from steradian.reconstructions.pipeline.run import LOWERED
+from steradian.reconstructions.job import LOWERED
 from steradian.reconstructions.shots import BITS
-from steradian.scans.acquisition.resume_checks import Tolerance
+from steradian.scans.proof import Tolerance
 
 ROOT = Path(__file__).parents[2]
 MASK = equi_steradian_mask(13.56e-3, 3.6e-3, 100)
@@ -64,30 +64,30 @@ def found_in(plan, wish):
 def test_what_stands_against_a_plan_is_on_the_page(name):
     finding = found_in(*REFUSED[name])
     assert name.split(",")[0] == f"{finding.severity} {finding.field}"
-    rows = [row for row in PAGE["Beside a plan"] if row[:2] == [finding.severity, finding.field]]
+    rows = [row for row in PAGE["Plans"] if row[:2] == [finding.severity, finding.field]]
     said = set(re.findall(r"[a-z]{4,}", finding.message))
     alike = [len(said & set(re.findall(r"[a-z]{4,}", row[2]))) for row in rows]
     assert max(alike) >= 2, finding.message
 
 
 def test_the_page_names_no_other_findings_of_a_plan():
-    told = sorted(" ".join(row[:2]) for row in PAGE["Beside a plan"][1:])
+    told = sorted(" ".join(row[:2]) for row in PAGE["Plans"][1:])
     assert told == sorted(name.split(",")[0] for name in REFUSED)
     source = Path(findings.__file__).read_text("utf-8")
     assert source.count("Finding(") == 8, "one that is new has a row on the page, and a plan here"
 
 
 def test_figures_of_a_mask_and_of_a_report_are_called_so():
-    names = {name for row in PAGE["Beside a mask"][1:] for name in row[0].split(", ")}
+    names = {name for row in PAGE["Masks"][1:] for name in row[0].split(", ")}
     assert names <= set(MaskPreviewView.model_fields)
-    reported = {row[0].split(".")[0] for row in PAGE["Beside a volume"][1:] if "(sound speed)" not in row[0]}
+    reported = {row[0].split(".")[0] for row in PAGE["Volumes"][1:] if "(sound speed)" not in row[0]}
     assert reported - {"band"} <= set(ReportView.model_fields)
-    speeds = {row[0].partition(" ")[0] for row in PAGE["Beside a volume"][1:] if "(sound speed)" in row[0]}
+    speeds = {row[0].partition(" ")[0] for row in PAGE["Volumes"][1:] if "(sound speed)" in row[0]}
     assert speeds <= set(SoundSpeedView.model_fields)
 
 
 def test_each_end_of_a_fit_and_each_note_of_an_image_is_on_the_page():
-    rows = PAGE["Beside a volume"][1:]
+    rows = PAGE["Volumes"][1:]
     assert {row[1].partition(":")[0] for row in rows if row[0] == "fit.stopped"} == set(get_args(Stopped))
     notes = [row[1] for row in rows if row[0] == "notes"]
     folder = JOBS.parent / "reconstructions"
@@ -99,12 +99,12 @@ def test_each_end_of_a_fit_and_each_note_of_an_image_is_on_the_page():
 
 
 def test_flags_of_a_lines_are_those_of_the_scanner():
-    flags = [row[0] for row in PAGE["Beside a scan"][1:] if len(row) == 4]
+    flags = [row[0] for row in PAGE["Scans"][1:] if len(row) == 4]
     assert flags == [*BITS, "dark"]
 
 
 def test_a_resumed_scan_is_compared_by_the_figures_that_the_page_has():
-    compared = {row[0]: row[1] for row in PAGE["Beside a scan"] if len(row) == 3}
+    compared = {row[0]: row[1] for row in PAGE["Scans"] if len(row) == 3}
     allowed = Tolerance()
     source = (JOBS.parent / "scans" / "proof.py").read_text("utf-8")
     said = re.findall(r"""[(f]"(the [A-Za-z' -]+?)(?: at point|", )""", source)
@@ -119,7 +119,7 @@ def test_why_jobs_fail_is_on_the_page():
     source = "".join(path.read_text("utf-8") for path in JOBS.glob("*.py"))
     codes = re.findall(r'Failed\("([a-z-]+)"|"code": "([a-z-]+)"|_fail\(row, worker, "([a-z-]+)"', source)
     codes += re.findall(r'_fail\(session, row, worker, "([a-z-]+)"()()', source)
-    told = [row[0] for row in PAGE["Beside a job, when it fails"][1:]]
+    told = [row[0] for row in PAGE["Failed jobs"][1:]]
     assert set(told) == {code for each in codes for code in each if code}
 
 

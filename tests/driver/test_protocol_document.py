@@ -146,7 +146,7 @@ def test_the_time_limits_are_the_codes():
     assert f"asked for at most every {2 * host.ack_period // 1000} ms" in DOCUMENT
     assert f"index after {host.upload_period // 1000} ms" in DOCUMENT
     assert f"| FAULT | every {device.fault_period // 1000} ms" in DOCUMENT
-    assert f"{device.shutter // 1000} ms after it was told to close" in DOCUMENT
+    assert f"{device.shutter // 1000} ms after the close command" in DOCUMENT
     silence = f"silence | without STATUS for {host.silence // 1000} ms the host repeats HELLO"
     assert f"{silence}, after {host.patience // 10**6} s" in DOCUMENT
     assert f"at most {MAX_PAYLOAD} bytes; {UART_PAYLOAD} on a UART, {USB_PAYLOAD} on USB" in DOCUMENT

@@ -27,8 +27,8 @@ def test_a_named_test_exists_in_one_file(file, name):
 
 def test_every_line_of_the_tables_of_what_is_done_names_a_test():
     for title in (
-        "What firmware and driver do",
-        "When the laser comes back by itself",
+        "Measures in firmware and driver",
+        "Automatic restart of the laser",
         "Longest emission after a failure",
     ):
         section = PAGE.split(f"## {title}\n")[1].split("\n## ")[0]
@@ -56,7 +56,7 @@ def test_the_figures_are_what_the_formulas_give():
     for formula, figure in rows:
         assert float(figure) == pytest.approx(figures[formula]), formula
     for words, value in (
-        ("*TTL* the lease asked for (500 ms)", ttl),
+        ("*TTL*: requested lease (500 ms)", ttl),
         ("device grants (1 s)", cap),
         ("(50 ms)", shutter),
     ):
