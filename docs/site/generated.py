@@ -54,8 +54,8 @@ def commands() -> str:
 
 def settings() -> str:
     """List what a deployment may choose."""
-    from steradian.settings import PREFIX, Settings
-    from steradian.validation import allowed_range
+    from steradian.core.settings import PREFIX, Settings
+    from steradian.core.validation import allowed_range
 
     text = (
         "# Settings\n\nEnvironment variables. Some are also options of [`steradian serve`](command-line.md).\n\n"

@@ -9,13 +9,13 @@ import pytest
 
 import steradian.jobs
 from steradian import ScanPlan, equi_steradian_mask
-from steradian.api.reports import ReportView, SoundSpeedView
-from steradian.api.views import MaskPreviewView
-from steradian.imaging.iterations import Stopped
+from steradian.api.schemas.reports import ReportView, SoundSpeedView
+from steradian.api.schemas.resources import MaskPreviewView
+from steradian.imaging.iterative.base import Stopped
 from steradian.plans import Link, ScannerLimits, findings, preview
-from steradian.reconstructions.job import LOWERED
+from steradian.reconstructions.pipeline.run import LOWERED
 from steradian.reconstructions.shots import BITS
-from steradian.scans.proof import Tolerance
+from steradian.scans.acquisition.resume_checks import Tolerance
 
 ROOT = Path(__file__).parents[2]
 MASK = equi_steradian_mask(13.56e-3, 3.6e-3, 100)

@@ -15,6 +15,7 @@ from steradian.api.http.urls import Prefixed, address
 from steradian.api.middleware.authentication import Authenticate
 from steradian.api.middleware.base import BodyLimit, Head, Observe, OnlyText, RequestId, StreamLimit
 from steradian.api.middleware.cors import Cors
+from steradian.api.middleware.metrics import Metrics
 from steradian.api.middleware.response_cache import Together
 from steradian.api.middleware.validators import Stamps
 from steradian.api.openapi import postprocess as contract
@@ -91,7 +92,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.services = services
     app.state.routes = []
     app.state.feed = Feed(services)
-    app.state.metrics = metrics.Metrics(services)
+    app.state.metrics = Metrics(services)
     app.add_middleware(Together, stamp=Stamps(services.database).of)
     app.add_middleware(Head)
     app.add_middleware(BodyLimit, settings=settings)

@@ -11,7 +11,8 @@ import numpy as np
 from steradian import phantoms
 from steradian.benchmarks.pages import put_between
 from steradian.core.progress import Progress
-from steradian.reconstructions.studies.sound_speed import SoundSpeedCurve, find_sound_speed
+from steradian.reconstructions.studies.sound_speed import find_sound_speed
+from steradian.reconstructions.studies.sound_speed_curve import SoundSpeedCurve
 
 SIDES, OBJECTS = (4e-3, 6e-3, 8e-3, 10e-3, 14e-3), ("points", "vessels", "smooth")
 NOISES, DELAYS = (20.0, 30.0), (0.0, 0.6e-6)

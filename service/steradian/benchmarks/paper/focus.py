@@ -14,7 +14,8 @@ from steradian.benchmarks.paper.sections import Claim, Part, Run, Section
 from steradian.imaging import Correction, reconstruct
 from steradian.masks import equi_steradian_mask
 from steradian.reconstructions.film import SimulatedFilm
-from steradian.reconstructions.studies.sound_speed import SoundSpeedCurve, find_sound_speed
+from steradian.reconstructions.studies.sound_speed import find_sound_speed
+from steradian.reconstructions.studies.sound_speed_curve import SoundSpeedCurve
 
 SPEEDS = (1400.0, 1450.0, 1500.0, 1550.0, 1600.0)
 GAINS = (4.0, 10.0)
