@@ -18,7 +18,6 @@ LONGER = {
     "steradian/imaging/engines/numba/depth",
     "steradian/jobs/queue/ledger",
     "steradian/reconstructions/live/follow",
-    "steradian/runtime/supervisor",
     "steradian/scans/importing/untrusted",
     "steradian/scans/acquisition/session",
     "steradian/storage/db/tables",
