@@ -90,8 +90,8 @@ def test_each_end_of_a_fit_and_each_note_of_an_image_is_on_the_page():
     rows = PAGE["Volumes"][1:]
     assert {row[1].partition(":")[0] for row in rows if row[0] == "fit.stopped"} == set(get_args(Stopped))
     notes = [row[1] for row in rows if row[0] == "notes"]
-    folder = JOBS.parent / "reconstructions"
-    source = "".join((folder / name).read_text("utf-8") for name in ("job.py", "remarks.py"))
+    folder = JOBS.parent / "reconstructions" / "pipeline"
+    source = "".join((folder / name).read_text("utf-8") for name in ("run.py", "report_notes.py"))
     assert source.count("notes.append(") + source.count("yield ") == len(notes)
     assert any(note in LOWERED for note in notes)
     assert any(note.startswith("the weights sum to") for note in notes)
@@ -106,7 +106,7 @@ def test_flags_of_a_lines_are_those_of_the_scanner():
 def test_a_resumed_scan_is_compared_by_the_figures_that_the_page_has():
     compared = {row[0]: row[1] for row in PAGE["Scans"] if len(row) == 3}
     allowed = Tolerance()
-    source = (JOBS.parent / "scans" / "proof.py").read_text("utf-8")
+    source = (JOBS.parent / "scans" / "acquisition" / "resume_checks.py").read_text("utf-8")
     said = re.findall(r"""[(f]"(the [A-Za-z' -]+?)(?: at point|", )""", source)
     assert set(said) == set(compared) - {"compared"}
     assert f"±{1e9 * allowed.bias:g} nm" in compared["the bias wavelength"]
@@ -116,7 +116,7 @@ def test_a_resumed_scan_is_compared_by_the_figures_that_the_page_has():
 
 
 def test_why_jobs_fail_is_on_the_page():
-    source = "".join(path.read_text("utf-8") for path in JOBS.glob("*.py"))
+    source = "".join(path.read_text("utf-8") for path in JOBS.rglob("*.py"))
     codes = re.findall(r'Failed\("([a-z-]+)"|"code": "([a-z-]+)"|_fail\(row, worker, "([a-z-]+)"', source)
     codes += re.findall(r'_fail\(session, row, worker, "([a-z-]+)"()()', source)
     told = [row[0] for row in PAGE["Failed jobs"][1:]]

@@ -94,7 +94,7 @@ def test_what_the_api_has_worked_out_beside_it_is_no_memory_of_its_own(tmp_path)
     """Its process holds little, the one that it starts and that ends again 64 MiB."""
     (tmp_path / "steradian.api.py").write_text(
         "import subprocess, sys\n"
-        "command = [sys.executable, sys.argv[0].replace('.py', '.workshop.py')]\n"
+        "command = [sys.executable, sys.argv[0].replace('.py', '.background.process_pool.py')]\n"
         "child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)\n"
         "child.stdout.readline(); print('held', flush=True); sys.stdin.readline()\n"
         "child.communicate(); print('free', flush=True); sys.stdin.readline()\n"
