@@ -97,9 +97,9 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 def _functions() -> list[Any]:
     from steradian.imaging.engines.numba import depth, image, type1
-    from steradian.reconstructions.volumes import downsample as halving
+    from steradian.reconstructions.volumes import downsample
 
-    return [type1.pack, type1.type1, depth.to_depth, image.to_image, image.close_up, halving.means]
+    return [type1.pack, type1.type1, depth.to_depth, image.to_image, image.close_up, downsample.means]
 
 
 def is_needed() -> bool:

@@ -22,7 +22,7 @@ from steradian.reconstructions.warmup import compiling_ahead
 with compiling_ahead():
     time.sleep(300)
 """
-LAST = {"depth.to_depth", "image.close_up", "halving.means"}
+LAST = {"depth.to_depth", "image.close_up", "downsample.means"}
 """Functions that are compiled at the end of each half, and of both."""
 
 
